@@ -1,0 +1,1 @@
+"""Register a known 3D model onto one photo."""

@@ -1,0 +1,32 @@
+"""The errors a user can cause.
+
+Each message says what, what was found, what was wanted and what to do.
+"""
+
+
+class PoseViewerError(Exception):
+    """Something a user can mend; its text is one clear sentence, shown without a traceback."""
+
+
+class MeshFileError(PoseViewerError):
+    """A model file that cannot be used as a surface mesh."""
+
+
+class PhotoFileError(PoseViewerError):
+    """A photo (or mask) file that cannot be used as an image."""
+
+
+class PoseFileError(PoseViewerError):
+    """A pose file that cannot be used."""
+
+
+class SettingsError(PoseViewerError):
+    """A combination of settings that cannot work."""
+
+
+class SingularChartError(PoseViewerError):
+    """A pose at which the vehicle chart has no well-defined numbers (a car seen head-on)."""
+
+
+class RendererUnavailableError(PoseViewerError):
+    """A renderer whose libraries are not on this machine."""

@@ -1,0 +1,1 @@
+"""Pure maths: transforms, cameras, meshes, pose charts."""

@@ -1,0 +1,115 @@
+"""Cameras and poses. Image coordinates here have pixel centres at i + 0.5 (see ``frames``)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.transform import RigidTransform
+
+DEFAULT_FIELD_OF_VIEW_DEG = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class Perspective:
+    """A pinhole camera without distortion: ``u = fx x / z + cx``, ``v = fy y / z + cy``."""
+
+    fx: float
+    """Focal length along u, px."""
+    fy: float
+    """Focal length along v, px."""
+    cx: float
+    """Principal point, px from the left edge of the picture."""
+    cy: float
+    """Principal point, px from the top edge of the picture."""
+    width: int
+    height: int
+
+    @classmethod
+    def from_field_of_view(cls, degrees: float, width: int, height: int) -> Perspective:
+        """Square pixels, principal point in the middle; ``degrees`` spans the longer side."""
+        focal = 0.5 * max(width, height) / math.tan(math.radians(degrees) / 2.0)
+        return cls(focal, focal, width / 2.0, height / 2.0, width, height)
+
+    @classmethod
+    def from_focal_length_35mm(cls, focal_mm: float, width: int, height: int) -> Perspective:
+        """From EXIF's 35-mm-equivalent focal length, which compares the diagonals (43.27 mm)."""
+        focal = focal_mm * math.hypot(width, height) / math.hypot(36.0, 24.0)
+        return cls(focal, focal, width / 2.0, height / 2.0, width, height)
+
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) in the camera frame to the picture (..., 2); z <= 0 has no image: nan."""
+        points = np.asarray(points, dtype=float)
+        z = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
+        u = self.fx * points[..., 0] / z + self.cx
+        v = self.fy * points[..., 1] / z + self.cy
+        return np.stack([u, v], axis=-1)
+
+    def rays(self, pixels: ArrayLike) -> FloatArray:
+        """Directions (..., 3) with z = 1 of the lines of sight through image points (..., 2)."""
+        pixels = np.asarray(pixels, dtype=float)
+        x = (pixels[..., 0] - self.cx) / self.fx
+        y = (pixels[..., 1] - self.cy) / self.fy
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def scaled(self, factor: float) -> Perspective:
+        """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
+        width, height = _scaled_size(self.width, self.height, factor)
+        kx, ky = width / self.width, height / self.height
+        return Perspective(self.fx * kx, self.fy * ky, self.cx * kx, self.cy * ky, width, height)
+
+
+@dataclass(frozen=True, slots=True)
+class Parallel:
+    """A scaled-orthographic camera: ``u = scale x + cx``, ``v = scale y + cy``."""
+
+    scale: float
+    """px per model unit."""
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) in the camera frame to the picture (..., 2)."""
+        points = np.asarray(points, dtype=float)
+        return self.scale * points[..., :2] + np.array([self.cx, self.cy])
+
+    def scaled(self, factor: float) -> Parallel:
+        """The camera of the same picture, resized by ``factor``; pixels stay square."""
+        width, height = _scaled_size(self.width, self.height, factor)
+        k = math.sqrt(width / self.width * height / self.height)
+        return Parallel(
+            self.scale * k,
+            self.cx * width / self.width,
+            self.cy * height / self.height,
+            width,
+            height,
+        )
+
+
+Camera = Perspective | Parallel
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a model is, and the camera that sees it: all that a picture's geometry needs."""
+
+    camera: Camera
+    camera_from_model: RigidTransform
+
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) of the model to the picture (..., 2)."""
+        return self.camera.project(self.camera_from_model.apply(points))
+
+    def scaled(self, factor: float) -> Pose:
+        """The same pose in the picture resized by ``factor``."""
+        return replace(self, camera=self.camera.scaled(factor))
+
+
+def _scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
+    return max(1, round(width * factor)), max(1, round(height * factor))

@@ -1,0 +1,83 @@
+"""The model: a triangle surface with unit normals and a reflectance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles whose corners carry a normal and a reflectance; made once, never changed.
+
+    Reflectance at a surface point is the interpolated vertex colour, times the texture there if
+    the face has one. Its encoding is the photo's (display-encoded, 0 to 1). Vertices on a sharp
+    edge, or on a seam of the texture, stand in the list once for each normal or UV.
+    """
+
+    vertices: FloatArray
+    """(V, 3) in the model's unit."""
+    faces: NDArray[np.int32]
+    """(F, 3) indices into ``vertices``."""
+    normals: FloatArray
+    """(V, 3) unit normals, on the side from which the face runs counter-clockwise."""
+    colours: NDArray[np.float32]
+    """(V, 3) RGB reflectance in [0, 1]."""
+    uvs: NDArray[np.float32]
+    """(V, 2) texture coordinates, v upwards as in OBJ, wrapped around; zeros where unused."""
+    face_texture: NDArray[np.int32]
+    """(F,) index into ``textures``, -1 where the face has none."""
+    face_part: NDArray[np.int32]
+    """(F,) index into ``part_names``."""
+    textures: tuple[NDArray[np.uint8], ...] = ()
+    """Each (h, w, 3) RGB."""
+    part_names: tuple[str, ...] = ("",)
+    has_reflectance: bool = False
+    """Whether the file said anything about colour; if not, ``colours`` are constant."""
+    unit: str | None = None
+    """The length unit, where the file says it."""
+    notes: tuple[str, ...] = field(default=())
+    """What was mended on loading, in words for the user."""
+
+    def __post_init__(self) -> None:
+        shapes = {
+            "vertices": ((-1, 3), np.float64),
+            "faces": ((-1, 3), np.int32),
+            "normals": ((-1, 3), np.float64),
+            "colours": ((-1, 3), np.float32),
+            "uvs": ((-1, 2), np.float32),
+            "face_texture": ((-1,), np.int32),
+            "face_part": ((-1,), np.int32),
+        }
+        for name, (shape, dtype) in shapes.items():
+            object.__setattr__(self, name, frozen_array(getattr(self, name), shape, dtype))
+        object.__setattr__(
+            self,
+            "textures",
+            tuple(frozen_array(t, (-1, -1, 3), np.uint8) for t in self.textures),
+        )
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """(2, 3): the least and the greatest corner of the bounding box."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
+    def centre(self) -> FloatArray:
+        """(3,): the middle of the bounding box."""
+        return self.bounds.mean(axis=0)
+
+    @property
+    def diameter(self) -> float:
+        """The diagonal of the bounding box, in the model's unit."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+    def part_vertices(self, name: str) -> FloatArray:
+        """(N, 3): the vertices of the parts called ``name``."""
+        wanted = [i for i, part in enumerate(self.part_names) if part == name]
+        return self.vertices[np.unique(self.faces[np.isin(self.face_part, wanted)])]

@@ -1,0 +1,65 @@
+"""Rigid transforms, named ``b_from_a``: ``x_in_b = b_from_a.apply(x_in_a)`` (as in COLMAP)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidTransform:
+    """A rotation followed by a translation, ``x_in_b = rotation @ x_in_a + translation``."""
+
+    rotation: FloatArray
+    """(3, 3), orthonormal, determinant +1."""
+    translation: FloatArray
+    """(3,), in the unit of the points."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen_array(self.rotation, (3, 3)))
+        object.__setattr__(self, "translation", frozen_array(self.translation, (3,)))
+
+    @classmethod
+    def identity(cls) -> RigidTransform:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_rotation_vector(cls, vector: ArrayLike, translation: ArrayLike) -> RigidTransform:
+        """From an axis times an angle in radians (3,) and a translation (3,)."""
+        rotation = Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix()
+        return cls(rotation, np.asarray(translation, dtype=float))
+
+    def as_rotation_vector(self) -> FloatArray:
+        """The rotation as axis times angle in radians (3,), angle in [0, pi]."""
+        return Rotation.from_matrix(self.rotation).as_rotvec()
+
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) of frame a, in frame b (..., 3)."""
+        return np.asarray(points, dtype=float) @ self.rotation.T + self.translation
+
+    def inverse(self) -> RigidTransform:
+        """``a_from_b``."""
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: RigidTransform) -> RigidTransform:
+        """``c_from_b @ b_from_a`` is ``c_from_a``."""
+        return RigidTransform(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
+
+
+def rotation_angle(a: FloatArray, b: FloatArray) -> float:
+    """The angle in radians, in [0, pi], of the rotation that takes ``a`` (3, 3) to ``b`` (3, 3)."""
+    return float(Rotation.from_matrix(b @ a.T).magnitude())
+
+
+def nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """The rotation (3, 3) nearest to ``matrix`` in the Frobenius norm (orthogonal Procrustes)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

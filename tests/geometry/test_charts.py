@@ -1,0 +1,233 @@
+"""Charts there and back, over random poses, near the identity and near the singularity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform, rotation_angle
+from poseviewer.geometry.vehicle import SideKeypoints, VehicleKeypoints
+from poseviewer.geometry.vehicle_chart import LEAST_AXLE_COMPONENT, VehicleChart
+
+SEEDS = st.integers(0, 2**32 - 1)
+PARALLEL = Parallel(150.0, 310.0, 255.0, 640, 480)
+PERSPECTIVE = Perspective(700.0, 690.0, 310.0, 255.0, 640, 480)
+CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
+
+
+def make_keypoints(random) -> VehicleKeypoints:
+    """A car of any size and orientation in its own frame; axle not quite square in the file."""
+    forward, left, up = np.linalg.qr(random.normal(size=(3, 3)))[0].T
+    if np.linalg.det([forward, left, up]) < 0.0:
+        up = -up
+    size, origin = random.uniform(0.1, 100.0), random.normal(size=3)
+
+    def side(sign: float) -> SideKeypoints:
+        rear = origin + size * (sign * 0.3 * left - 0.2 * up)
+        return SideKeypoints(rear, rear + size * forward, sign * left + 1e-3 * forward)
+
+    return VehicleKeypoints(side(1.0), side(-1.0))
+
+
+def make_vehicle_pose(random, keypoints, camera, towards=(0.2, 0.95)) -> Pose:
+    """A pose at which the left axle has a share within ``towards`` along the view."""
+    side = keypoints.left
+    share = random.uniform(*towards)
+    angle = random.uniform(0.0, 2.0 * np.pi)
+    in_plane = np.sqrt(1.0 - share**2)
+    axle = np.array([in_plane * np.cos(angle), in_plane * np.sin(angle), -share])
+    along = np.cross(axle, random.normal(size=3))
+    along /= np.linalg.norm(along)
+    model = np.column_stack([side.axle, (side.front_wheel - side.rear_wheel) / side.wheelbase])
+    model = np.column_stack([model, np.cross(*model.T)])
+    rotation = np.column_stack([axle, along, np.cross(axle, along)]) @ model.T
+    depth = 12.0 * side.wheelbase
+    place = np.array([*random.uniform(-0.5, 0.5, 2) * side.wheelbase, depth])
+    if isinstance(camera, Parallel):
+        camera = Parallel(150.0 / side.wheelbase, camera.cx, camera.cy, camera.width, camera.height)
+    return Pose(camera, RigidTransform(rotation, place - rotation @ side.rear_wheel))
+
+
+def assert_same_picture(a: Pose, b: Pose, points, tolerance_px=1e-6):
+    assert a.project(points) == pytest.approx(b.project(points), abs=tolerance_px)
+    angle = rotation_angle(a.camera_from_model.rotation, b.camera_from_model.rotation)
+    assert angle < 1e-6
+
+
+def corners(keypoints: VehicleKeypoints):
+    sides = (keypoints.left, keypoints.right)
+    return np.array([p for s in sides for p in (s.rear_wheel, s.front_wheel)])
+
+
+@CAMERAS
+@pytest.mark.parametrize("free_focal", [False, True])
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=60)
+def test_vehicle_chart_round_trip(camera, free_focal, seed):
+    random = np.random.default_rng(seed)
+    keypoints = make_keypoints(random)
+    pose = make_vehicle_pose(random, keypoints, camera)
+    chart = VehicleChart.near(keypoints, pose, free_focal)
+    numbers = chart.from_pose(pose)
+    again = chart.to_pose(numbers)
+    assert_same_picture(again, pose, corners(keypoints))
+    assert chart.from_pose(again) == pytest.approx(numbers, abs=1e-9)
+    assert len(numbers) == len(chart.names) == len(chart.spans(numbers)) == 6 + free_focal
+
+
+@CAMERAS
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=60)
+def test_vehicle_numbers_are_the_papers(camera, seed):
+    random = np.random.default_rng(seed)
+    keypoints = make_keypoints(random)
+    pose = make_vehicle_pose(random, keypoints, camera)
+    numbers = VehicleChart.near(keypoints, pose).from_pose(pose)
+    rear, front = pose.project([keypoints.left.rear_wheel, keypoints.left.front_wheel])
+    assert numbers[0:2] * [640, 480] == pytest.approx(rear)
+    assert numbers[2:4] * [640, 480] == pytest.approx(front - rear)
+    psi = pose.camera_from_model.rotation @ keypoints.left.axle
+    assert numbers[4:6] == pytest.approx(psi[:2])
+    assert psi[2] == pytest.approx(-np.sqrt(1.0 - numbers[4] ** 2 - numbers[5] ** 2))
+
+
+@CAMERAS
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=60)
+def test_vehicle_chart_holds_up_to_its_singularity(camera, seed):
+    random = np.random.default_rng(seed)
+    keypoints = make_keypoints(random)
+    pose = make_vehicle_pose(random, keypoints, camera, towards=(-0.1, 0.3))
+    axle = pose.camera_from_model.rotation @ keypoints.left.axle
+    try:
+        chart = VehicleChart.near(keypoints, pose)
+    except SingularChartError:
+        assert abs(axle[2]) < LEAST_AXLE_COMPONENT + 0.15  # and rays differ by this much
+        return
+    assert abs(axle[2]) >= LEAST_AXLE_COMPONENT
+    assert_same_picture(chart.to_pose(chart.from_pose(pose)), pose, corners(keypoints), 1e-5)
+
+
+@CAMERAS
+def test_a_car_seen_head_on_is_refused(camera):
+    random = np.random.default_rng(0)
+    keypoints = make_keypoints(random)
+    pose = make_vehicle_pose(random, keypoints, camera, towards=(0.0, 1e-9))
+    with pytest.raises(SingularChartError, match="head-on"):
+        VehicleChart.near(keypoints, pose)
+
+
+@CAMERAS
+def test_the_side_is_the_one_that_is_seen(camera):
+    random = np.random.default_rng(1)
+    keypoints = make_keypoints(random)
+    pose = make_vehicle_pose(random, keypoints, camera)
+    assert VehicleChart.near(keypoints, pose).side is keypoints.left
+    mirrored = VehicleKeypoints(keypoints.right, keypoints.left)
+    assert VehicleChart.near(mirrored, pose).side is mirrored.right
+
+
+def test_a_long_focal_length_goes_over_into_parallel_projection():
+    random = np.random.default_rng(2)
+    keypoints = make_keypoints(random)
+    square = replace(PERSPECTIVE, fy=PERSPECTIVE.fx)  # as parallel projection has them
+    chart = VehicleChart(keypoints.left, square, free_focal=True)
+    numbers = np.array([0.4, 0.6, 0.35, -0.05, 0.3, -0.2, 0.0])
+    parallel = chart.to_pose(numbers)
+    assert isinstance(parallel.camera, Parallel)
+    points = corners(keypoints)
+    for width_per_focal, tolerance_px in [(1e-2, 3.0), (1e-3, 0.3), (1e-4, 0.03)]:
+        numbers[6] = width_per_focal
+        pose = chart.to_pose(numbers)
+        assert isinstance(pose.camera, Perspective)
+        difference = np.abs(pose.project(points) - parallel.project(points)).max()
+        assert 1e-3 * tolerance_px < difference < tolerance_px
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        [0.5, 0.5, 0.3, 0.0, 0.9, 0.6],
+        [0.5, 0.5, 0.3, 0.0, 1.0, 0.0],
+        [0.5, 0.5, 0.0, 0.0, 0.1, 0.1],
+        [0.5, 0.5, np.nan, 0.0, 0.1, 0.1],
+        [0.5, np.inf, 0.3, 0.0, 0.1, 0.1],
+    ],
+)
+@CAMERAS
+def test_vehicle_numbers_outside_the_chart_are_refused(camera, numbers):
+    chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
+    with pytest.raises(OutsideChartError):
+        chart.to_pose(np.array(numbers))
+
+
+def make_free_body(random, camera, free_focal=False):
+    centre, radius = random.normal(size=3), random.uniform(0.1, 10.0)
+    if isinstance(camera, Parallel):
+        camera = Parallel(100.0 / radius, camera.cx, camera.cy, 640, 480)
+    place = np.array([*random.uniform(-radius, radius, 2), random.uniform(3, 20) * radius])
+    turn = random.normal(size=3)
+    rotation = RigidTransform.from_rotation_vector(turn, np.zeros(3)).rotation
+    pose = Pose(camera, RigidTransform(rotation, place - rotation @ centre))
+    chart = FreeBodyChart(pose, centre, radius, free_focal)
+    rim = random.normal(size=(200, 3))
+    rim = centre + radius * rim / np.linalg.norm(rim, axis=1, keepdims=True)
+    return chart, pose, rim
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 0.1, 0.9])
+@pytest.mark.parametrize(
+    ("camera", "free_focal"), [(PARALLEL, False), (PERSPECTIVE, False), (PERSPECTIVE, True)]
+)
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=40)
+def test_free_body_round_trip(camera, free_focal, size, seed):
+    random = np.random.default_rng(seed)
+    chart, start, rim = make_free_body(random, camera, free_focal)
+    assert chart.from_pose(start) == pytest.approx(np.zeros(6 + free_focal), abs=1e-12)
+    assert_same_picture(chart.to_pose(np.zeros(6 + free_focal)), start, rim)
+    numbers = random.uniform(-size, size, 6 + free_focal)
+    numbers[6:] *= 0.02  # or the model swallows the camera
+    pose = chart.to_pose(numbers)
+    assert chart.from_pose(pose) == pytest.approx(numbers, abs=1e-9)
+    assert_same_picture(chart.to_pose(chart.from_pose(pose)), pose, rim)
+    assert len(chart.names) == 6 + free_focal
+
+
+@pytest.mark.parametrize(
+    ("camera", "free_focal"), [(PARALLEL, False), (PERSPECTIVE, False), (PERSPECTIVE, True)]
+)
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=20)
+def test_free_body_numbers_move_the_picture_by_comparable_amounts(camera, free_focal, seed):
+    chart, start, rim = make_free_body(np.random.default_rng(seed), camera, free_focal)
+    before = start.project(rim)
+    radius_px = np.abs(before - before.mean(axis=0)).max()
+    for k in range(len(chart.names)):
+        numbers = np.zeros(len(chart.names))
+        numbers[k] = 0.01
+        moved = np.linalg.norm(chart.to_pose(numbers).project(rim) - before, axis=1).max()
+        assert 0.002 * radius_px < moved < 0.03 * radius_px, chart.names[k]
+
+
+def test_parallel_projection_has_no_focal_length_to_find():
+    from tests.meshes import make_box
+
+    with pytest.raises(SettingsError, match="perspective"):
+        FreeBodyChart.near(make_box(), Pose(PARALLEL, RigidTransform.identity()), free_focal=True)
+
+
+def test_a_model_behind_the_camera_is_refused():
+    from tests.meshes import make_box
+
+    behind = RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0]))
+    with pytest.raises(SingularChartError, match="behind"):
+        FreeBodyChart.near(make_box(), Pose(PERSPECTIVE, behind))

@@ -1,0 +1,65 @@
+"""Meshes made for tests, without a file."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from poseviewer.geometry.mesh import Mesh
+
+
+def make_mesh(vertices, faces, normals=None, colours=None, **more) -> Mesh:
+    """A mesh from arrays; flat normals (corners apart) unless given."""
+    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
+    if normals is None:
+        corners = vertices[faces]
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(flat, axis=1, keepdims=True)
+        flat = np.divide(flat, length, where=length > 0.0, out=np.zeros_like(flat))
+        vertices, normals = corners.reshape(-1, 3), np.repeat(flat, 3, axis=0)
+        if colours is not None:
+            colours = np.asarray(colours)[faces].reshape(-1, 3)
+        if "uvs" in more:
+            more["uvs"] = np.asarray(more["uvs"])[faces].reshape(-1, 2)
+        faces = np.arange(len(vertices)).reshape(-1, 3)
+    if colours is None:
+        colours = np.full((len(vertices), 3), 0.7)
+    settings = {
+        "uvs": np.zeros((len(vertices), 2)),
+        "face_texture": np.full(len(faces), -1),
+        "face_part": np.zeros(len(faces)),
+    }
+    return Mesh(vertices, faces, normals, colours, **(settings | more))
+
+
+def make_box(size=(2.0, 1.0, 0.5)) -> Mesh:
+    """A box about the origin, colours of its faces' directions."""
+    box = trimesh.creation.box(extents=size)
+    colours = 0.5 + 0.3 * np.sign(box.vertices)
+    return make_mesh(box.vertices, box.faces, colours=colours)
+
+
+def make_sphere(subdivisions=4, radius=1.0) -> Mesh:
+    """A sphere about the origin with exact normals and waves of colour."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    normals = ball.vertices / radius
+    return make_mesh(ball.vertices, ball.faces, normals, 0.5 + 0.4 * np.sin(3.0 * normals))
+
+
+def make_bumpy(subdivisions=4) -> Mesh:
+    """A smooth closed shape without symmetry."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    d = ball.vertices
+    radius = 1.0 + 0.25 * np.sin(3.0 * d[:, 0] + 1.0) * np.cos(2.0 * d[:, 1]) + 0.15 * d[:, 2]
+    shape = trimesh.Trimesh(d * radius[:, None], ball.faces, process=False)
+    colours = 0.5 + 0.35 * np.sin(4.0 * d + np.array([0.0, 1.0, 2.0]))
+    return make_mesh(shape.vertices, shape.faces, np.array(shape.vertex_normals), colours)
+
+
+def make_soup(seed: int, triangles=300, spread=1.0, size=0.5) -> Mesh:
+    """Random triangles of random colours, through one another."""
+    random = np.random.default_rng(seed)
+    centres = random.normal(size=(triangles, 1, 3)) * spread
+    vertices = (centres + size * random.normal(size=(triangles, 3, 3))).reshape(-1, 3)
+    colours = random.uniform(size=(len(vertices), 3))
+    return make_mesh(vertices, np.arange(len(vertices)).reshape(-1, 3), colours=colours)
