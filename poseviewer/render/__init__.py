@@ -1,0 +1,1 @@
+"""From a mesh and a pose to attributes per pixel, moments, and pictures."""

@@ -1,0 +1,143 @@
+"""The seam of the program: the moments that a loss needs, and the plain way to get them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+
+if TYPE_CHECKING:
+    from poseviewer.render.attributes import AttributeImage
+
+GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
+"""RGB to grey (ITU-R BT.601), for photo and reflectance alike."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegionSums:
+    """Sums over the whole region, of the photo's attributes alone."""
+
+    origin: FloatArray
+    """(n,): the mean of F over the region; all sums are taken about it."""
+    weight: float
+    first: FloatArray
+    """(n,): sum of ``w (F - origin)``."""
+    second: FloatArray
+    """(n, n): sum of ``w (F - origin)(F - origin)^T``."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoAttributes:
+    """The photo's side of the loss: attributes F, pixel weights, and what the region P is."""
+
+    channels: NDArray[np.float32]
+    """(height, width, n): F, grey (n = 1) or RGB (n = 3)."""
+    weights: NDArray[np.float32]
+    """(height, width): weight of each pixel, 0 outside the region."""
+    clipped: bool = True
+    """True: P is the part of the region that the model covers. False: the whole region, where
+    the model's attributes are 0 beside the model."""
+    colour_reflectance: bool = False
+    """False: m = 4, grey reflectance k and k n. True: m = 12, the same for each of R, G, B."""
+
+    def __post_init__(self) -> None:
+        channels = frozen_array(self.channels, (-1, -1, -1), np.float32)
+        height, width, _ = channels.shape
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
+
+    @cached_property
+    def region_sums(self) -> RegionSums:
+        """What the photo alone adds to the moments of the whole region; made once."""
+        w = self.weights[self.weights > 0.0].astype(float)
+        f = self.channels[self.weights > 0.0].astype(float)
+        total = float(w.sum())
+        origin = w @ f / total if total > 0.0 else np.zeros(f.shape[1])
+        centred = f - origin
+        return RegionSums(origin, total, w @ centred, (w[:, None] * centred).T @ centred)
+
+    @property
+    def model_channels(self) -> int:
+        """m, the number of attributes of the model."""
+        return 12 if self.colour_reflectance else 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """First and second moments of the attributes (F, M) over the pixels P."""
+
+    pixels: int
+    """How many pixels of weight > 0 the model covers; the loss needs more than a few."""
+    weight: float
+    """Sum of the weights over P."""
+    mean: FloatArray
+    """(n + m,): weighted means, F first."""
+    covariance: FloatArray
+    """(n + m, n + m): weighted covariances, normalised by ``weight``; symmetric."""
+    photo_channels: int
+    """n, where F ends and M begins."""
+
+    def __post_init__(self) -> None:
+        size = np.shape(self.mean)[0]
+        object.__setattr__(self, "mean", frozen_array(self.mean, (size,)))
+        object.__setattr__(self, "covariance", frozen_array(self.covariance, (size, size)))
+
+    @classmethod
+    def from_sums(
+        cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, photo_channels: int
+    ) -> Moments:
+        """From raw sums ``w``, ``w x`` (n + m,) and ``w x x^T`` (n + m, n + m).
+
+        Take the sums about a point near the mean, or the subtraction here costs digits.
+        """
+        if weight <= 0.0:
+            return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), photo_channels)
+        mean = first / weight
+        covariance = second / weight - np.outer(mean, mean)
+        return cls(pixels, weight, mean, 0.5 * (covariance + covariance.T), photo_channels)
+
+    def shifted(self, photo_origin: FloatArray) -> Moments:
+        """The same, with ``photo_origin`` (n,) added to the photo's means."""
+        mean = self.mean.copy()
+        mean[: self.photo_channels] += photo_origin
+        return replace(self, mean=mean)
+
+
+def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:
+    """M (height, width, m): ``(k, k n_x, k n_y, k n_z)`` of the grey, or of each RGB, reflectance.
+
+    k_a = k_d = the reflectance of the model file, as in the paper.
+    """
+    reflectance = image.reflectance.astype(float)
+    if not photo.colour_reflectance:
+        reflectance = reflectance @ GREY_WEIGHTS[:, None]
+    ambient_and_normal = np.concatenate(
+        [np.ones((*image.normals.shape[:2], 1)), image.normals.astype(float)], axis=-1
+    )
+    blocks = reflectance[..., :, None] * ambient_and_normal[..., None, :]
+    return blocks.reshape(*image.normals.shape[:2], photo.model_channels)
+
+
+def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
+    """The plain path: pictures of all attributes, then sums over P. The measure for fast paths."""
+    weights = photo.weights.astype(float)
+    covered = image.mask & (weights > 0.0)
+    region = covered if photo.clipped else weights > 0.0
+    w = weights[region]
+    channels = photo.channels.shape[2]
+    total = float(w.sum())
+    pixels = int(covered.sum())
+    if total <= 0.0:
+        size = channels + photo.model_channels
+        return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), channels)
+    joint = np.concatenate(
+        [photo.channels[region].astype(float), model_attributes(image, photo)[region]], axis=1
+    )
+    mean = w @ joint / total
+    centred = joint - mean
+    return Moments(pixels, total, mean, (w[:, None] * centred).T @ centred / total, channels)

@@ -1,0 +1,155 @@
+"""The numba rasteriser as a ``Renderer``: everywhere, without a GPU or a display."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render import kernel
+from poseviewer.render.attributes import AttributeImage
+from poseviewer.render.moments import GREY_WEIGHTS, Moments, PhotoAttributes
+from poseviewer.render.texture import flatten_textures
+
+NEAR_PER_DIAMETER = 1e-3
+"""Nearer than this share of the model's diameter, nothing is drawn under perspective."""
+
+Box = tuple[int, int, int, int]
+
+
+class SoftwareRenderer:
+    """The rasteriser with its buffers. Not for two threads at once: give each a ``clone``."""
+
+    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
+        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
+        texels, table = flatten_textures(mesh.textures)
+        self.mesh = mesh
+        self.two_sided = two_sided
+        self._near = NEAR_PER_DIAMETER * mesh.diameter
+        self._surface = (
+            mesh.faces,
+            mesh.normals,
+            mesh.colours,
+            mesh.uvs,
+            mesh.face_texture,
+            texels,
+            table,
+        )
+        self._allocate()
+
+    def _allocate(self) -> None:
+        count = len(self.mesh.vertices)
+        self._homogeneous = np.empty((count, 4))
+        self._snapped = np.empty((count, 2), np.int64)
+        self._depth = np.empty((0, 0), np.float32)
+        self._ids = np.empty((0, 0), np.int32)
+
+    def clone(self) -> SoftwareRenderer:
+        """Another renderer of the same mesh with buffers of its own, for another thread."""
+        other = object.__new__(SoftwareRenderer)
+        other.mesh, other.two_sided = self.mesh, self.two_sided
+        other._near, other._surface = self._near, self._surface
+        other._allocate()
+        return other
+
+    def render(self, pose: Pose) -> AttributeImage:
+        """Visibility, reflectance and normals at every pixel centre."""
+        height, width = pose.camera.height, pose.camera.width
+        box = self._rasterise(pose)
+        reflectance = np.zeros((height, width, 3), np.float32)
+        normals = np.zeros((height, width, 3), np.float32)
+        rotation = pose.camera_from_model.rotation
+        kernel.shade(
+            box, self._ids, self._homogeneous, rotation, self._surface, reflectance, normals
+        )
+        face_ids = np.full((height, width), -1, np.int32)
+        left, top, right, bottom = box
+        face_ids[top:bottom, left:right] = self._ids[top:bottom, left:right]
+        return AttributeImage(face_ids, reflectance, normals)
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """The joint moments, added up in the kernel: no picture of the attributes is made.
+
+        Raises:
+            ValueError: the pose's camera has another picture size than the photo.
+        """
+        if photo.weights.shape != (pose.camera.height, pose.camera.width):
+            raise ValueError("the pose's camera and the photo differ in size")
+        box = self._rasterise(pose)
+        region = photo.region_sums
+        n = photo.channels.shape[2]
+        size = n + photo.model_channels
+        first, second = np.zeros(size), np.zeros((size, size))
+        pixels, weight = kernel.accumulate(
+            box,
+            self._ids,
+            self._homogeneous,
+            pose.camera_from_model.rotation,
+            self._surface,
+            GREY_WEIGHTS,
+            photo.channels,
+            photo.weights,
+            region.origin,
+            photo.model_channels,
+            first,
+            second,
+        )
+        if not photo.clipped:
+            weight = region.weight
+            first[:n], second[:n, :n] = region.first, region.second
+        second = np.triu(second) + np.triu(second, 1).T
+        moments = Moments.from_sums(pixels, weight, first, second, n)
+        return moments.shifted(region.origin)
+
+    def _rasterise(self, pose: Pose) -> Box:
+        """Fill the id buffer inside the box that it returns; outside it, the buffer is stale."""
+        camera = pose.camera
+        if self._ids.shape != (camera.height, camera.width):
+            self._depth = np.empty((camera.height, camera.width), np.float32)
+            self._ids = np.empty((camera.height, camera.width), np.int32)
+        perspective = isinstance(camera, Perspective)
+        transform = pose.camera_from_model
+        left, top, right, bottom, any_off = kernel.project(
+            self.mesh.vertices,
+            transform.rotation,
+            transform.translation,
+            _intrinsics(pose),
+            perspective,
+            self._near,
+            self._homogeneous,
+            self._snapped,
+        )
+        box = (0, 0, camera.width, camera.height)
+        if not any_off:
+            box = _pixel_box((left, top, right, bottom), camera.width, camera.height)
+        kernel.clear(box, self._depth, self._ids)
+        kernel.rasterise(
+            self._homogeneous,
+            self._snapped,
+            self.mesh.faces,
+            perspective,
+            self._near,
+            self.two_sided,
+            self._depth,
+            self._ids,
+        )
+        return box
+
+
+def _intrinsics(pose: Pose) -> FloatArray:
+    camera = pose.camera
+    if isinstance(camera, Perspective):
+        return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    return np.array([camera.scale, camera.scale, camera.cx, camera.cy])
+
+
+def _pixel_box(bounds: tuple[float, float, float, float], width: int, height: int) -> Box:
+    """All pixels that the bounds touch, with a pixel to spare for snapping; empty if outside."""
+    left = min(max(math.floor(bounds[0]) - 1, 0), width)
+    top = min(max(math.floor(bounds[1]) - 1, 0), height)
+    right = max(min(math.ceil(bounds[2]) + 1, width), left)
+    bottom = max(min(math.ceil(bounds[3]) + 1, height), top)
+    return left, top, right, bottom

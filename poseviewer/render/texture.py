@@ -1,0 +1,133 @@
+"""Textures as one flat array of texels with mip levels, for NumPy here and for the kernel.
+
+Sampling, the definition that every renderer follows: at ``(u, v)``, v upwards and both wrapped
+around, a level of ``width x height`` texels is read bilinearly at
+``x = (u - floor(u)) width - 0.5``, ``y = (1 - v + floor(v)) height - 0.5``, in which texel (0, 0)
+is the picture's upper left one and neighbours are taken modulo the size.
+
+Level of a face: the texels under one of its pixels are ``r = texel area / pixel area``, both of
+the whole face; the level is ``log2(sqrt(r))``, rounded, so that a texel of that level is about as
+large as a pixel (L. Williams, *Pyramidal parametrics*, 1983, with one level a face).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+
+LARGEST_TEXTURE = 2048
+"""Longer sides are reduced first (in px): a photo never shows more, and memory stays bounded."""
+
+
+def flatten_textures(
+    textures: Sequence[NDArray[np.uint8]], largest: int = LARGEST_TEXTURE
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """All levels of all textures, each (h, w, 3) RGB, in one array, and where each one lies.
+
+    Returns:
+        ``texels`` (N, 3) in [0, 1], rows of each level from the top; ``table`` (T, L, 3), for each
+        texture and level ``(offset into texels, width, height)``. L is the same for all textures;
+        smaller ones repeat their last level, of one texel. Without textures T is 0 and L is 1.
+    """
+    pyramids = [_levels(texture, largest) for texture in textures]
+    count = max((len(levels) for levels in pyramids), default=1)
+    table = np.zeros((len(pyramids), count, 3), np.int64)
+    blocks: list[NDArray[np.float32]] = []
+    offset = 0
+    for t, levels in enumerate(pyramids):
+        for k, level in enumerate(levels):
+            height, width = level.shape[:2]
+            table[t, k:] = offset, width, height
+            blocks.append(level.reshape(-1, 3))
+            offset += width * height
+    texels = np.concatenate(blocks) if blocks else np.zeros((0, 3), np.float32)
+    return texels, table
+
+
+def _levels(texture: NDArray[np.uint8], largest: int) -> list[NDArray[np.float32]]:
+    """Box-filtered halvings of a texture down to one texel, the whole one first."""
+    level = np.asarray(texture, np.float32) / np.float32(255.0)
+    shrink = min(1.0, largest / max(level.shape[:2]))
+    if shrink < 1.0:
+        level = _resized(level, round(level.shape[1] * shrink), round(level.shape[0] * shrink))
+    levels = [level]
+    while max(level.shape[:2]) > 1:
+        level = _resized(level, level.shape[1] // 2, level.shape[0] // 2)
+        levels.append(level)
+    return levels
+
+
+def _resized(image: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
+    """The mean over the area of each new texel, also where the old size is odd."""
+    size = (max(1, width), max(1, height))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def mip_levels(texel_areas: ArrayLike, pixel_areas: ArrayLike, count: int) -> NDArray[np.int64]:
+    """Levels (N,) in [0, count - 1] of faces with these areas (N,), in texels of level 0 and px.
+
+    A face without area in the picture (seen edge-on) gets the last level, one whose pixel area is
+    unknown (nan: it reaches behind the camera) gets level 0.
+    """
+    texels = np.asarray(texel_areas, dtype=float)
+    pixels = np.nan_to_num(np.asarray(pixel_areas, dtype=float), nan=np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(texels <= pixels, 1.0, texels / pixels)
+        levels = np.floor(0.5 * np.log2(ratio) + 0.5)
+    return np.minimum(levels, count - 1).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TexturePyramid:
+    """The textures of a mesh, ready to be sampled at many points at once."""
+
+    texels: NDArray[np.float32]
+    """(N, 3), from ``flatten_textures``."""
+    table: NDArray[np.int64]
+    """(T, L, 3), from ``flatten_textures``."""
+
+    @classmethod
+    def from_textures(cls, textures: Sequence[NDArray[np.uint8]]) -> TexturePyramid:
+        """From pictures (h, w, 3), RGB."""
+        return cls(*flatten_textures(textures))
+
+    def texel_areas(self, mesh: Mesh) -> FloatArray:
+        """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""
+        areas = np.zeros(len(mesh.faces))
+        textured = np.flatnonzero(mesh.face_texture >= 0)
+        corners = mesh.uvs[mesh.faces[textured]].astype(float)
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = np.abs(first[:, 0] * second[:, 1] - second[:, 0] * first[:, 1])
+        size = self.table[mesh.face_texture[textured], 0, 1:]
+        areas[textured] = area * size[:, 0] * size[:, 1]
+        return areas
+
+    def sample(self, texture: ArrayLike, level: ArrayLike, uv: ArrayLike) -> FloatArray:
+        """RGB (N, 3) in [0, 1] of textures (N,) >= 0 at levels (N,) and coordinates (N, 2)."""
+        entry = self.table[np.asarray(texture), np.asarray(level)]
+        offset, size = entry[..., 0], entry[..., 1:]
+        uv = np.asarray(uv, dtype=float)
+        part = uv - np.floor(uv)
+        part[..., 1] = 1.0 - part[..., 1]
+        position = part * size - 0.5
+        corner = np.floor(position)
+        share = position - corner
+        left, top = np.moveaxis(corner.astype(np.int64) % size, -1, 0)
+        right, bottom = (left + 1) % size[..., 0], (top + 1) % size[..., 1]
+        width = size[..., 0]
+        fx, fy = share[..., :1], share[..., 1:]
+        upper = self._lerp(offset + top * width, left, right, fx)
+        lower = self._lerp(offset + bottom * width, left, right, fx)
+        return (1.0 - fy) * upper + fy * lower
+
+    def _lerp(
+        self, row: NDArray[np.int64], left: NDArray, right: NDArray, share: FloatArray
+    ) -> FloatArray:
+        return (1.0 - share) * self.texels[row + left] + share * self.texels[row + right]
