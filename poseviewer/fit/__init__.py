@@ -1,0 +1,1 @@
+"""Numbers only: the loss, the search, the landscape. No disk, no thread, no window."""

@@ -1,0 +1,63 @@
+"""The illumination-invariant loss of Jayawardena, Hutter and Brewer (2010), from moments alone.
+
+Any lighting of a diffuse surface is a linear map ``F = A M + b`` of the model's attributes M to
+the photo's F. The loss is what the best such map leaves unexplained, measured so that no regular
+affine change of F or of M alters it::
+
+    loss = min(n, m) - tr[ C_FM C_MM^-1 C_MF C_FF^-1 ],    0 <= loss <= min(n, m)
+
+The trace is the sum of the squared canonical correlations between F and M.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.render.moments import Moments
+
+CONSTANT_VARIANCE = 1e-12
+"""A channel whose variance is below this share of its mean square counts as constant."""
+RANK_TOLERANCE = 1e-9
+"""Eigenvalues of a correlation matrix below this share of the greatest count as zero."""
+PIXELS_PER_ATTRIBUTE = 4
+"""With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
+
+
+def worst_loss(moments: Moments) -> float:
+    """``min(n, m)``: nothing of the photo is explained, or nothing is seen."""
+    n = moments.photo_channels
+    return float(min(n, len(moments.mean) - n))
+
+
+def lighting_loss(moments: Moments) -> float:
+    """The loss in [0, min(n, m)]; never nan.
+
+    Singular covariances (a constant photo or reflectance, a flat model) are inverted on their
+    range only, with ``RANK_TOLERANCE``; what is constant explains nothing. A pose that shows no
+    model, or too few pixels of it, costs ``min(n, m)``.
+    """
+    worst = worst_loss(moments)
+    if moments.pixels < PIXELS_PER_ATTRIBUTE * len(moments.mean):
+        return worst
+    n = moments.photo_channels
+    photo = whitening(moments.covariance[:n, :n], moments.mean[:n])
+    model = whitening(moments.covariance[n:, n:], moments.mean[n:])
+    correlations = photo @ moments.covariance[:n, n:] @ model.T
+    explained = float(np.sum(correlations * correlations))
+    return min(max(worst - explained, 0.0), worst)
+
+
+def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:
+    """W (rank, k) with ``W C W^T = I`` on the range of the covariance C (k, k).
+
+    ``W^T W`` is the pseudo-inverse of C, in which tolerances apply to the correlation matrix: a
+    channel measured in other units is not a smaller channel.
+    """
+    variance = np.diag(covariance)
+    varies = variance > CONSTANT_VARIANCE * (variance + mean * mean)
+    scale = np.where(varies, 1.0 / np.sqrt(np.where(varies, variance, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
+    kept = values > RANK_TOLERANCE * max(values[-1], 0.0)
+    kept &= values > 0.0
+    return (vectors[:, kept] / np.sqrt(values[kept])).T * scale
