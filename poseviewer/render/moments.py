@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -89,23 +89,18 @@ class Moments:
 
     @classmethod
     def from_sums(
-        cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, photo_channels: int
+        cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, origin: FloatArray
     ) -> Moments:
-        """From raw sums ``w``, ``w x`` (n + m,) and ``w x x^T`` (n + m, n + m).
+        """From sums of ``w``, ``w x`` and ``w x x^T``, where x = (F - ``origin`` (n,), M).
 
-        Take the sums about a point near the mean, or the subtraction here costs digits.
+        With an origin near the photo's mean the subtraction here costs no digits.
         """
         if weight <= 0.0:
-            return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), photo_channels)
+            return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), len(origin))
         mean = first / weight
         covariance = second / weight - np.outer(mean, mean)
-        return cls(pixels, weight, mean, 0.5 * (covariance + covariance.T), photo_channels)
-
-    def shifted(self, photo_origin: FloatArray) -> Moments:
-        """The same, with ``photo_origin`` (n,) added to the photo's means."""
-        mean = self.mean.copy()
-        mean[: self.photo_channels] += photo_origin
-        return replace(self, mean=mean)
+        mean[: len(origin)] += origin
+        return cls(pixels, weight, mean, 0.5 * (covariance + covariance.T), len(origin))
 
 
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:

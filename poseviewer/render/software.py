@@ -101,8 +101,7 @@ class SoftwareRenderer:
             weight = region.weight
             first[:n], second[:n, :n] = region.first, region.second
         second = np.triu(second) + np.triu(second, 1).T
-        moments = Moments.from_sums(pixels, weight, first, second, n)
-        return moments.shifted(region.origin)
+        return Moments.from_sums(pixels, weight, first, second, region.origin)
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer inside the box that it returns; outside it, the buffer is stale."""
