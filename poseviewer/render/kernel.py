@@ -22,10 +22,15 @@ from numba import njit
 
 SUBPIXELS = 256
 GUARD_PX = float(1 << 20)  # beyond it faces are clipped, so that edge functions fit into 64 bits
-OFF_SCREEN = np.int64(-(1 << 62))  # marks a vertex behind the near plane or beyond the guard band
+OFF_SCREEN = np.int32(-(1 << 31))  # marks a vertex behind the near plane or beyond the guard band
 NO_FACE = np.int32(-1)
+RUN = 256  # pixels whose attributes are added up together
 
 _jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+# Sums alone may be taken in another order (lanes of a vector); runs are short, so it costs nothing.
+_jit_sums: Any = njit(
+    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}
+)
 
 
 @_jit
@@ -55,8 +60,8 @@ def project(vertices, rotation, translation, intrinsics, perspective, near, homo
             if not off:
                 left, right = min(left, u), max(right, u)
                 top, bottom = min(top, v), max(bottom, v)
-                snapped[i, 0] = np.int64(math.floor(u * SUBPIXELS + 0.5))
-                snapped[i, 1] = np.int64(math.floor(v * SUBPIXELS + 0.5))
+                snapped[i, 0] = np.int32(math.floor(u * SUBPIXELS + 0.5))
+                snapped[i, 1] = np.int32(math.floor(v * SUBPIXELS + 0.5))
         if off:
             any_off = True
             snapped[i, 0] = OFF_SCREEN
@@ -72,6 +77,8 @@ def _edge_bias(dx, dy):
 @_jit
 def _draw(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, depth, ids):
     """One triangle in 1/256 px, with depth values d (greater is nearer), linear in the picture."""
+    x0, y0, x1, y1 = np.int64(x0), np.int64(y0), np.int64(x1), np.int64(y1)
+    x2, y2 = np.int64(x2), np.int64(y2)
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0 or (area > 0 and not two_sided):  # y runs down: faces towards us have area < 0
         return
@@ -161,42 +168,51 @@ def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, 
     Both must have been cleared (-inf, -1) where anything can be drawn. Depth values are 1/z under
     perspective, -z under parallel projection: linear in the picture, and the greater the nearer.
     """
+    height, width = depth.shape
     for face in range(faces.shape[0]):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
         ax, bx, cx = snapped[a, 0], snapped[b, 0], snapped[c, 0]
         if ax == OFF_SCREEN or bx == OFF_SCREEN or cx == OFF_SCREEN:
             _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, depth, ids)
+            continue
+        # Most faces of a detailed model lie between pixel centres: leave them as early as can be.
+        left, right = max((min(ax, bx, cx) + 127) >> 8, 0), (max(ax, bx, cx) - 128) >> 8
+        if left > min(right, width - 1):
+            continue
+        ay, by, cy = snapped[a, 1], snapped[b, 1], snapped[c, 1]
+        top, bottom = max((min(ay, by, cy) + 127) >> 8, 0), (max(ay, by, cy) - 128) >> 8
+        if top > min(bottom, height - 1):
             continue
         za, zb, zc = homogeneous[a, 3], homogeneous[b, 3], homogeneous[c, 3]
         if perspective:
             da, db, dc = 1.0 / za, 1.0 / zb, 1.0 / zc
         else:
             da, db, dc = -za, -zb, -zc
-        ay, by, cy = snapped[a, 1], snapped[b, 1], snapped[c, 1]
         _draw(ax, ay, da, bx, by, db, cx, cy, dc, face, two_sided, depth, ids)
 
 
 @_jit
-def _sample(texels, offset, width, height, u, v, out):
-    """Bilinear, wrapped around, v upwards; texel centres at (i + 0.5) / size."""
+def _sample(texels, offset, width, height, u, v):
+    """Bilinear RGB, wrapped around, v upwards; texel centres at (i + 0.5) / size."""
     x = (u - math.floor(u)) * width - 0.5
     y = (1.0 - (v - math.floor(v))) * height - 0.5
     x0, y0 = math.floor(x), math.floor(y)
     fx, fy = x - x0, y - y0
     left, right = int(x0) % width, (int(x0) + 1) % width
-    top, bottom = int(y0) % height, (int(y0) + 1) % height
-    for k in range(3):
-        upper = (1.0 - fx) * texels[offset + top * width + left, k] + fx * texels[
-            offset + top * width + right, k
-        ]
-        lower = (1.0 - fx) * texels[offset + bottom * width + left, k] + fx * texels[
-            offset + bottom * width + right, k
-        ]
-        out[k] = (1.0 - fy) * upper + fy * lower
+    top, bottom = offset + int(y0) % height * width, offset + (int(y0) + 1) % height * width
+    a, b = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy)
+    c, d = (1.0 - fx) * fy, fx * fy
+    p, q = texels[top + left], texels[top + right]
+    r, s = texels[bottom + left], texels[bottom + right]
+    return (
+        a * p[0] + b * q[0] + c * r[0] + d * s[0],
+        a * p[1] + b * q[1] + c * r[1] + d * s[1],
+        a * p[2] + b * q[2] + c * r[2] + d * s[2],
+    )
 
 
 @_jit
-def _texture_level(homogeneous, uvs, a, b, c, width, height, levels):
+def _texture_level(homogeneous, vertex_data, a, b, c, width, height, levels):
     """Mip level of a face: half the log2 of texels per pixel, rounded, from the two areas."""
     if homogeneous[a, 2] <= 0.0 or homogeneous[b, 2] <= 0.0 or homogeneous[c, 2] <= 0.0:
         return 0
@@ -204,8 +220,8 @@ def _texture_level(homogeneous, uvs, a, b, c, width, height, levels):
     bx, by = homogeneous[b, 0] / homogeneous[b, 2], homogeneous[b, 1] / homogeneous[b, 2]
     cx, cy = homogeneous[c, 0] / homogeneous[c, 2], homogeneous[c, 1] / homogeneous[c, 2]
     pixels = abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
-    du, dv = uvs[b, 0] - uvs[a, 0], uvs[b, 1] - uvs[a, 1]
-    eu, ev = uvs[c, 0] - uvs[a, 0], uvs[c, 1] - uvs[a, 1]
+    du, dv = vertex_data[b, 6] - vertex_data[a, 6], vertex_data[b, 7] - vertex_data[a, 7]
+    eu, ev = vertex_data[c, 6] - vertex_data[a, 6], vertex_data[c, 7] - vertex_data[a, 7]
     texels = abs(du * ev - eu * dv) * width * height
     if texels <= pixels:
         return 0
@@ -215,45 +231,59 @@ def _texture_level(homogeneous, uvs, a, b, c, width, height, levels):
 
 
 @_jit
-def _attributes(u, v, face, homogeneous, rotation, surface, out):
-    """``out`` (6,) = RGB reflectance, camera-frame unit normal of ``face`` at the point (u, v)."""
-    faces, normals, colours, uvs, face_texture, texels, table = surface
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    xa, ya = homogeneous[a, 0] - u * homogeneous[a, 2], homogeneous[a, 1] - v * homogeneous[a, 2]
-    xb, yb = homogeneous[b, 0] - u * homogeneous[b, 2], homogeneous[b, 1] - v * homogeneous[b, 2]
-    xc, yc = homogeneous[c, 0] - u * homogeneous[c, 2], homogeneous[c, 1] - v * homogeneous[c, 2]
+def _barycentrics(u, v, a, b, c, homogeneous):
+    """The point of face (a, b, c) at (u, v): three shares that sum to 1, and the side seen.
+
+    The side is 1 where the face is seen from the front, -1 from behind.
+    """
+    wa, wb, wc = homogeneous[a, 2], homogeneous[b, 2], homogeneous[c, 2]
+    xa, ya = homogeneous[a, 0] - u * wa, homogeneous[a, 1] - v * wa
+    xb, yb = homogeneous[b, 0] - u * wb, homogeneous[b, 1] - v * wb
+    xc, yc = homogeneous[c, 0] - u * wc, homogeneous[c, 1] - v * wc
     la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
     total = la + lb + lc
     if total == 0.0:  # seen exactly edge-on; snapping alone made it visible
-        la, lb, lc, total = 1.0, 1.0, 1.0, 3.0
-    # The sum is the signed area as seen from the camera: negative where the front is seen.
+        return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 1.0
+    # The sum is the signed area as seen by the camera: negative where the front is seen.
     side = -1.0 if total > 0.0 else 1.0
-    la, lb, lc = la / total, lb / total, lc / total
     # Snapping may put the pixel centre just outside the exact triangle: stay on it.
-    la, lb, lc = max(la, 0.0), max(lb, 0.0), max(lc, 0.0)
-    total = la + lb + lc
-    la, lb, lc = la / total, lb / total, lc / total
-    x = la * normals[a, 0] + lb * normals[b, 0] + lc * normals[c, 0]
-    y = la * normals[a, 1] + lb * normals[b, 1] + lc * normals[c, 1]
-    z = la * normals[a, 2] + lb * normals[b, 2] + lc * normals[c, 2]
+    la, lb, lc = max(la / total, 0.0), max(lb / total, 0.0), max(lc / total, 0.0)
+    scale = 1.0 / (la + lb + lc)
+    return la * scale, lb * scale, lc * scale, side
+
+
+@_jit
+def _normal(shares, a, b, c, vertex_data, rotation):
+    """The interpolated unit normal, in the camera frame, on the side that is seen."""
+    la, lb, lc, side = shares
+    x = la * vertex_data[a, 0] + lb * vertex_data[b, 0] + lc * vertex_data[c, 0]
+    y = la * vertex_data[a, 1] + lb * vertex_data[b, 1] + lc * vertex_data[c, 1]
+    z = la * vertex_data[a, 2] + lb * vertex_data[b, 2] + lc * vertex_data[c, 2]
     length = math.sqrt(x * x + y * y + z * z)
     scale = side / length if length > 0.0 else 0.0
-    for k in range(3):
-        out[3 + k] = scale * (rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z)
-    texture = face_texture[face]
-    if texture >= 0:
-        su = la * uvs[a, 0] + lb * uvs[b, 0] + lc * uvs[c, 0]
-        sv = la * uvs[a, 1] + lb * uvs[b, 1] + lc * uvs[c, 1]
-        width, height = table[texture, 0, 1], table[texture, 0, 2]
-        level = _texture_level(homogeneous, uvs, a, b, c, width, height, table.shape[1])
-        offset = table[texture, level, 0]
-        width, height = table[texture, level, 1], table[texture, level, 2]
-        _sample(texels, offset, width, height, su, sv, out)
-        for k in range(3):
-            out[k] *= la * colours[a, k] + lb * colours[b, k] + lc * colours[c, k]
-    else:
-        for k in range(3):
-            out[k] = la * colours[a, k] + lb * colours[b, k] + lc * colours[c, k]
+    return (
+        scale * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z),
+        scale * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z),
+        scale * (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z),
+    )
+
+
+@_jit
+def _reflectance(shares, a, b, c, texture, homogeneous, vertex_data, texels, table):
+    """RGB: interpolated vertex colour, times the texture's (-1: none)."""
+    la, lb, lc, _ = shares
+    red = la * vertex_data[a, 3] + lb * vertex_data[b, 3] + lc * vertex_data[c, 3]
+    green = la * vertex_data[a, 4] + lb * vertex_data[b, 4] + lc * vertex_data[c, 4]
+    blue = la * vertex_data[a, 5] + lb * vertex_data[b, 5] + lc * vertex_data[c, 5]
+    if texture < 0:
+        return red, green, blue
+    u = la * vertex_data[a, 6] + lb * vertex_data[b, 6] + lc * vertex_data[c, 6]
+    v = la * vertex_data[a, 7] + lb * vertex_data[b, 7] + lc * vertex_data[c, 7]
+    width, height = table[texture, 0, 1], table[texture, 0, 2]
+    level = _texture_level(homogeneous, vertex_data, a, b, c, width, height, table.shape[1])
+    width, height = table[texture, level, 1], table[texture, level, 2]
+    r, g, b = _sample(texels, table[texture, level, 0], width, height, u, v)
+    return red * r, green * g, blue * b
 
 
 @_jit
@@ -267,62 +297,122 @@ def clear(box, depth, ids):
 
 
 @_jit
-def shade(box, ids, homogeneous, rotation, surface, reflectance, normals):
-    """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures."""
-    left, top, right, bottom = box
-    values = np.empty(6)
-    for row in range(top, bottom):
-        for column in range(left, right):
-            face = ids[row, column]
-            if face >= 0:
-                _attributes(column + 0.5, row + 0.5, face, homogeneous, rotation, surface, values)
-                for k in range(3):
-                    reflectance[row, column, k] = values[k]
-                    normals[row, column, k] = values[3 + k]
-
-
-@_jit
-def accumulate(
-    box, ids, homogeneous, rotation, surface, grey, channels, weights, origin, model, first, second
+def shade(
+    box,
+    ids,
+    homogeneous,
+    rotation,
+    faces,
+    vertex_data,
+    face_texture,
+    texels,
+    table,
+    reflectance,
+    normals,
 ):
-    """Add up ``w``, ``w x`` and the upper half of ``w x x^T`` over the visible pixels in ``box``.
+    """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures.
 
-    x = (F - ``origin``, M): ``channels`` (height, width, n), ``model`` = m is 4 (grey, by the
-    weights ``grey`` (3,)) or 12. Adds into ``first`` (n + m,), ``second`` (n + m, n + m); returns
-    the pixel count and the sum of the weights.
+    ``vertex_data`` (V, 8) float32: normal, RGB, UV.
     """
     left, top, right, bottom = box
-    n = channels.shape[2]
-    size = n + model
-    values = np.empty(6)
-    x = np.empty(size)
-    pixels, total = 0, 0.0
     for row in range(top, bottom):
         for column in range(left, right):
             face = ids[row, column]
             if face < 0:
                 continue
-            weight = np.float64(weights[row, column])
-            if weight <= 0.0:
+            a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+            shares = _barycentrics(column + 0.5, row + 0.5, a, b, c, homogeneous)
+            normal = _normal(shares, a, b, c, vertex_data, rotation)
+            colour = _reflectance(
+                shares, a, b, c, face_texture[face], homogeneous, vertex_data, texels, table
+            )
+            for k in range(3):
+                reflectance[row, column, k] = colour[k]
+                normals[row, column, k] = normal[k]
+
+
+@_jit
+def accumulate(
+    box,
+    ids,
+    homogeneous,
+    rotation,
+    faces,
+    vertex_data,
+    face_texture,
+    texels,
+    table,
+    grey,
+    channels,
+    weights,
+    origin,
+    model,
+    first,
+    second,
+):
+    """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
+
+    x = (F - ``origin``, M): ``channels`` (height, width, n), ``model`` = m is 4 (grey, by the
+    weights ``grey`` (3,)) or 12. Adds into ``first`` (n + m,), ``second`` (n + m, n + m); returns
+    the pixel count and the sum of the weights. Pixels are gathered into runs, and the sums taken
+    over a run at a time, channel against channel, so that they vectorise.
+    """
+    left, top, right, bottom = box
+    n = channels.shape[2]
+    run = np.empty((n + model, RUN))
+    run_weights = np.empty(RUN)
+    filled, pixels, total = 0, 0, 0.0
+    for row in range(top, bottom):
+        for column in range(left, right):
+            face = ids[row, column]
+            if face < 0 or not weights[row, column] > 0.0:
                 continue
-            _attributes(column + 0.5, row + 0.5, face, homogeneous, rotation, surface, values)
+            a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+            shares = _barycentrics(column + 0.5, row + 0.5, a, b, c, homogeneous)
+            x, y, z = _normal(shares, a, b, c, vertex_data, rotation)
+            colour = _reflectance(
+                shares, a, b, c, face_texture[face], homogeneous, vertex_data, texels, table
+            )
+            run_weights[filled] = weights[row, column]
             for k in range(n):
-                x[k] = channels[row, column, k] - origin[k]
+                run[k, filled] = channels[row, column, k] - origin[k]
             if model == 4:
-                k = grey[0] * values[0] + grey[1] * values[1] + grey[2] * values[2]
-                x[n] = k
-                x[n + 1], x[n + 2], x[n + 3] = k * values[3], k * values[4], k * values[5]
+                k = grey[0] * colour[0] + grey[1] * colour[1] + grey[2] * colour[2]
+                run[n, filled] = k
+                run[n + 1, filled], run[n + 2, filled], run[n + 3, filled] = k * x, k * y, k * z
             else:
                 for band in range(3):
-                    k = values[band]
-                    x[n + 4 * band] = k
-                    for axis in range(3):
-                        x[n + 4 * band + 1 + axis] = k * values[3 + axis]
-            pixels += 1
-            total += weight
-            for i in range(size):
-                scaled = weight * x[i]
-                first[i] += scaled
-                for j in range(i, size):
-                    second[i, j] += scaled * x[j]
+                    k, at = colour[band], n + 4 * band
+                    run[at, filled] = k
+                    run[at + 1, filled] = k * x
+                    run[at + 2, filled] = k * y
+                    run[at + 3, filled] = k * z
+            filled += 1
+            if filled == RUN:
+                pixels += filled
+                total += _add_run(run, run_weights, filled, first, second)
+                filled = 0
+    pixels += filled
+    total += _add_run(run, run_weights, filled, first, second)
     return pixels, total
+
+
+@_jit_sums
+def _add_run(run, weights, filled, first, second):
+    """Add the sums over a run of pixels; returns the sum of its weights."""
+    weighted = np.empty(RUN)
+    total = 0.0
+    for p in range(filled):
+        total += weights[p]
+    for i in range(run.shape[0]):
+        mine = 0.0
+        for p in range(filled):
+            weighted[p] = weights[p] * run[i, p]
+            mine += weighted[p]
+        first[i] += mine
+        for j in range(i + 1):
+            product = 0.0
+            for p in range(filled):
+                product += weighted[p] * run[j, p]
+            second[i, j] += product
+    return total

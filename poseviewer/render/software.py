@@ -29,11 +29,10 @@ class SoftwareRenderer:
         self.mesh = mesh
         self.two_sided = two_sided
         self._near = NEAR_PER_DIAMETER * mesh.diameter
+        vertex_data = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
         self._surface = (
             mesh.faces,
-            mesh.normals,
-            mesh.colours,
-            mesh.uvs,
+            vertex_data.astype(np.float32),
             mesh.face_texture,
             texels,
             table,
@@ -43,7 +42,7 @@ class SoftwareRenderer:
     def _allocate(self) -> None:
         count = len(self.mesh.vertices)
         self._homogeneous = np.empty((count, 4))
-        self._snapped = np.empty((count, 2), np.int64)
+        self._snapped = np.empty((count, 2), np.int32)
         self._depth = np.empty((0, 0), np.float32)
         self._ids = np.empty((0, 0), np.int32)
 
@@ -63,7 +62,7 @@ class SoftwareRenderer:
         normals = np.zeros((height, width, 3), np.float32)
         rotation = pose.camera_from_model.rotation
         kernel.shade(
-            box, self._ids, self._homogeneous, rotation, self._surface, reflectance, normals
+            box, self._ids, self._homogeneous, rotation, *self._surface, reflectance, normals
         )
         face_ids = np.full((height, width), -1, np.int32)
         left, top, right, bottom = box
@@ -88,7 +87,7 @@ class SoftwareRenderer:
             self._ids,
             self._homogeneous,
             pose.camera_from_model.rotation,
-            self._surface,
+            *self._surface,
             GREY_WEIGHTS,
             photo.channels,
             photo.weights,
@@ -100,7 +99,7 @@ class SoftwareRenderer:
         if not photo.clipped:
             weight = region.weight
             first[:n], second[:n, :n] = region.first, region.second
-        second = np.triu(second) + np.triu(second, 1).T
+        second = np.tril(second) + np.tril(second, -1).T
         return Moments.from_sums(pixels, weight, first, second, region.origin)
 
     def _rasterise(self, pose: Pose) -> Box:

@@ -118,7 +118,7 @@ class TexturePyramid:
         part[..., 1] = 1.0 - part[..., 1]
         position = part * size - 0.5
         corner = np.floor(position)
-        share = position - corner
+        share = np.asarray(position - corner, dtype=np.float64)
         left, top = np.moveaxis(corner.astype(np.int64) % size, -1, 0)
         right, bottom = (left + 1) % size[..., 0], (top + 1) % size[..., 1]
         width = size[..., 0]

@@ -1,0 +1,105 @@
+"""The residual as a picture: a diverging colour map over the greyed photo, and its colour bar."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+
+STOPS = np.array(
+    [
+        [5, 48, 97],
+        [33, 102, 172],
+        [67, 147, 195],
+        [146, 197, 222],
+        [209, 229, 240],
+        [247, 247, 247],
+        [253, 219, 199],
+        [244, 165, 130],
+        [214, 96, 77],
+        [178, 24, 43],
+        [103, 0, 31],
+    ],
+    float,
+)
+"""RGB from the most negative to the most positive: ColorBrewer's RdBu, 11 classes, reversed
+(C. Brewer, colorbrewer2.org); told apart by the colour-blind as well."""
+PERCENTILE = 98.0
+"""Share of the residuals that the colour map spans; the strongest few must not set its range."""
+ROUND_RANGES = (2, 5, 10, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 255)
+SMALLEST_FOR_BAR = 160
+"""A photo with a shorter side below so many px has no room for a legible colour bar."""
+
+Part = tuple[slice, slice]
+
+
+def diverging_colours(values: FloatArray) -> FloatArray:
+    """RGB (..., 3) in [0, 255] of values (...) in [-1, 1]; 0 is white, blue below, red above."""
+    position = np.clip(values, -1.0, 1.0) * 0.5 + 0.5
+    places = np.linspace(0.0, 1.0, len(STOPS))
+    return np.stack([np.interp(position, places, STOPS[:, i]) for i in range(3)], axis=-1)
+
+
+def paint_residual(
+    photo: NDArray[np.uint8], part: Part, residual: FloatArray, mask: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """The greyed photo (H, W, 3) with the residual where the model is, and a colour bar.
+
+    ``residual`` (h, w), in grey levels of 255, and ``mask`` (h, w) belong to the rows and columns
+    ``part`` of the photo.
+    """
+    grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
+    # Pale and of low contrast, so that the colours stand out and the white of 0 is not a highlight.
+    backdrop = cv2.LUT(grey, np.linspace(40, 150, 256).astype(np.uint8))
+    picture = np.ascontiguousarray(np.repeat(backdrop[..., None], 3, axis=2))
+    limit = symmetric_range(residual[mask])
+    colours = diverging_colours(residual / limit)
+    picture[part] = np.where(mask[..., None], np.rint(colours), picture[part])
+    covered = np.zeros(grey.shape, bool)
+    covered[part] = mask
+    _draw_bar(picture, covered, limit)
+    return picture
+
+
+def symmetric_range(residuals: FloatArray) -> int:
+    """The round number of grey levels at both ends of the colour map."""
+    reach = np.percentile(np.abs(residuals), PERCENTILE) if residuals.size else 0.0
+    return next((r for r in ROUND_RANGES if r >= reach), ROUND_RANGES[-1])
+
+
+def _draw_bar(picture: NDArray[np.uint8], covered: NDArray[np.bool_], limit: int) -> None:
+    """Draw the colour bar into the corner where it hides least of the model."""
+    height, width = picture.shape[:2]
+    if min(height, width) < SMALLEST_FOR_BAR:
+        return
+    bar = _bar(limit, max(0.42, max(height, width) / 2000.0), width)
+    h, w = bar.shape[:2]
+    gap = max(4, round(max(height, width) / 120))
+    corners = [(y, x) for y in (height - h - gap, gap) for x in (gap, width - w - gap)]
+    y, x = min(corners, key=lambda c: int(covered[c[0] : c[0] + h, c[1] : c[1] + w].sum()))
+    picture[y : y + h, x : x + w] = bar
+
+
+def _bar(limit: int, text_scale: float, most_width: int) -> NDArray[np.uint8]:
+    """(h, w, 3): a colour bar on a dark plate with its ticks and its title."""
+    font, stroke = cv2.FONT_HERSHEY_SIMPLEX, max(1, round(text_scale * 1.6))
+    title = "photo - model (grey levels of 255)"
+    (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
+    text_scale *= min(1.0, 0.8 * most_width / title_width)
+    (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
+    pad = math.ceil(line * 0.8)
+    plate = np.full((6 * pad + 2 * line, title_width + 2 * pad, 3), 24, np.uint8)
+    ramp = diverging_colours(np.linspace(-1.0, 1.0, title_width))
+    top = 2 * pad + line
+    plate[top : top + 2 * pad, pad : pad + title_width] = np.rint(ramp)
+    white = (235, 235, 235)
+    cv2.putText(plate, title, (pad, pad + line), font, text_scale, white, stroke, cv2.LINE_AA)
+    for label, place in ((f"-{limit}", 0.0), ("0", 0.5), (f"+{limit}", 1.0)):
+        (label_width, _), _ = cv2.getTextSize(label, font, text_scale, stroke)
+        at = (pad + round(place * (title_width - label_width)), top + 3 * pad + line)
+        cv2.putText(plate, label, at, font, text_scale, white, stroke, cv2.LINE_AA)
+    return plate

@@ -1,0 +1,96 @@
+"""The piece of a photo that the model is in: pictures for a person are drawn there alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A piece of the photo, and how finely the model is drawn in it."""
+
+    left: int
+    """May be negative: a silhouette just outside the photo must be told from the photo's border."""
+    top: int
+    width: int
+    """Of the piece, in photo px."""
+    height: int
+    samples: float = 1.0
+    """Samples along a photo pixel's side: 3, 2, 1, 1/2, 1/3 ..."""
+
+    def pose(self, pose: Pose) -> Pose:
+        """The same pose in the picture that the window is."""
+        camera = replace(
+            pose.camera,
+            cx=pose.camera.cx - self.left,
+            cy=pose.camera.cy - self.top,
+            width=self.width,
+            height=self.height,
+        )
+        cut = replace(pose, camera=camera)
+        return cut if self.samples == 1.0 else cut.scaled(self.samples)
+
+    def of_photo(self, width: int, height: int) -> tuple[slice, slice]:
+        """Rows and columns of a photo of this size that the window covers."""
+        rows = slice(max(self.top, 0), max(min(self.top + self.height, height), 0))
+        columns = slice(max(self.left, 0), max(min(self.left + self.width, width), 0))
+        return rows, columns
+
+    def resample(self, samples: NDArray[np.float32], width: int, height: int) -> NDArray:
+        """Values at the window's samples to values at the photo's pixels in ``of_photo``."""
+        way = cv2.INTER_AREA if self.samples >= 1.0 else cv2.INTER_LINEAR
+        piece = np.asarray(cv2.resize(samples, (self.width, self.height), interpolation=way))
+        rows, columns = self.of_photo(width, height)
+        return piece[
+            rows.start - self.top : rows.stop - self.top,
+            columns.start - self.left : columns.stop - self.left,
+        ]
+
+
+def model_window(
+    mesh: Mesh, pose: Pose, margin: int = 0, finest: int = 1, most_samples: int | None = None
+) -> Window | None:
+    """The box of the model in the photo, with a margin; None if the model is beside the photo.
+
+    Without a margin it lies within the photo. It is drawn with up to ``finest`` samples along a
+    pixel's side, with fewer (below 1 as well) where that would be more than ``most_samples``.
+    """
+    box = _model_box(mesh, pose)
+    if box is None:
+        return None
+    left, top = box[0] - margin, box[1] - margin
+    width, height = box[2] - box[0] + 2 * margin, box[3] - box[1] + 2 * margin
+    if most_samples is None:
+        return Window(left, top, width, height, finest)
+    share = most_samples / (width * height)
+    if share >= 1.0:
+        return Window(left, top, width, height, min(finest, math.floor(math.sqrt(share))))
+    step = math.ceil(math.sqrt(1.0 / share))
+    # Whole samples only, or the picture would be stretched.
+    return Window(left, top, -(-width // step) * step, -(-height // step) * step, 1.0 / step)
+
+
+def _model_box(mesh: Mesh, pose: Pose) -> tuple[int, int, int, int] | None:
+    """Left, top, right, bottom in px, within the photo; all of it if the model is in part behind
+    the camera; None if empty.
+    """
+    size = [pose.camera.width, pose.camera.height]
+    points = pose.project(mesh.vertices)
+    in_front = np.isfinite(points).all(axis=1)
+    if not in_front.any():
+        return None
+    low, high = np.zeros(2), np.array(size, dtype=float)
+    if in_front.all():
+        low = np.floor(np.clip(points.min(axis=0), 0, size))
+        high = np.ceil(np.clip(points.max(axis=0), 0, size))
+    if np.any(high <= low):
+        return None
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
