@@ -33,7 +33,7 @@ SHORTEST = 7.0
 """Feature edges shorter than this, in line widths, are specks."""
 REACH = 10.0
 """What is near a line, in line widths."""
-CROWDED = 0.30
+CROWDED = 0.22
 """Where feature edges would cover more than this share of what is near, they fade."""
 FINEST = 3
 """Most samples a photo pixel is divided into, along each side."""

@@ -20,10 +20,8 @@ GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionSums:
-    """Sums over the whole region, of the photo's attributes alone."""
+    """Sums over the whole region, of the photo's attributes alone, about ``origin``."""
 
-    origin: FloatArray
-    """(n,): the mean of F over the region; all sums are taken about it."""
     weight: float
     first: FloatArray
     """(n,): sum of ``w (F - origin)``."""
@@ -52,14 +50,23 @@ class PhotoAttributes:
         object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
 
     @cached_property
+    def origin(self) -> FloatArray:
+        """(n,): the mean of F over the region; sums are taken about it."""
+        total = float(self.weights.sum(dtype=float))
+        sums = np.einsum("vu,vun->n", self.weights, self.channels, dtype=float)
+        return sums / total if total > 0.0 else np.zeros_like(sums)
+
+    @cached_property
     def region_sums(self) -> RegionSums:
         """What the photo alone adds to the moments of the whole region; made once."""
-        w = self.weights[self.weights > 0.0].astype(float)
-        f = self.channels[self.weights > 0.0].astype(float)
-        total = float(w.sum())
-        origin = w @ f / total if total > 0.0 else np.zeros(f.shape[1])
-        centred = f - origin
-        return RegionSums(origin, total, w @ centred, (w[:, None] * centred).T @ centred)
+        first, n = [], self.channels.shape[2]
+        second = np.zeros((n, n))
+        for weights, rows in zip(self.weights, self.channels, strict=True):
+            centred = rows.astype(float) - self.origin
+            weighted = weights[:, None] * centred
+            first.append(weighted.sum(axis=0))
+            second += weighted.T @ centred
+        return RegionSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
 
     @property
     def model_channels(self) -> int:

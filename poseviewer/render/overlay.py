@@ -26,9 +26,9 @@ LINE_COLOUR = (255, 214, 10)
 HALO_COLOUR = (10, 12, 16)
 REFERENCE_SIDE = 1000.0
 """A photo whose longer side has so many px gets lines of the widths below; others in proportion."""
-STROKES = ((HALO_COLOUR, 0.55, 4.4, 2.4), (LINE_COLOUR, 1.0, 1.9, 1.0))
-"""What lines are painted with, one over the other: colour, opacity, width in px of the silhouette
-and of feature edges."""
+OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
+"""Of lines, and of the halo on either side of them, in px of such a photo."""
+HALO_OPACITY = 0.55
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,13 +71,13 @@ def draw_none(view: View) -> Picture:
 
 
 def draw_outline(view: View) -> Picture:
-    """The model's silhouette, with its feature edges in fainter lines."""
-    return _draw_lines(view, outline=1.0, edges=0.6)
+    """The model's silhouette, with its feature edges in fainter and thinner lines."""
+    return _draw_lines(view, OUTLINE_WIDTH, edge_strength=0.6)
 
 
 def draw_edges(view: View) -> Picture:
-    """The feature edges in full strength, inside a silhouette of the same width."""
-    return _draw_lines(view, outline=0.0, edges=1.0)
+    """The feature edges in full strength, and the silhouette as one of them."""
+    return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
 
 
 def draw_relit(view: View) -> Picture:
@@ -110,8 +110,8 @@ def draw_solid(view: View) -> Picture:
 
     def shade(image: AttributeImage) -> FloatArray:
         facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
-        colour = 0.12 + 0.88 * image.reflectance  # black paint must show its shape as well
-        return colour * (0.3 + 0.7 * facing)
+        colour = 0.3 + 0.7 * image.reflectance  # black paint must show its shape as well
+        return colour * (0.25 + 0.75 * facing)
 
     return _painted(view, shade, opacity=0.8)
 
@@ -136,8 +136,8 @@ def line_scale(width: int, height: int) -> float:
     return max(1.0, max(width, height) / REFERENCE_SIDE)
 
 
-def _draw_lines(view: View, outline: float, edges: float) -> Picture:
-    """The silhouette and the feature edges in these strengths, in [0, 1]."""
+def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Picture:
+    """The silhouette, ``outline_width`` px wide, and the feature edges, in [0, 1] as strong."""
     height, width = view.photo.shape[:2]
     scale = line_scale(width, height)
     lines = find_lines(view.mesh, view.renderer, view.pose, scale)
@@ -145,13 +145,14 @@ def _draw_lines(view: View, outline: float, edges: float) -> Picture:
     if lines is None:
         return picture
     part = lines.window.of_photo(width, height)
-    for colour, opacity, outline_width, edge_width in STROKES:
-        strokes = np.maximum(
-            outline * lines.outline(outline_width * scale),
-            edges * lines.edges(edge_width * scale),
-        )
-        opacities = opacity * lines.window.resample(strokes, width, height)
-        picture[part] = _mixed(picture[part], np.array(colour) / 255.0, opacities)
+    for colour, opacity, wider in (
+        (HALO_COLOUR, HALO_OPACITY, 2.0 * HALO_WIDTH),
+        (LINE_COLOUR, 1.0, 0.0),
+    ):
+        silhouette = lines.outline((outline_width + wider) * scale)
+        edges = edge_strength * lines.edges((EDGE_WIDTH + wider) * scale)
+        strokes = lines.window.resample(np.maximum(silhouette, edges), width, height)
+        picture[part] = _mixed(picture[part], np.array(colour) / 255.0, opacity * strokes)
     return picture
 
 

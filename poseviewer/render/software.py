@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,13 @@ NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
 
 Box = tuple[int, int, int, int]
+
+
+def kernels_are_compiled() -> bool:
+    """Whether an earlier run left machine code for this version of the kernels."""
+    source = Path(kernel.__file__)
+    cached = Path(kernel.accumulate.stats.cache_path).glob("kernel.accumulate-*.nbi")
+    return any(index.stat().st_mtime >= source.stat().st_mtime for index in cached)
 
 
 class SoftwareRenderer:
@@ -78,7 +86,6 @@ class SoftwareRenderer:
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
         box = self._rasterise(pose)
-        region = photo.region_sums
         n = photo.channels.shape[2]
         size = n + photo.model_channels
         first, second = np.zeros(size), np.zeros((size, size))
@@ -91,16 +98,17 @@ class SoftwareRenderer:
             GREY_WEIGHTS,
             photo.channels,
             photo.weights,
-            region.origin,
+            photo.origin,
             photo.model_channels,
             first,
             second,
         )
         if not photo.clipped:
+            region = photo.region_sums
             weight = region.weight
             first[:n], second[:n, :n] = region.first, region.second
         second = np.tril(second) + np.tril(second, -1).T
-        return Moments.from_sums(pixels, weight, first, second, region.origin)
+        return Moments.from_sums(pixels, weight, first, second, photo.origin)
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer inside the box that it returns; outside it, the buffer is stale."""

@@ -1,0 +1,1 @@
+"""Measures of truth: pose errors, synthetic photographs."""

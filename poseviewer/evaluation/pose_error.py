@@ -1,0 +1,38 @@
+"""How far a pose is from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import rotation_angle
+
+
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """The distance between an estimated and the true pose of one model in one photo."""
+
+    reprojection_px: float
+    """Mean distance in the photo between the model's vertices at both poses."""
+    percent: float
+    """The same, as 100 times the share of the diagonal of the model's box in the photo."""
+    rotation_deg: float
+    add: float
+    """Mean distance in space between the vertices, in the model's unit. One photo hardly shows
+    the depth, so it says little here."""
+
+
+def pose_error(mesh: Mesh, estimate: Pose, truth: Pose) -> PoseError:
+    """Errors over all vertices. Vertices behind a camera count as infinitely far."""
+    vertices = np.unique(mesh.vertices, axis=0)
+    there = truth.project(vertices)
+    distance = np.linalg.norm(estimate.project(vertices) - there, axis=1)
+    pixels = float(np.nan_to_num(distance, nan=np.inf).mean())
+    diagonal = float(np.linalg.norm(np.ptp(there, axis=0)))
+    here = estimate.camera_from_model.apply(vertices)
+    apart = np.linalg.norm(here - truth.camera_from_model.apply(vertices), axis=1)
+    angle = rotation_angle(estimate.camera_from_model.rotation, truth.camera_from_model.rotation)
+    return PoseError(pixels, 100.0 * pixels / diagonal, np.degrees(angle), float(apart.mean()))

@@ -1,0 +1,95 @@
+"""Two rasterisers that share no code but the texture pyramid must give the same pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage
+from poseviewer.render.opengl import OpenGLRenderer
+from poseviewer.render.software import SoftwareRenderer
+from tests.meshes import make_box, make_bumpy, make_mesh, make_soup
+from tests.opengl import require_opengl
+
+WIDTH, HEIGHT = 320, 240
+POSES = 40
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _opengl():
+    require_opengl()
+
+
+def make_textured() -> Mesh:
+    """A bumpy shape with two textures and faces without, at many scales of the texture."""
+    mesh = make_bumpy(3)
+    random = np.random.default_rng(5)
+    textures = tuple(
+        random.integers(0, 256, (h, w, 3), dtype=np.uint8) for w, h in [(300, 200), (64, 64)]
+    )
+    return make_mesh(
+        mesh.vertices,
+        mesh.faces,
+        mesh.normals,
+        mesh.colours,
+        uvs=mesh.vertices[:, :2] * 1.7,
+        face_texture=random.integers(-1, 2, len(mesh.faces)),
+        textures=textures,
+    )
+
+
+def make_poses(mesh: Mesh, seed: int) -> list[Pose]:
+    """Half perspective, half parallel; from near to far, some partly out of view."""
+    random = np.random.default_rng(seed)
+    return [make_pose(mesh, random, perspective=k % 2 == 0) for k in range(POSES)]
+
+
+def make_pose(mesh: Mesh, random: np.random.Generator, perspective: bool) -> Pose:
+    rotation = Rotation.random(rng=random).as_matrix()
+    cx, cy = random.uniform(0.3, 0.7, 2) * [WIDTH, HEIGHT]
+    x, y = random.uniform(-0.4, 0.4, 2) * mesh.diameter
+    z = random.uniform(0.8, 3.0) * mesh.diameter
+    translation = np.array([x, y, z]) - rotation @ mesh.centre
+    if perspective:
+        fx, fy = random.uniform(250.0, 500.0) * random.uniform(0.9, 1.1, 2)
+        camera = Perspective(fx, fy, cx, cy, WIDTH, HEIGHT)
+    else:
+        camera = Parallel(400.0 / z, cx, cy, WIDTH, HEIGHT)
+    return Pose(camera, RigidTransform(rotation, translation))
+
+
+def angles_deg(a: AttributeImage, b: AttributeImage, where: np.ndarray) -> np.ndarray:
+    """Angles between the normals of both pictures."""
+    first, second = a.normals[where].astype(float), b.normals[where].astype(float)
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    return np.degrees(np.arctan2(sine, np.sum(first * second, axis=1)))
+
+
+@pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
+@pytest.mark.parametrize(
+    "mesh",
+    [make_box(), make_bumpy(), make_soup(3), make_textured()],
+    ids=["sharp", "smooth", "soup", "textured"],
+)
+def test_software_matches_opengl(mesh, two_sided):
+    opengl, software = OpenGLRenderer(mesh, two_sided), SoftwareRenderer(mesh, two_sided)
+    seen = 0
+    for pose in make_poses(mesh, seed=4):
+        a, b = opengl.render(pose), software.render(pose)
+        union = np.sum(a.mask | b.mask)
+        if union < 200:
+            continue
+        seen += 1
+        both = a.mask & b.mask
+        same = both & (a.face_ids == b.face_ids)
+        assert both.sum() >= 0.995 * union
+        assert same.sum() >= 0.99 * union
+        assert np.median(angles_deg(a, b, both)) < 0.1
+        assert angles_deg(a, b, same).max() < 0.01
+        assert np.abs(a.reflectance - b.reflectance)[same].max() < 1e-5
+    assert seen > 0.7 * POSES
+    opengl.close()
