@@ -1,0 +1,34 @@
+"""Keep the libraries that parse files from talking to the user: errors are ours to word."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from cv2.utils import logging as cv2_logging
+
+SILENT = logging.CRITICAL + 1
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """No warnings and no log lines of trimesh, Pillow and OpenCV inside the ``with`` block.
+
+    What libjpeg itself prints about a slightly damaged JPEG cannot be reached from here.
+    """
+    loggers = [logging.getLogger(name) for name in ("trimesh", "PIL")]
+    levels = [logger.level for logger in loggers]
+    cv2_level = cv2_logging.getLogLevel()
+    cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
+    for logger in loggers:
+        logger.setLevel(SILENT)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        cv2_logging.setLogLevel(cv2_level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,184 @@
+"""Normals of a triangle surface: winding made consistent, smooth flanks, sharp edges.
+
+Everything is worked out on *welded* corners (vertices at the same place count as one), so that a
+seam of the texture or of two parts does not show in the shading.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from poseviewer.geometry.arrays import FloatArray
+
+CREASE_ANGLE_RAD = math.radians(40.0)
+"""Edges bent by more than this stay sharp: boxes keep theirs, the flanks of a car are smooth."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjacency:
+    """Pairs of half-edges that lie on one another, of edges that have exactly two faces.
+
+    Half-edge ``3 f + i`` runs in face ``f`` from corner ``i`` to corner ``(i + 1) % 3``.
+    """
+
+    first: NDArray[np.int64]
+    """(P,) a half-edge."""
+    second: NDArray[np.int64]
+    """(P,) the half-edge of the other face."""
+    same_direction: NDArray[np.bool_]
+    """(P,) whether both run the same way, which means that the two faces are wound differently."""
+    open_faces: NDArray[np.bool_]
+    """(F,) whether an edge of the face has one face only, or more than two."""
+
+
+def weld(vertices: FloatArray) -> NDArray[np.int64]:
+    """(V,) for each vertex (V, 3) the number of its place; equal places have equal numbers."""
+    order = np.lexsort(vertices.T)
+    ordered = vertices[order]
+    is_new = np.any(ordered[1:] != ordered[:-1], axis=1)
+    places = np.empty(len(vertices), dtype=np.int64)
+    places[order] = np.concatenate([[0], np.cumsum(is_new)])
+    return places
+
+
+def face_normals_and_areas(vertices: FloatArray, faces: NDArray) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (F, 3), on the counter-clockwise side, and areas (F,); no area, no normal: 0."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    double_area = np.linalg.norm(cross, axis=1)
+    normals = cross / np.where(double_area > 0.0, double_area, 1.0)[:, None]
+    return normals, 0.5 * double_area
+
+
+def find_adjacency(faces: NDArray) -> Adjacency:
+    """Which half-edges of the faces (F, 3) of welded corners meet."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high
+    order = np.argsort(key, kind="stable")
+    ordered = key[order]
+    bounds = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1], [True]]))
+    counts = np.diff(bounds)
+    pairs = bounds[:-1][counts == 2]
+    first, second = order[pairs], order[pairs + 1]
+    has_other = np.zeros(len(key), dtype=bool)
+    has_other[first] = has_other[second] = True
+    return Adjacency(
+        first,
+        second,
+        start[first] == start[second],
+        np.any(~has_other.reshape(-1, 3), axis=1),
+    )
+
+
+def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
+    """(F,) the faces to turn so that neighbours are wound alike.
+
+    Closed pieces end up wound outwards; of an open piece the smaller area is turned. A surface
+    with no consistent winding (a Moebius strip) is made as consistent as a spanning tree goes.
+    """
+    if not len(faces):
+        return np.zeros(0, dtype=bool)
+    adjacency = find_adjacency(weld(vertices)[faces])
+    a, b = adjacency.first // 3, adjacency.second // 3
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(len(faces), len(faces)))
+    pieces, piece = connected_components(links, directed=False)
+    flip = _parity_from_root(a, b, adjacency.same_direction, piece)
+    closed = np.ones(pieces, dtype=bool)
+    closed[piece[adjacency.open_faces]] = False
+    return flip ^ _pieces_to_flip(vertices, faces, flip, piece, closed)[piece]
+
+
+def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) -> NDArray:
+    """(F,) whether a face differs from the first of its piece, along a breadth-first tree.
+
+    One root above the first face of each piece makes the forest a tree; then every face's way to
+    the root is followed by doubling: after k steps, ``ancestor`` is 2^k faces away.
+    """
+    count = len(piece)
+    first_of_piece = np.unique(piece, return_index=True)[1]
+    rows = np.concatenate([a, first_of_piece])
+    columns = np.concatenate([b, np.full(len(first_of_piece), count)])
+    tree = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, count + 1))
+    ancestor = breadth_first_order(tree.tocsr(), count, directed=False)[1]
+    ancestor[count] = count
+    parity = np.zeros(count + 1, dtype=bool)
+    parity[a[ancestor[a] == b]] = differs[ancestor[a] == b]
+    parity[b[ancestor[b] == a]] = differs[ancestor[b] == a]
+    while np.any(ancestor != count):
+        parity ^= parity[ancestor]
+        ancestor = ancestor[ancestor]
+    return parity[:count]
+
+
+def _pieces_to_flip(
+    vertices: FloatArray, faces: NDArray, flip: NDArray, piece: NDArray, closed: NDArray
+) -> NDArray[np.bool_]:
+    """(P,) whole pieces to turn, after ``flip``: inside-out ones, or where less area is turned."""
+    sign = np.where(flip, -1.0, 1.0)
+    a, b, c = (vertices[faces[:, i]] - vertices.mean(axis=0) for i in range(3))
+    volume = np.bincount(piece, sign * np.einsum("ij,ij->i", a, np.cross(b, c)), len(closed))
+    area = face_normals_and_areas(vertices, faces)[1]
+    unturned = np.bincount(piece, sign * area, len(closed))
+    return np.where(closed, volume < 0.0, unturned < 0.0)
+
+
+def crease_normals(
+    vertices: FloatArray, faces: NDArray, crease_angle_rad: float = CREASE_ANGLE_RAD
+) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Normals, smooth but for edges bent by more than ``crease_angle_rad``.
+
+    Corners that meet over smooth edges share a normal: the mean of their faces', weighted by the
+    corner's angle (Thuermer and Wuethrich 1998, independent of how a flat part is cut up).
+
+    Returns:
+        ``source`` (N,), the given vertex that each vertex of the result is a copy of; the faces
+        (F, 3), into these; their unit normals (N, 3).
+    """
+    face_normals, _ = face_normals_and_areas(vertices, faces)
+    fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals, crease_angle_rad)
+    fans = int(fan.max(initial=-1)) + 1
+    weighted = (corner_angles(vertices, faces)[:, :, None] * face_normals[:, None, :]).reshape(
+        -1, 3
+    )
+    sums = np.stack([np.bincount(fan, weighted[:, i], fans) for i in range(3)], axis=1)
+    key = faces.ravel().astype(np.int64) * fans + fan
+    _, corner, new_faces = np.unique(key, return_index=True, return_inverse=True)
+    normals = sums[fan[corner]]
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    # A fan that cancels out (a fold) keeps the normal of one of its faces.
+    normals = np.where(length > 1e-9, normals / np.maximum(length, 1e-9), face_normals[corner // 3])
+    return faces.ravel()[corner].astype(np.int64), new_faces.reshape(-1, 3), normals
+
+
+def corner_angles(vertices: FloatArray, faces: NDArray) -> FloatArray:
+    """(F, 3) the angles of the triangles, radians."""
+    corners = vertices[faces]
+    ahead = np.roll(corners, -1, axis=1) - corners
+    length = np.linalg.norm(ahead, axis=2, keepdims=True)
+    ahead = ahead / np.where(length > 0.0, length, 1.0)
+    cosine = -np.einsum("fij,fij->fi", ahead, np.roll(ahead, 1, axis=1))
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def _smooth_fans(adjacency: Adjacency, face_normals: FloatArray, angle_rad: float) -> NDArray:
+    """(3 F,) for each corner the number of its fan: corners joined over smooth edges."""
+    a, b = adjacency.first, adjacency.second
+    bend = np.einsum("ij,ij->i", face_normals[a // 3], face_normals[b // 3])
+    smooth = (bend >= math.cos(angle_rad)) & ~adjacency.same_direction
+    a, b = a[smooth], b[smooth]
+    rows = np.concatenate([a, _next_corner(a)])
+    columns = np.concatenate([_next_corner(b), b])
+    size = 3 * len(face_normals)
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
+    return connected_components(links, directed=False)[1]
+
+
+def _next_corner(corner: NDArray) -> NDArray:
+    return corner - corner % 3 + (corner + 1) % 3

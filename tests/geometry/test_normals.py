@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poseviewer.geometry.normals import (
+    corner_angles,
+    crease_normals,
+    face_normals_and_areas,
+    find_adjacency,
+    weld,
+    winding_to_flip,
+)
+
+
+def turned(faces: np.ndarray, which: np.ndarray) -> np.ndarray:
+    faces = np.array(faces)
+    faces[which] = faces[which][:, ::-1]
+    return faces
+
+
+def wavy_sheet(n: int) -> tuple[np.ndarray, np.ndarray]:
+    side = np.linspace(0.0, 1.0, n)
+    x, y = np.meshgrid(side, side)
+    vertices = np.stack([x.ravel(), y.ravel(), 0.2 * np.sin(6.0 * x.ravel())], axis=1)
+    corner = np.arange(n * n).reshape(n, n)[:-1, :-1].ravel()
+    halves = [(corner, corner + 1, corner + n), (corner + 1, corner + n + 1, corner + n)]
+    return vertices, np.concatenate([np.stack(half, axis=1) for half in halves])
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
+def test_any_turned_faces_of_a_closed_surface_are_turned_back_outwards(
+    seed: int, share: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    shape = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=8)
+    faces = shape.faces[rng.permutation(len(shape.faces))]
+    which = rng.random(len(faces)) < share
+    assert np.array_equal(winding_to_flip(shape.vertices, turned(faces, which)), which)
+
+
+def test_winding_of_a_soup_of_triangles_is_repaired_over_equal_places() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    soup = sphere.vertices[sphere.faces].reshape(-1, 3)
+    faces = np.arange(len(soup)).reshape(-1, 3)
+    which = np.arange(len(faces)) % 3 == 0
+    assert np.array_equal(winding_to_flip(soup, turned(faces, which)), which)
+
+
+def test_pieces_are_repaired_each_for_itself() -> None:
+    pieces = [trimesh.creation.box(), trimesh.creation.icosphere(subdivisions=1)]
+    pieces[1].apply_translation([5.0, 0.0, 0.0])
+    both: Any = trimesh.util.concatenate(pieces)
+    which = np.arange(len(both.faces)) >= len(pieces[0].faces)  # one piece is inside out
+    assert np.array_equal(winding_to_flip(both.vertices, turned(both.faces, which)), which)
+
+
+def test_of_an_open_surface_the_smaller_area_is_turned() -> None:
+    vertices, faces = wavy_sheet(12)
+    which = np.random.default_rng(0).random(len(faces)) < 0.3
+    assert np.array_equal(winding_to_flip(vertices, turned(faces, which)), which)
+
+
+def test_a_moebius_strip_ends_with_one_seam() -> None:
+    turn = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+    edge = 0.3 * np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn),
+                           np.sin(turn / 2)], axis=1)  # fmt: skip
+    ring = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    vertices = np.concatenate([ring + edge, ring - edge])
+    a, b = np.arange(40), np.arange(40) + 40
+    a_next, b_next = np.append(a[1:], b[0]), np.append(b[1:], a[0])
+    faces = np.concatenate([np.stack([a, a_next, b], 1), np.stack([a_next, b_next, b], 1)])
+    faces = turned(faces, np.arange(80) % 7 == 0)
+    mended = turned(faces, winding_to_flip(vertices, faces))
+    assert np.sum(find_adjacency(mended).same_direction) <= 2
+
+
+def test_surfaces_that_are_no_manifolds_come_to_an_end() -> None:
+    rng = np.random.default_rng(1)
+    vertices = rng.normal(size=(30, 3))
+    faces = rng.integers(0, 30, (2000, 3))
+    assert winding_to_flip(vertices, faces).shape == (2000,)
+    source, new_faces, normals = crease_normals(vertices, faces)
+    assert new_faces.max() < len(source) == len(normals)
+    assert np.isfinite(normals).all()
+
+
+def test_a_long_chain_of_faces_is_followed_to_its_end() -> None:
+    count = 5000
+    x = np.arange(count // 2 + 1, dtype=float)
+    vertices = np.concatenate([np.stack([x, 0 * x, 0 * x], 1), np.stack([x, 0 * x + 1, 0 * x], 1)])
+    a, b = np.arange(count // 2), np.arange(count // 2) + len(x)
+    faces = np.concatenate([np.stack([a, a + 1, b], 1), np.stack([a + 1, b + 1, b], 1)])
+    which = np.arange(count) % 3 == 0
+    assert np.array_equal(winding_to_flip(vertices, turned(faces, which)), which)
+
+
+def test_a_cube_keeps_sharp_edges() -> None:
+    cube = trimesh.creation.box()
+    source, faces, normals = crease_normals(cube.vertices, cube.faces)
+    assert len(source) == 24
+    expected = face_normals_and_areas(cube.vertices, cube.faces)[0]
+    np.testing.assert_allclose(normals[faces], np.repeat(expected[:, None], 3, axis=1), atol=1e-12)
+    np.testing.assert_array_equal(source[faces], cube.faces)
+
+
+def test_a_cube_is_smooth_when_every_edge_may_bend() -> None:
+    cube = trimesh.creation.box()
+    source, _, normals = crease_normals(cube.vertices, cube.faces, math.radians(100.0))
+    assert len(source) == 8
+    # Weighted by angle, the normal of a corner does not depend on how its sides are cut.
+    expected = cube.vertices[source] * 2.0 / math.sqrt(3.0)
+    np.testing.assert_allclose(normals, expected, atol=1e-12)
+
+
+def test_a_sphere_is_smooth_also_over_seams() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=3)
+    soup = sphere.vertices[sphere.faces].reshape(-1, 3)
+    _, faces, normals = crease_normals(soup, np.arange(len(soup)).reshape(-1, 3))
+    np.testing.assert_allclose(normals[faces].reshape(-1, 3), soup, atol=0.01)
+
+
+def test_normals_and_areas_of_one_triangle() -> None:
+    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [4, 0, 0]])
+    normals, areas = face_normals_and_areas(vertices, np.array([[0, 1, 2], [0, 1, 3]]))
+    np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 0]])
+    np.testing.assert_allclose(areas, [3.0, 0.0])
+
+
+def test_angles_of_triangles_sum_to_half_a_turn() -> None:
+    vertices = np.random.default_rng(2).normal(size=(60, 3))
+    angles = corner_angles(vertices, np.arange(60).reshape(-1, 3))
+    np.testing.assert_allclose(angles.sum(axis=1), math.pi)
+
+
+def test_weld_knows_equal_places() -> None:
+    vertices = np.array([[0.0, 0, 1], [-0.0, 0, 1], [0, 0, 2], [0, 0, 1]])
+    places = weld(vertices)
+    assert places[0] == places[1] == places[3] != places[2]
+
+
+@pytest.mark.parametrize("function", [winding_to_flip, crease_normals])
+def test_no_faces_are_no_trouble(function: object) -> None:
+    assert callable(function)
+    function(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
