@@ -1,0 +1,242 @@
+"""What each command does once its options are parsed: load, call, print."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from poseviewer import describe
+from poseviewer.cli import INTERRUPTED
+from poseviewer.demo import demo_case
+from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.figures.landscape_sheet import make_landscape_sheet
+from poseviewer.figures.save import save_figure
+from poseviewer.files.landscape_file import save_landscape
+from poseviewer.files.photo_file import load_mask, save_image
+from poseviewer.files.pose_file import save_pose
+from poseviewer.fit.landscape import Slice, landscape
+from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
+from poseviewer.fit.restarts import RestartRules
+from poseviewer.geometry.camera import Pose
+from poseviewer.registration import (
+    FitSettings,
+    Registration,
+    lighting_at,
+    load_registration,
+    make_problem,
+    make_record,
+    make_renderer,
+)
+from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.moments import model_attributes
+from poseviewer.render.overlay import View, draw_look
+
+LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
+
+
+def fit(options: Namespace) -> int:
+    """Search from a start pose; write the pose, and an overlay if wanted."""
+    _require_folder(options.out, PoseFileError)
+    if options.overlay:
+        _require_folder(options.overlay, PhotoFileError)
+    registration, settings, problem = _open(options)
+    renderer = _renderer(registration, settings)
+    progress = _search(problem, renderer, options.quiet)
+    save_pose(
+        options.out,
+        make_record(registration, settings, problem.chart, progress.pose, progress.loss),
+    )
+    print(describe.fit_result(progress))
+    print(f"pose: {options.out}")
+    if options.overlay:
+        _save_look(options.look, registration, problem, renderer, progress.pose, options.overlay)
+        print(f"overlay: {options.overlay}")
+    return INTERRUPTED if progress.status is Status.STOPPED else 0
+
+
+def overlay(options: Namespace) -> int:
+    """Draw the model over the photo at a pose."""
+    _require_folder(options.out, PhotoFileError)
+    registration, settings, problem = _open(options)
+    renderer = _renderer(registration, settings)
+    pose = registration.start.pose
+    _save_look(options.look, registration, problem, renderer, pose, options.out)
+    print(f"overlay: {options.out}")
+    return 0
+
+
+def landscape_sheet(options: Namespace) -> int:
+    """Map the loss around a pose: a sheet of contours and the numbers."""
+    registration, settings, problem = _open(options)
+    renderer = _renderer(registration, settings)
+    slices = _map_all(problem, renderer, options)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PoseFileError(f"{options.out}: cannot be made ({error.strerror})") from None
+    sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
+    title = f"{registration.photo.name}: loss about the pose, +-{options.range:.0%}"
+    save_figure(
+        sheet, make_landscape_sheet(slices, problem.chart.names, problem.start, title=title)
+    )
+    spans = problem.chart.spans(problem.start)
+    save_landscape(data, problem.chart.names, problem.start, spans, slices)
+    print(f"maps: {sheet}\nnumbers: {data}")
+    return 0
+
+
+def info(options: Namespace) -> int:
+    """Say what was understood of a photo, a model or a pose."""
+    print(describe.file(options.path))
+    return 0
+
+
+def demo(options: Namespace) -> int:
+    """Fit the bundled demo, and say where the results are."""
+    folder: Path = options.out
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise PoseFileError(
+            f"{folder}: cannot be made ({error.strerror}); run poseviewer in a folder of yours"
+        ) from None
+    print("Fitting the bundled demo: a car of our own making on a path-traced photo.")
+    settings = FitSettings()
+    case = demo_case()
+    registration = load_registration(case.photo, case.model, case.start)
+    problem, _ = make_problem(registration, settings)
+    renderer = _renderer(registration, settings)
+    progress = _search(problem, renderer, quiet=False)
+    record = make_record(registration, settings, problem.chart, progress.pose, progress.loss)
+    save_pose(folder / "pose.json", record)
+    print(describe.fit_result(progress))
+    for look in LOOKS_OF_THE_DEMO:
+        path = folder / f"{look}.png"
+        _save_look(look, registration, problem, renderer, progress.pose, path)
+    start = folder / "start.png"
+    _save_look("outline", registration, problem, renderer, registration.start.pose, start)
+    names = ", ".join(f"{look}.png" for look in ("start", *LOOKS_OF_THE_DEMO))
+    print(f"The pose and pictures of it are in {folder}/: pose.json, {names}.")
+    return INTERRUPTED if progress.status is Status.STOPPED else 0
+
+
+def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
+    settings = _settings(options)
+    registration = load_registration(options.photo, options.model, options.pose)
+    photo = registration.photo
+    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
+    problem, note = make_problem(registration, settings, mask)
+    if not options.quiet:
+        for warning in registration.warnings:
+            _tell(f"note: {warning}")
+        if note:
+            _tell(f"note: the free-body chart is used: {note}.")
+    return registration, settings, problem
+
+
+def _settings(options: Namespace) -> FitSettings:
+    given = vars(options)
+    rules = RestartRules()
+    if given.get("tolerance"):
+        rules = replace(rules, x_tolerance=given["tolerance"])
+    if given.get("step"):
+        rules = replace(rules, step=given["step"])
+    return FitSettings(
+        chart=options.chart,
+        free_focal=options.free_focal,
+        lock=tuple(name.strip() for name in given.get("lock", "").split(",") if name.strip()),
+        colour=options.colour,
+        colour_reflectance=options.colour_reflectance,
+        clip=not options.whole,
+        region=options.region,
+        mask=options.mask.name if options.mask else None,
+        renderer=options.renderer,
+        rules=rules,
+        limits=Limits(given.get("evaluations", 1), given.get("seconds", 1.0)),
+        seed=given.get("seed", 0),
+    )
+
+
+def _renderer(registration: Registration, settings: FitSettings) -> Renderer:
+    if settings.renderer == "software":
+        from poseviewer.render.software import kernels_are_compiled
+
+        if not kernels_are_compiled():
+            _tell("Compiling the kernels for this machine: half a minute, this once.")
+    return make_renderer(registration.mesh, settings.renderer)
+
+
+def _search(problem: FitProblem, renderer: Renderer, quiet: bool) -> FitProgress:
+    """Run a fit to its end, or to Ctrl-C, which keeps the best pose so far."""
+    latest: FitProgress | None = None
+    with _bar(None, quiet) as bar:
+        try:
+            for latest in fit_pose(problem, renderer):
+                bar.set_description_str(
+                    f"restart {latest.restart}, loss {latest.loss:.5f}", refresh=False
+                )
+                bar.update()
+        except KeyboardInterrupt:
+            if latest is None:
+                raise
+            latest = replace(latest, status=Status.STOPPED)
+    assert latest is not None  # a fit yields at least once
+    return latest
+
+
+def _map_all(problem: FitProblem, renderer: Renderer, options: Namespace) -> list[Slice]:
+    """The finished maps, one for each pair, in order."""
+    newest: dict[tuple[int, int], Slice] = {}
+    count = int(np.sum(problem.free))
+    total = count * (count - 1) // 2 * options.size**2
+    done = 0
+    with _bar(total, options.quiet) as bar:
+        for piece in landscape(
+            problem, renderer, problem.start, half_width=options.range, size=options.size
+        ):
+            newest[piece.first, piece.second] = piece
+            now = sum(int(np.isfinite(s.losses).sum()) for s in newest.values())
+            bar.update(now - done)
+            done = now
+    return list(newest.values())
+
+
+def _bar(total: int | None, quiet: bool) -> tqdm:
+    """A progress bar on standard error, for what takes longer than a second."""
+    shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
+    if total is not None:
+        shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
+    return tqdm(total=total, bar_format=shape, delay=1.0, disable=quiet, unit="", leave=False)
+
+
+def _save_look(
+    look: str,
+    registration: Registration,
+    problem: FitProblem,
+    renderer: Renderer,
+    pose: Pose,
+    path: Path,
+) -> None:
+    photo = np.rint(registration.photo.as_float() * 255.0).astype(np.uint8)
+    lighting = lighting_at(pose, problem.photo, renderer)
+
+    def relight(image: AttributeImage) -> np.ndarray:
+        return lighting.apply(model_attributes(image, problem.photo))
+
+    view = View(photo, registration.mesh, renderer, pose, relight)
+    save_image(path, draw_look(look, view))
+
+
+def _require_folder(path: Path, error: type[PoseFileError] | type[PhotoFileError]) -> None:
+    """Before the work, not after it."""
+    if not path.parent.is_dir():
+        raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,143 @@
+"""Results and files in words, for the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.files.keypoints_file import load_keypoints
+from poseviewer.files.mesh_file import READERS, load_mesh
+from poseviewer.files.photo_file import load_photo
+from poseviewer.files.pose_file import PoseRecord, load_pose
+from poseviewer.fit.pose_fit import FitProgress
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.frames import camera_as_integer_centres
+
+
+def fit_result(progress: FitProgress) -> str:
+    """How a fit ended, in three lines."""
+    return (
+        f"{progress.status.value}\n"
+        f"loss: {progress.loss:.6f} (start {progress.start_loss:.6f})\n"
+        f"{progress.evaluations} evaluations, {progress.restart} restarts, "
+        f"{progress.seconds:.1f} s"
+    )
+
+
+def file(path: Path) -> str:
+    """What was understood of a photo, a model or a pose file, told apart by its ending.
+
+    Raises:
+        PoseViewerError: it cannot be used as what its ending says.
+    """
+    if path.suffix.lower() == ".json":
+        return _pose_file(path)
+    if path.suffix.lower() in READERS:
+        return _model_file(path)
+    return _photo_file(path)
+
+
+def _photo_file(path: Path) -> str:
+    photo = load_photo(path)
+    camera = photo.default_camera()
+    source = "no focal length in the file: 50 degrees assumed"
+    if photo.focal_length_35mm is not None:
+        source = f"from EXIF: {photo.focal_length_35mm:g} mm on 35-mm film"
+    kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
+    return _lines(
+        photo=photo.name,
+        size=f"{photo.width} x {photo.height} px, {kind}, {8 * photo.pixels.itemsize} bit",
+        camera=f"fx = fy = {camera.fx:.1f} px, a first guess ({source})",
+        sha256=photo.sha256,
+        note=photo.notes,
+    )
+
+
+def _model_file(path: Path) -> str:
+    mesh = load_mesh(path)
+    keypoints = load_keypoints(path, mesh)
+    low, high = mesh.bounds
+    wheels = "none known: the free-body chart is used"
+    if keypoints is not None:
+        wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
+    if mesh.textures:
+        reflectance = f"{len(mesh.textures)} texture(s)"
+    else:
+        reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
+    return _lines(
+        model=path.name,
+        triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
+        parts=f"{len(mesh.part_names)}: {_some(mesh.part_names)}",
+        box=f"{_vector(low)} to {_vector(high)}, diagonal {mesh.diameter:.6g}",
+        unit=mesh.unit or "not said in the file",
+        reflectance=reflectance,
+        wheels=wheels,
+        note=mesh.notes,
+    )
+
+
+def _pose_file(path: Path) -> str:
+    size = _recorded_size(path)
+    record = load_pose(path, *(size or (1, 1)))
+    camera = camera_as_integer_centres(record.pose.camera)
+    transform = record.pose.camera_from_model
+    perspective = isinstance(camera, Perspective)
+    lens = f"fx {camera.fx:.6g}, fy {camera.fy:.6g}" if perspective else f"scale {camera.scale:.6g}"
+    return _lines(
+        pose=path.name,
+        photo=_photo_of(record),
+        model=(record.model.file if record.model else None) or "not said",
+        projection="perspective" if perspective else "parallel",
+        camera=f"{lens}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px (pixel centres at integers)",
+        rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
+        translation=f"{_vector(transform.translation)} (camera_from_model)",
+        chart=_chart_of(record),
+        loss="not said" if record.loss is None else f"{record.loss:.6f}",
+        note=record.warnings,
+    )
+
+
+def _recorded_size(path: Path) -> tuple[int, int] | None:
+    """Width and height if the file says them rightly; what is wrong, ``load_pose`` says."""
+    try:
+        photo = json.loads(path.read_bytes())["photo"]
+        width, height = photo["width"], photo["height"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return (width, height) if isinstance(width, int) and isinstance(height, int) else None
+
+
+def _photo_of(record: PoseRecord) -> str:
+    photo = record.photo
+    if photo is None:
+        return "not said"
+    size = f", {photo.width} x {photo.height} px" if photo.width and photo.height else ""
+    return (photo.file or "not said") + size
+
+
+def _chart_of(record: PoseRecord) -> str:
+    if record.chart is None:
+        return "not said"
+    pairs = zip(record.chart.names, record.chart.numbers, strict=True)
+    return f"{record.chart.name}: " + ", ".join(f"{name} {value:.5f}" for name, value in pairs)
+
+
+def _some(names: tuple[str, ...], most: int = 8) -> str:
+    shown = ", ".join(name or "(unnamed)" for name in names[:most])
+    return shown + (f", ... ({len(names) - most} more)" if len(names) > most else "")
+
+
+def _vector(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+def _lines(**entries: str | tuple[str, ...]) -> str:
+    """``name: value``, a line each; a tuple gives a line for each of its texts."""
+    pairs = [
+        (name, text)
+        for name, value in entries.items()
+        for text in ((value,) if isinstance(value, str) else value)
+    ]
+    return "\n".join(f"{name + ':':13}{text}" for name, text in pairs)

@@ -1,0 +1,208 @@
+"""One registration: a photo, a model, a start; the problem they pose, and the record of a pose."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import RendererUnavailableError, SettingsError
+from poseviewer.files.keypoints_file import load_keypoints
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.photo_file import Photo, load_photo
+from poseviewer.files.pose_file import (
+    ChartNumbers,
+    ModelReference,
+    PhotoReference,
+    PoseRecord,
+    check_against,
+    load_pose,
+)
+from poseviewer.files.writing import sha256_of
+from poseviewer.fit.lighting import Lighting, recover_lighting
+from poseviewer.fit.pose_fit import FitProblem, Limits
+from poseviewer.fit.restarts import RestartRules
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.chart_choice import ChartName, choose_chart
+from poseviewer.geometry.charts import Chart
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.vehicle import VehicleKeypoints
+from poseviewer.render.attributes import Renderer
+from poseviewer.render.moments import PhotoAttributes
+
+RendererName = Literal["software", "opengl"]
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """What a user chooses for a fit; the defaults are the paper's loss on a grey photo."""
+
+    chart: ChartName = "auto"
+    free_focal: bool = False
+    """Search for the focal length as well: a seventh number."""
+    lock: tuple[str, ...] = ()
+    """Names of the chart's numbers that stay as they are."""
+    colour: bool = False
+    """Photo attributes RGB (n = 3) instead of grey (n = 1)."""
+    colour_reflectance: bool = False
+    """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
+    clip: bool = True
+    """P is what the model covers; else the whole region."""
+    region: tuple[int, int, int, int] | None = None
+    """Rectangle (left, top, width, height) in px that P lies in."""
+    mask: str | None = None
+    """File name of the mask, for the record."""
+    renderer: RendererName = "software"
+    rules: RestartRules = field(default_factory=RestartRules)
+    limits: Limits = field(default_factory=Limits)
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """What is open: the photo, the model and where the model starts."""
+
+    photo: Photo
+    mesh: Mesh
+    mesh_name: str
+    mesh_sha256: str
+    keypoints: VehicleKeypoints | None
+    start: PoseRecord
+    warnings: tuple[str, ...]
+
+
+def load_registration(
+    photo_path: str | Path, model_path: str | Path, pose_path: str | Path
+) -> Registration:
+    """All three files, checked against one another.
+
+    Raises:
+        PoseViewerError: one of them cannot be used.
+    """
+    photo = load_photo(photo_path)
+    start = load_pose(pose_path, photo.width, photo.height)
+    mesh = load_mesh(model_path)
+    keypoints = load_keypoints(model_path, mesh)
+    mesh_sha256 = sha256_of(model_path)
+    warnings = (
+        *(f"{photo.name}: {note}" for note in photo.notes),
+        *(f"{Path(model_path).name}: {note}" for note in mesh.notes),
+        *start.warnings,
+        *check_against(start, photo.sha256, mesh_sha256),
+    )
+    return Registration(photo, mesh, Path(model_path).name, mesh_sha256, keypoints, start, warnings)
+
+
+def make_photo_attributes(
+    photo: Photo, settings: FitSettings, mask: NDArray[np.float32] | None = None
+) -> PhotoAttributes:
+    """F and P of a photo; ``mask`` (height, width) weighs its pixels.
+
+    Raises:
+        SettingsError: the region lies outside the photo.
+    """
+    channels = photo.as_float() if settings.colour else photo.grey()[..., None]
+    weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
+    if settings.region is not None:
+        weights = weights * _rectangle(photo, settings.region)
+    if not np.any(weights > 0.0):
+        raise SettingsError("the region is empty: no pixel of the photo has a weight above 0")
+    return PhotoAttributes(channels, weights, settings.clip, settings.colour_reflectance)
+
+
+def make_problem(
+    registration: Registration, settings: FitSettings, mask: NDArray[np.float32] | None = None
+) -> tuple[FitProblem, str]:
+    """The problem of fitting from the start pose, and a note on the chart ("" if none is due).
+
+    Raises:
+        SettingsError: the settings do not go with the photo or the model.
+        SingularChartError: the wanted chart has no numbers at the start pose.
+    """
+    pose = registration.start.pose
+    chart, note = choose_chart(
+        settings.chart, registration.mesh, registration.keypoints, pose, settings.free_focal
+    )
+    unknown = set(settings.lock) - set(chart.names)
+    if unknown:
+        raise SettingsError(
+            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
+            f"it has {', '.join(chart.names)}"
+        )
+    free = tuple(name not in settings.lock for name in chart.names)
+    if not any(free):
+        raise SettingsError("--lock holds every number of the chart; leave one free at least")
+    problem = FitProblem(
+        make_photo_attributes(registration.photo, settings, mask),
+        chart,
+        chart.from_pose(pose),
+        free,
+        settings.rules,
+        settings.limits,
+        settings.seed,
+    )
+    return problem, note
+
+
+def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
+    """The renderer called ``name``.
+
+    Raises:
+        RendererUnavailableError: ``opengl`` on a machine without it.
+    """
+    if name == "software":
+        from poseviewer.render.software import SoftwareRenderer
+
+        return SoftwareRenderer(mesh)
+    from poseviewer.render.opengl import OpenGLRenderer, opengl_unavailable_reason
+
+    reason = opengl_unavailable_reason()
+    if reason:
+        raise RendererUnavailableError(reason)
+    return OpenGLRenderer(mesh)
+
+
+def lighting_at(pose: Pose, photo: PhotoAttributes, renderer: Renderer) -> Lighting:
+    """The lighting that explains the photo best with the model at ``pose``."""
+    return recover_lighting(renderer.moments(pose, photo))
+
+
+def make_record(
+    registration: Registration,
+    settings: FitSettings,
+    chart: Chart,
+    pose: Pose,
+    loss: float,
+) -> PoseRecord:
+    """All that the pose file of a fit says."""
+    photo = registration.photo
+    numbers = tuple(float(number) for number in chart.from_pose(pose))
+    return PoseRecord(
+        pose,
+        PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
+        ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
+        ChartNumbers(chart.name, chart.names, numbers),
+        loss,
+        _settings_as_json(settings),
+        {"name": "poseviewer", "version": version("poseviewer")},
+    )
+
+
+def _settings_as_json(settings: FitSettings) -> dict[str, Any]:
+    return {key: value for key, value in asdict(settings).items() if value is not None}
+
+
+def _rectangle(photo: Photo, region: tuple[int, int, int, int]) -> NDArray[np.float32]:
+    left, top, width, height = region
+    inside = np.zeros((photo.height, photo.width), np.float32)
+    if width < 1 or height < 1 or left >= photo.width or top >= photo.height:
+        raise SettingsError(
+            f"--region {left},{top},{width},{height} has no pixel in the photo of "
+            f"{photo.width}x{photo.height} px; give left,top,width,height in px"
+        )
+    inside[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)] = 1.0
+    return inside
