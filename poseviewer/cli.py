@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,10 +22,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return getattr(commands, options.command)(options)
     except PoseViewerError as error:
         print(f"poseviewer: {error}", file=sys.stderr)
-        return 2
+        return EXIT_MENDABLE
     except KeyboardInterrupt:
         print("poseviewer: stopped; nothing was written.", file=sys.stderr)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output is gone: nobody is left to tell
         return 0
@@ -37,7 +35,7 @@ class _Parser(argparse.ArgumentParser):
     """One line for a wrong argument, as for every other mistake."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(EXIT_MENDABLE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def make_parser() -> argparse.ArgumentParser:

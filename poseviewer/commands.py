@@ -11,9 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from poseviewer import describe
-from poseviewer.cli import INTERRUPTED
 from poseviewer.demo import demo_case
-from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import save_figure
 from poseviewer.files.landscape_file import save_landscape
@@ -56,7 +55,7 @@ def fit(options: Namespace) -> int:
     if options.overlay:
         _save_look(options.look, registration, problem, renderer, progress.pose, options.overlay)
         print(f"overlay: {options.overlay}")
-    return INTERRUPTED if progress.status is Status.STOPPED else 0
+    return EXIT_INTERRUPTED if progress.status is Status.STOPPED else 0
 
 
 def overlay(options: Namespace) -> int:
@@ -122,7 +121,7 @@ def demo(options: Namespace) -> int:
     _save_look("outline", registration, problem, renderer, registration.start.pose, start)
     names = ", ".join(f"{look}.png" for look in ("start", *LOOKS_OF_THE_DEMO))
     print(f"The pose and pictures of it are in {folder}/: pose.json, {names}.")
-    return INTERRUPTED if progress.status is Status.STOPPED else 0
+    return EXIT_INTERRUPTED if progress.status is Status.STOPPED else 0
 
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:

@@ -30,3 +30,9 @@ class SingularChartError(PoseViewerError):
 
 class RendererUnavailableError(PoseViewerError):
     """A renderer whose libraries are not on this machine."""
+
+
+EXIT_MENDABLE = 2
+"""Exit code of a mistake that the user can mend."""
+EXIT_INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""

@@ -80,9 +80,10 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
         return None
     width = scale * window.samples
     found = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
-    silhouette = np.where(image.mask, _distance(image.mask), _distance(~image.mask)) - 0.5
+    half = np.float32(0.5)
+    silhouette = np.where(image.mask, _distance(image.mask), _distance(~image.mask)) - half
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
-    features = _distance(~found) + 0.5
+    features = _distance(~found) + half
     samples = np.float32(window.samples)
     return LineDrawing(window, silhouette / samples, features / samples, _crowding(found, width))
 
@@ -163,7 +164,7 @@ def _without_specks(found: NDArray[np.bool_], shortest: float) -> NDArray[np.boo
     size = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     keep = size >= shortest
     keep[0] = False  # the background
-    return keep[labels]
+    return keep[np.asarray(labels, np.int32)]
 
 
 def _distance(away: NDArray[np.bool_]) -> NDArray[np.float32]:

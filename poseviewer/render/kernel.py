@@ -162,6 +162,12 @@ def _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, dep
 
 
 @_jit
+def _corners(faces, face):
+    """Vertex indices of a face; unsigned, which spares a test for negative ones at every use."""
+    return np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+
+
+@_jit
 def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, ids):
     """Draw all faces into ``depth`` (height, width) float32 and ``ids`` (height, width) int32.
 
@@ -170,7 +176,7 @@ def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, 
     """
     height, width = depth.shape
     for face in range(faces.shape[0]):
-        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+        a, b, c = _corners(faces, face)
         ax, bx, cx = snapped[a, 0], snapped[b, 0], snapped[c, 0]
         if ax == OFF_SCREEN or bx == OFF_SCREEN or cx == OFF_SCREEN:
             _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, depth, ids)
@@ -320,7 +326,11 @@ def shade(
             face = ids[row, column]
             if face < 0:
                 continue
-            a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+            a, b, c = (
+                np.uint32(faces[face, 0]),
+                np.uint32(faces[face, 1]),
+                np.uint32(faces[face, 2]),
+            )
             shares = _barycentrics(column + 0.5, row + 0.5, a, b, c, homogeneous)
             normal = _normal(shares, a, b, c, vertex_data, rotation)
             colour = _reflectance(
@@ -367,7 +377,11 @@ def accumulate(
             face = ids[row, column]
             if face < 0 or not weights[row, column] > 0.0:
                 continue
-            a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+            a, b, c = (
+                np.uint32(faces[face, 0]),
+                np.uint32(faces[face, 1]),
+                np.uint32(faces[face, 2]),
+            )
             shares = _barycentrics(column + 0.5, row + 0.5, a, b, c, homogeneous)
             x, y, z = _normal(shares, a, b, c, vertex_data, rotation)
             colour = _reflectance(

@@ -21,8 +21,8 @@ from poseviewer.render.window import model_window
 Picture = NDArray[np.uint8]
 Relight = Callable[[AttributeImage], FloatArray]
 
-LINE_COLOUR = (255, 214, 10)
-"""RGB: a warm yellow, which few photos have, on a dark halo."""
+LINE_COLOUR = (0, 232, 255)
+"""RGB: a bright cyan, which few things in photos have, on a dark halo."""
 HALO_COLOUR = (10, 12, 16)
 REFERENCE_SIDE = 1000.0
 """A photo whose longer side has so many px gets lines of the widths below; others in proportion."""
@@ -108,7 +108,7 @@ def draw_normals(view: View) -> Picture:
 def draw_solid(view: View) -> Picture:
     """The model in its own colours under a light at the camera, and the photo faintly through."""
 
-    def shade(image: AttributeImage) -> FloatArray:
+    def shade(image: AttributeImage) -> NDArray:
         facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
         colour = 0.3 + 0.7 * image.reflectance  # black paint must show its shape as well
         return colour * (0.25 + 0.75 * facing)
@@ -156,7 +156,7 @@ def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Pictu
     return picture
 
 
-def _painted(view: View, paint: Callable[[AttributeImage], FloatArray], opacity: float) -> Picture:
+def _painted(view: View, paint: Callable[[AttributeImage], NDArray], opacity: float) -> Picture:
     """The photo with ``paint`` (h, w, 1 or 3) in [0, 1] where the model is."""
     picture = view.photo.copy()
     window = model_window(view.mesh, view.pose)

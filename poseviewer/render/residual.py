@@ -55,7 +55,7 @@ def paint_residual(
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     # Pale and of low contrast, so that the colours stand out and the white of 0 is not a highlight.
     backdrop = cv2.LUT(grey, np.linspace(40, 150, 256).astype(np.uint8))
-    picture = np.ascontiguousarray(np.repeat(backdrop[..., None], 3, axis=2))
+    picture = np.repeat(np.asarray(backdrop, np.uint8)[..., None], 3, axis=2)
     limit = symmetric_range(residual[mask])
     colours = diverging_colours(residual / limit)
     picture[part] = np.where(mask[..., None], np.rint(colours), picture[part])
