@@ -10,7 +10,7 @@ from poseviewer.geometry.mesh import Mesh
 
 def make_mesh(vertices, faces, normals=None, colours=None, **more) -> Mesh:
     """A mesh from arrays; flat normals (corners apart) unless given."""
-    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
+    vertices, faces = np.asarray(vertices, float), np.asarray(faces, np.int32)
     if normals is None:
         corners = vertices[faces]
         flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -21,7 +21,7 @@ def make_mesh(vertices, faces, normals=None, colours=None, **more) -> Mesh:
             colours = np.asarray(colours)[faces].reshape(-1, 3)
         if "uvs" in more:
             more["uvs"] = np.asarray(more["uvs"])[faces].reshape(-1, 2)
-        faces = np.arange(len(vertices)).reshape(-1, 3)
+        faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
     if colours is None:
         colours = np.full((len(vertices), 3), 0.7)
     settings = {

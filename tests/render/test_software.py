@@ -24,6 +24,13 @@ MESHES = {
 RENDERERS = {name: SoftwareRenderer(mesh) for name, mesh in MESHES.items()}
 
 
+def make_photo(channels, weights=None, **settings) -> PhotoAttributes:
+    """Attributes of float64 test data; weights 1 unless given."""
+    channels = np.asarray(channels, np.float32)
+    weights = np.ones(channels.shape[:2]) if weights is None else weights
+    return PhotoAttributes(channels, np.asarray(weights, np.float32), **settings)
+
+
 def random_pose(random, parallel: bool, width=96, height=72) -> Pose:
     """The model somewhere in, or partly out of, the picture; sometimes around the camera."""
     transform = RigidTransform.from_rotation_vector(
@@ -45,7 +52,7 @@ def test_fast_path_to_moments_matches_the_plain_one(name, parallel, seed):
     pose = random_pose(random, parallel)
     n = random.choice([1, 3])
     weights = random.uniform(size=(72, 96)) * (random.uniform(size=(72, 96)) > 0.2)
-    photo = PhotoAttributes(
+    photo = make_photo(
         random.uniform(size=(72, 96, n)),
         weights,
         clipped=bool(random.integers(2)),
@@ -71,10 +78,10 @@ def test_any_lighting_of_the_same_pose_costs_nothing(clipped, n, seed):
     random = np.random.default_rng(seed)
     pose = random_pose(random, parallel=bool(random.integers(2)))
     renderer = RENDERERS["bumpy"]
-    blank = PhotoAttributes(np.zeros((72, 96, n)), np.ones((72, 96)), clipped)
+    blank = make_photo(np.zeros((72, 96, n)), clipped=clipped)
     attributes = model_attributes(renderer.render(pose), blank)
     lit = attributes @ random.normal(size=(4, n)) + random.normal(size=n)
-    moments = renderer.moments(pose, PhotoAttributes(lit, np.ones((72, 96)), clipped))
+    moments = renderer.moments(pose, make_photo(lit, clipped=clipped))
     if moments.pixels > 100:
         assert lighting_loss(moments) < 1e-5
 
@@ -194,7 +201,7 @@ def test_a_model_outside_the_picture_shows_nothing(place):
     )
     renderer = SoftwareRenderer(make_box())
     assert not renderer.render(pose).mask.any()
-    photo = PhotoAttributes(np.random.default_rng(0).uniform(size=(48, 64, 3)), np.ones((48, 64)))
+    photo = make_photo(np.random.default_rng(0).uniform(size=(48, 64, 3)))
     assert lighting_loss(renderer.moments(pose, photo)) == 3.0
 
 

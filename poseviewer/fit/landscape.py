@@ -1,0 +1,155 @@
+"""The loss about a pose: a slice through it for every two numbers of the chart, coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.pose_fit import FitProblem, pose_loss
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.render.attributes import Renderer
+
+COARSEST = 4
+"""The first grid of a slice has at least so many steps along each side."""
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slice:
+    """The loss over a grid of two numbers, as far as it is known; the others are at the centre."""
+
+    first: int
+    """Index of the number along the columns."""
+    second: int
+    """Index of the number along the rows."""
+    first_values: FloatArray
+    """(k,), ascending, the centre in the middle."""
+    second_values: FloatArray
+    """(k,), ascending, the centre in the middle."""
+    losses: FloatArray
+    """(k, k): row by ``second_values``, column by ``first_values``; nan where not yet known."""
+
+    def __post_init__(self) -> None:
+        size = len(self.first_values)
+        object.__setattr__(self, "first_values", frozen_array(self.first_values, (size,)))
+        object.__setattr__(self, "second_values", frozen_array(self.second_values, (size,)))
+        object.__setattr__(self, "losses", frozen_array(self.losses, (size, size)))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every loss is known."""
+        return not bool(np.isnan(self.losses).any())
+
+    def filled(self) -> FloatArray:
+        """(k, k): the losses, with the nearest known one where none is known; for pictures."""
+        unknown = np.isnan(self.losses)
+        if unknown.all():
+            return self.losses
+        rows, columns = distance_transform_edt(unknown, return_distances=False, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues] - scipy's stub sees no tuple here
+        return self.losses[rows, columns]
+
+
+@dataclass(frozen=True, slots=True)
+class SliceMinimum:
+    """The least known loss of a slice, and where it is."""
+
+    first_value: float
+    second_value: float
+    loss: float
+
+
+def slice_minimum(piece: Slice) -> SliceMinimum | None:
+    """Where the slice is least, the first such place in reading order; None if nothing is known."""
+    if np.isnan(piece.losses).all():
+        return None
+    row, column = np.unravel_index(np.nanargmin(piece.losses), piece.losses.shape)
+    return SliceMinimum(
+        float(piece.first_values[column]),
+        float(piece.second_values[row]),
+        float(piece.losses[row, column]),
+    )
+
+
+def free_pairs(problem: FitProblem) -> tuple[Pair, ...]:
+    """Every two free numbers, ``first < second``: 15 pairs for six numbers, 21 for seven."""
+    return tuple(combinations([int(i) for i in problem.free_indices], 2))
+
+
+def landscape(
+    problem: FitProblem,
+    renderer: Renderer,
+    centre: FloatArray,
+    *,
+    half_width: float = 0.2,
+    size: int = 41,
+    pairs: Sequence[Pair] | None = None,
+) -> Iterator[Slice]:
+    """The slices through the loss about ``centre`` (d,), within +- ``half_width`` spans of it.
+
+    All pairs (default: of all free numbers) are first seen on a coarse grid, then on finer ones
+    down to ``size`` x ``size`` points; no point is evaluated twice, also where slices cross.
+    Yields a pair's slice whenever one more row of its grid is known: the last one of each pair is
+    complete. To stop, stop asking. The default is the paper's +-20 % about the true pose.
+
+    Raises:
+        SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
+            ``half_width`` is not positive; or there are no two free numbers.
+    """
+    if size < 3 or size % 2 == 0 or not half_width > 0.0:
+        raise SettingsError(
+            f"a landscape of {size} points, +-{half_width} wide; wanted an odd number of points, "
+            "3 or more (such as 41), and a width above 0 (such as 0.2)."
+        )
+    pairs = free_pairs(problem) if pairs is None else tuple(pairs)
+    if not pairs:
+        raise SettingsError("a landscape needs two free numbers; lock fewer.")
+    centre = np.array(centre, dtype=float)
+    steps = half_width * np.linspace(-1.0, 1.0, size)
+    steps[size // 2] = 0.0
+    # Column i: the values that number i takes along its axis.
+    values = centre + steps[:, None] * problem.chart.spans(centre)
+    loss_at = _remembered(lambda numbers: pose_loss(problem, renderer, numbers), centre, values)
+    grids = {pair: np.full((size, size), np.nan) for pair in pairs}
+    for stride in strides(size):
+        for (first, second), losses in grids.items():
+            for row in range(0, size, stride):
+                columns = [c for c in range(0, size, stride) if np.isnan(losses[row, c])]
+                if not columns:
+                    continue
+                for column in columns:
+                    losses[row, column] = loss_at({first: column, second: row})
+                yield Slice(first, second, values[:, first], values[:, second], losses.copy())
+
+
+def strides(size: int) -> list[int]:
+    """Steps from one grid point to the next, coarse to fine: powers of 2 that reach the borders."""
+    found = [1]
+    while (size - 1) % (2 * found[0]) == 0 and (size - 1) // (2 * found[0]) >= COARSEST:
+        found.insert(0, 2 * found[0])
+    return found
+
+
+def _remembered(
+    objective: Callable[[FloatArray], float], centre: FloatArray, values: FloatArray
+) -> Callable[[dict[int, int]], float]:
+    """The objective at grid places ``{number: step}``; slices share the lines where they cross."""
+    known: dict[frozenset[tuple[int, int]], float] = {}
+    middle = len(values) // 2
+
+    def loss_at(place: dict[int, int]) -> float:
+        moved = {i: step for i, step in place.items() if step != middle}
+        key = frozenset(moved.items())
+        if key not in known:
+            numbers = centre.copy()
+            for i, step in moved.items():
+                numbers[i] = values[step, i]
+            known[key] = objective(numbers)
+        return known[key]
+
+    return loss_at

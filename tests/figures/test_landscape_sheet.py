@@ -1,0 +1,114 @@
+"""Sheets of maps: how many, of what, with which marks; and that they can be saved."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from poseviewer.errors import SettingsError
+from poseviewer.figures.landscape_sheet import make_landscape_sheet, readable
+from poseviewer.figures.loss_curve import make_loss_curve
+from poseviewer.figures.save import save_figure
+from poseviewer.fit.landscape import Slice
+
+NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
+
+
+def make_slices(count: int, size: int = 9, known: float = 1.0) -> list[Slice]:
+    random = np.random.default_rng(0)
+    axis = np.linspace(-0.2, 0.2, size)
+    x, y = np.meshgrid(axis, axis)
+    pieces = []
+    for first, second in combinations(range(count), 2):
+        losses = 0.3 + (x - 0.05) ** 2 + 0.5 * (y + 0.1) ** 2
+        losses[random.uniform(size=losses.shape) > known] = np.nan
+        pieces.append(Slice(first, second, axis + first, axis + second, losses))
+    return pieces
+
+
+def maps_of(figure):
+    """The axes that have a map, without the colour bar."""
+    return [axes for axes in figure.axes if axes.lines]
+
+
+@pytest.mark.parametrize(("count", "maps"), [(2, 1), (3, 3), (6, 15), (7, 21)])
+def test_every_pair_has_a_map_with_both_marks(count, maps):
+    pose = np.arange(count, dtype=float)
+    figure = make_landscape_sheet(make_slices(count), NAMES[:count], pose)
+    assert len(maps_of(figure)) == maps
+    for axes, (first, second) in zip(maps_of(figure), combinations(range(count), 2), strict=True):
+        least, cross = axes.lines
+        assert cross.get_xydata()[0] == pytest.approx([pose[first], pose[second]])
+        assert least.get_xydata()[0] == pytest.approx([first + 0.05, second - 0.1])
+
+
+def test_names_stand_along_the_left_and_lower_sides_only():
+    figure = make_landscape_sheet(make_slices(4), NAMES[:4], np.zeros(4))
+    axes = maps_of(figure)
+    assert [a.get_ylabel() for a in axes if a.get_ylabel()] == [readable(n) for n in NAMES[1:4]]
+    assert [a.get_xlabel() for a in axes if a.get_xlabel()] == [readable(n) for n in NAMES[:3]]
+
+
+def test_a_shared_scale_gives_one_loss_one_colour():
+    slices = make_slices(3)
+    bright = Slice(1, 2, slices[2].first_values, slices[2].second_values, slices[2].losses + 0.4)
+    shared = make_landscape_sheet([*slices[:2], bright], NAMES[:3], np.zeros(3))
+    own = make_landscape_sheet([*slices[:2], bright], NAMES[:3], np.zeros(3), shared_scale=False)
+    assert len({_limits(axes) for axes in maps_of(shared)}) == 1
+    assert len({_limits(axes) for axes in maps_of(own)}) == 2
+    assert len(shared.axes) == len(own.axes) + 1
+
+
+def _limits(axes):
+    return axes.collections[0].norm.vmin, axes.collections[0].norm.vmax
+
+
+@pytest.mark.parametrize("known", [0.0, 0.2])
+def test_unfinished_and_constant_maps_are_drawn(known, tmp_path):
+    slices = make_slices(3, known=known)
+    axis = np.linspace(0, 1, 9)
+    slices[1] = Slice(0, 2, axis, axis, np.ones((9, 9)))
+    figure = make_landscape_sheet(slices, NAMES[:3], np.zeros(3))
+    assert len(maps_of(figure)) == 3
+    save_figure(tmp_path / "a.png", figure)
+
+
+def test_sheets_are_saved_and_are_deterministic(tmp_path):
+    for name in ("a.png", "b.png"):
+        figure = make_landscape_sheet(make_slices(3), NAMES[:3], np.zeros(3), title="A title")
+        save_figure(tmp_path / name, figure)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    picture = cv2.imread(str(tmp_path / "a.png"))
+    assert picture is not None
+    assert min(picture.shape[:2]) > 500
+
+
+def test_no_state_of_matplotlib_is_touched():
+    before = dict(mpl.rcParams)
+    make_landscape_sheet(make_slices(3), NAMES[:3], np.zeros(3))
+    assert dict(mpl.rcParams) == before
+
+
+def test_files_that_cannot_be_written_are_said(tmp_path):
+    figure = make_loss_curve([1.0, 0.5])
+    with pytest.raises(SettingsError, match=r"use \.png"):
+        save_figure(tmp_path / "a.jpeg2000", figure)
+    with pytest.raises(SettingsError, match="check that the folder exists"):
+        save_figure(tmp_path / "no" / "a.png", figure)
+
+
+def test_names_become_symbols():
+    assert readable("mu_x") == r"$\mu_{x}$"
+    assert readable("rotation_z") == "rotation z"
+    assert readable("log_depth") == "log depth"
+    assert readable("width_per_focal") == "width per focal"
+
+
+def test_a_loss_curve_marks_its_restarts():
+    axes = make_loss_curve([1.0, 0.7, 0.5, 0.5, 0.4], [3, 4]).axes[0]
+    assert len(axes.lines) == 3
+    assert list(axes.lines[-1].get_ydata()) == [1.0, 0.7, 0.5, 0.5, 0.4]

@@ -1,0 +1,181 @@
+"""Slices through the loss: what is evaluated, in which order, and that it is the loss."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.landscape import Slice, landscape, slice_minimum, strides
+from poseviewer.fit.pose_fit import FitProblem, pose_loss
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.moments import Moments, PhotoAttributes
+
+CAMERA = Perspective.from_field_of_view(50.0, 8, 6)
+WORST = 1.0
+
+
+class ToyChart:
+    """Any numbers, carried to the renderer by the translation and the principal point."""
+
+    def __init__(self, count: int, limit: float = np.inf) -> None:
+        self.count, self.limit = count, limit
+        self.name, self.names = "toy", tuple(f"x{i}" for i in range(count))
+
+    def spans(self, numbers):
+        return np.arange(1.0, len(numbers) + 1.0)
+
+    def to_pose(self, numbers):
+        if np.any(np.abs(numbers) > self.limit):
+            raise OutsideChartError("beyond the limit")
+        rotation = 0.1 * np.resize(np.append(numbers[3:6], np.zeros(3)), 3)
+        focal = 10.0 + (numbers[6] if self.count > 6 else 0.0)
+        camera = Perspective(focal, 10.0, 4.0, 3.0, 8, 6)
+        position = np.append(numbers[:3], np.zeros(3))[:3]
+        return Pose(camera, RigidTransform.from_rotation_vector(rotation, position))
+
+    def from_pose(self, pose):
+        raise NotImplementedError
+
+
+class CountingRenderer:
+    """Moments whose loss is a smooth function of the pose, least at the identity."""
+
+    def __init__(self) -> None:
+        self.seen: list[bytes] = []
+
+    def render(self, pose):
+        raise NotImplementedError
+
+    def moments(self, pose, photo) -> Moments:
+        transform = pose.camera_from_model
+        vector = np.concatenate([transform.translation, transform.as_rotation_vector() * 10.0])
+        self.seen.append(np.append(vector, pose.camera.fx).round(9).tobytes())
+        distance = float(vector @ vector + (pose.camera.fx - 10.0) ** 2)
+        covariance = np.eye(5)
+        covariance[0, 1] = covariance[1, 0] = 1.0 / np.sqrt(1.0 + distance)
+        return Moments(1000, 1000.0, np.zeros(5), covariance, photo.channels.shape[2])
+
+
+def make_problem(count: int, limit: float = np.inf, free: tuple[bool, ...] = ()) -> FitProblem:
+    photo = PhotoAttributes(np.zeros((6, 8, 1)), np.ones((6, 8)))
+    return FitProblem(photo, ToyChart(count, limit), np.zeros(count), free)
+
+
+def finished(problem, centre, renderer=None, **settings) -> dict[tuple[int, int], Slice]:
+    pieces = landscape(problem, renderer or CountingRenderer(), centre, **settings)
+    return {(piece.first, piece.second): piece for piece in pieces}
+
+
+@pytest.mark.parametrize(("count", "pairs"), [(6, 15), (7, 21), (2, 1)])
+def test_every_two_numbers_have_a_slice(count, pairs):
+    slices = finished(make_problem(count), np.zeros(count), size=5)
+    assert len(slices) == pairs
+    assert all(first < second and piece.complete for (first, second), piece in slices.items())
+
+
+def test_ends_equal_to_the_direct_grid():
+    problem, centre = make_problem(3), np.array([0.02, -0.05, 0.1])
+    for (first, second), piece in finished(problem, centre, size=9, half_width=0.3).items():
+        assert piece.first_values == pytest.approx(
+            centre[first] + 0.3 * (first + 1) * np.linspace(-1, 1, 9)
+        )
+        for row, column in np.ndindex(9, 9):
+            numbers = centre.copy()
+            numbers[first], numbers[second] = piece.first_values[column], piece.second_values[row]
+            assert piece.losses[row, column] == pose_loss(problem, CountingRenderer(), numbers)
+
+
+def test_in_the_middle_is_the_loss_at_the_centre():
+    problem, centre = make_problem(6), np.array([0.1, 0.0, -0.2, 0.3, 0.01, 0.0])
+    expected = pose_loss(problem, CountingRenderer(), centre)
+    for (first, second), piece in finished(problem, centre, size=11).items():
+        assert piece.losses[5, 5] == expected
+        assert piece.first_values[5] == centre[first]
+        assert piece.second_values[5] == centre[second]
+
+
+@pytest.mark.parametrize("size", [3, 5, 9, 21])
+def test_no_point_is_evaluated_twice(size):
+    renderer = CountingRenderer()
+    finished(make_problem(4), np.zeros(4), renderer, size=size)
+    # Six planes without the axes, four axes without the centre, the centre.
+    assert len(renderer.seen) == 6 * (size - 1) ** 2 + 4 * (size - 1) + 1
+    assert len(set(renderer.seen)) == len(renderer.seen)
+
+
+def test_every_pair_is_seen_coarsely_before_any_is_seen_finely():
+    known: dict[tuple[int, int], int] = {}
+    for piece in landscape(make_problem(4), CountingRenderer(), np.zeros(4), size=41):
+        known[piece.first, piece.second] = int(np.isfinite(piece.losses).sum())
+        if max(known.values()) > 36:
+            break
+    assert len(known) == 6
+    assert sorted(known.values())[:5] == [36] * 5
+
+
+def test_what_is_known_stays_and_grows():
+    before: dict[tuple[int, int], Slice] = {}
+    for piece in landscape(make_problem(3), CountingRenderer(), np.zeros(3), size=9):
+        old = before.get((piece.first, piece.second))
+        if old is not None:
+            known = np.isfinite(old.losses)
+            assert np.array_equal(piece.losses[known], old.losses[known])
+            assert np.isfinite(piece.losses).sum() > known.sum()
+        assert not np.isnan(piece.filled()).any()
+        before[piece.first, piece.second] = piece
+
+
+def test_strides_reach_the_borders():
+    assert strides(41) == [8, 4, 2, 1]
+    assert strides(21) == [4, 2, 1]
+    assert strides(33) == [8, 4, 2, 1]
+    assert strides(3) == [1]
+
+
+def test_numbers_without_a_pose_cost_the_most():
+    slices = finished(make_problem(2, limit=0.15), np.zeros(2), size=5)
+    assert slices[0, 1].losses[0, 0] == WORST
+    assert slices[0, 1].losses[2, 2] < WORST
+
+
+def test_locked_numbers_have_no_slices():
+    problem = make_problem(4, free=(True, False, True, True))
+    assert set(finished(problem, np.zeros(4), size=3)) == {(0, 2), (0, 3), (2, 3)}
+
+
+def test_minimum_is_found_in_the_numbers_of_the_chart():
+    centre = np.array([0.1, -0.2])
+    least = slice_minimum(finished(make_problem(2), centre, size=41)[0, 1])
+    assert least is not None
+    assert [least.first_value, least.second_value] == pytest.approx([0.0, 0.0], abs=0.011)
+    assert least.loss == pytest.approx(0.0, abs=1e-3)
+
+
+def test_minimum_of_nothing_is_none():
+    values = np.linspace(-1, 1, 3)
+    assert slice_minimum(Slice(0, 1, values, values, np.full((3, 3), np.nan))) is None
+
+
+def test_landscapes_are_deterministic():
+    once = finished(make_problem(3), np.full(3, 0.1), size=9)
+    again = finished(make_problem(3), np.full(3, 0.1), size=9)
+    assert all(np.array_equal(once[pair].losses, again[pair].losses) for pair in once)
+
+
+@pytest.mark.parametrize(("size", "half_width"), [(40, 0.2), (1, 0.2), (41, 0.0), (41, -1.0)])
+def test_impossible_grids_are_refused(size, half_width):
+    with pytest.raises(SettingsError, match="wanted an odd number"):
+        next(
+            landscape(
+                make_problem(2), CountingRenderer(), np.zeros(2), size=size, half_width=half_width
+            )
+        )
+
+
+def test_one_free_number_gives_no_landscape():
+    problem = make_problem(3, free=(True, False, False))
+    with pytest.raises(SettingsError, match="two free numbers"):
+        next(landscape(problem, CountingRenderer(), np.zeros(3)))
