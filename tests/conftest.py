@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
+
+from tests.files.broken_inputs import BrokenInput, make_broken_inputs
+from tests.scene import Scene, make_scene
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -24,19 +24,12 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def broken_inputs(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
-    """Files that no command may accept: see ``files/broken_inputs.py`` (``name, kind, path``)."""
-    return _load_broken_inputs().make_broken_inputs(tmp_path_factory.mktemp("broken"))
+def broken_inputs(tmp_path_factory: pytest.TempPathFactory) -> list[BrokenInput]:
+    """Files that no command may accept: see ``files/broken_inputs.py``."""
+    return make_broken_inputs(tmp_path_factory.mktemp("broken"))
 
 
-def _load_broken_inputs() -> Any:
-    # The tests are no package (pytest's importlib mode): fetch the module by its path.
-    name = "poseviewer_broken_inputs"
-    if name not in sys.modules:
-        path = Path(__file__).parent / "files" / "broken_inputs.py"
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A small photo, its model, the true pose and a start, as files."""
+    return make_scene(tmp_path_factory.mktemp("scene"))

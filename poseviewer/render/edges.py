@@ -31,6 +31,8 @@ DEPTH_STEP = 0.006
 """One surface is in front of another by more than this share of the model's diameter."""
 SHORTEST = 7.0
 """Feature edges shorter than this, in line widths, are specks."""
+SMALLEST_HOLE = 16.0
+"""Holes in the silhouette shorter than this, in line widths, are not outlined (wheel spokes)."""
 REACH = 10.0
 """What is near a line, in line widths."""
 CROWDED = 0.22
@@ -81,7 +83,8 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     width = scale * window.samples
     found = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
     half = np.float32(0.5)
-    silhouette = np.where(image.mask, _distance(image.mask), _distance(~image.mask)) - half
+    outside = _without_specks(~image.mask, SMALLEST_HOLE * width)
+    silhouette = np.where(outside, _distance(outside), _distance(~outside)) - half
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
     features = _distance(~found) + half
     samples = np.float32(window.samples)
@@ -159,7 +162,7 @@ def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> Flo
 
 
 def _without_specks(found: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
-    """The lines whose bounding box is at least ``shortest`` samples long."""
+    """The connected pieces whose bounding box is at least ``shortest`` samples long."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
     size = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     keep = size >= shortest

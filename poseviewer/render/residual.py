@@ -28,10 +28,10 @@ STOPS = np.array(
 )
 """RGB from the most negative to the most positive: ColorBrewer's RdBu, 11 classes, reversed
 (C. Brewer, colorbrewer2.org); told apart by the colour-blind as well."""
-PERCENTILE = 98.0
+PERCENTILE = 95.0
 """Share of the residuals that the colour map spans; the strongest few must not set its range."""
 ROUND_RANGES = (2, 5, 10, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 255)
-SMALLEST_FOR_BAR = 160
+SMALLEST_FOR_BAR = 250
 """A photo with a shorter side below so many px has no room for a legible colour bar."""
 
 Part = tuple[slice, slice]
@@ -87,9 +87,9 @@ def _draw_bar(picture: NDArray[np.uint8], covered: NDArray[np.bool_], limit: int
 def _bar(limit: int, text_scale: float, most_width: int) -> NDArray[np.uint8]:
     """(h, w, 3): a colour bar on a dark plate with its ticks and its title."""
     font, stroke = cv2.FONT_HERSHEY_SIMPLEX, max(1, round(text_scale * 1.6))
-    title = "photo - model (grey levels of 255)"
+    title = "photo - model (0-255)"
     (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
-    text_scale *= min(1.0, 0.8 * most_width / title_width)
+    text_scale *= min(1.0, 0.6 * most_width / title_width)
     (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
     pad = math.ceil(line * 0.8)
     plate = np.full((6 * pad + 2 * line, title_width + 2 * pad, 3), 24, np.uint8)

