@@ -10,7 +10,7 @@ import numpy as np
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render import kernel
+from poseviewer.render import kernel_attributes, kernel_coverage
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.moments import GREY_WEIGHTS, Moments, PhotoAttributes
 from poseviewer.render.texture import flatten_textures
@@ -23,8 +23,8 @@ Box = tuple[int, int, int, int]
 
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    source = Path(kernel.__file__)
-    cached = Path(kernel.accumulate.stats.cache_path).glob("kernel.accumulate-*.nbi")
+    source = Path(kernel_attributes.__file__)
+    cached = Path(kernel_attributes.accumulate.stats.cache_path).glob(f"{source.stem}.*.nbi")
     return any(index.stat().st_mtime >= source.stat().st_mtime for index in cached)
 
 
@@ -69,7 +69,7 @@ class SoftwareRenderer:
         reflectance = np.zeros((height, width, 3), np.float32)
         normals = np.zeros((height, width, 3), np.float32)
         rotation = pose.camera_from_model.rotation
-        kernel.shade(
+        kernel_attributes.shade(
             box, self._ids, self._homogeneous, rotation, *self._surface, reflectance, normals
         )
         face_ids = np.full((height, width), -1, np.int32)
@@ -89,7 +89,7 @@ class SoftwareRenderer:
         n = photo.channels.shape[2]
         size = n + photo.model_channels
         first, second = np.zeros(size), np.zeros((size, size))
-        pixels, weight = kernel.accumulate(
+        pixels, weight = kernel_attributes.accumulate(
             box,
             self._ids,
             self._homogeneous,
@@ -118,7 +118,7 @@ class SoftwareRenderer:
             self._ids = np.empty((camera.height, camera.width), np.int32)
         perspective = isinstance(camera, Perspective)
         transform = pose.camera_from_model
-        left, top, right, bottom, any_off = kernel.project(
+        left, top, right, bottom, any_off = kernel_coverage.project(
             self.mesh.vertices,
             transform.rotation,
             transform.translation,
@@ -131,8 +131,8 @@ class SoftwareRenderer:
         box = (0, 0, camera.width, camera.height)
         if not any_off:
             box = _pixel_box((left, top, right, bottom), camera.width, camera.height)
-        kernel.clear(box, self._depth, self._ids)
-        kernel.rasterise(
+        kernel_coverage.clear(box, self._depth, self._ids)
+        kernel_coverage.rasterise(
             self._homogeneous,
             self._snapped,
             self.mesh.faces,
