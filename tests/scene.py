@@ -41,7 +41,7 @@ def make_scene(folder: Path) -> Scene:
         vertex_colors=np.rint(mesh.colours * 255).astype(np.uint8),
         process=False,
     )
-    scene.model.write_bytes(shape.export(file_type="ply"))
+    shape.export(str(scene.model))
     pose = Pose(
         Perspective(300.0, 300.0, 83.0, 58.0, 160, 120),
         RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]),

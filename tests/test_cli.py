@@ -102,7 +102,7 @@ def test_a_mask_weighs_the_pixels(scene, tmp_path):
     mask = np.zeros((120, 160, 3), np.uint8)
     mask[:, 80:] = 255
     save_image(tmp_path / "mask.png", mask)
-    photo = np.array(load_photo(scene.photo).pixels)
+    photo = np.array(load_photo(scene.photo).pixels, np.uint8)
     photo[:, :78] = np.random.default_rng(0).integers(0, 255, (120, 78, 3))
     save_image(tmp_path / "spoilt.png", photo)
     losses = []

@@ -16,12 +16,17 @@ class RestartRules:
     """How wide to look, how finely, and when to give up."""
 
     step: float = 0.05
-    """Edge of the first simplex, in units of each number's span."""
-    x_tolerance: float = 1e-4
+    """Edge of each new simplex, in units of each number's span."""
+    scouts: int = 4
+    """So many short descents start at the start, each with another simplex; the search goes on
+    from the best of them. One alone often ends in a side valley."""
+    scout_x_tolerance: float = 1e-2
+    scout_f_tolerance: float = 1e-3
+    x_tolerance: float = 5e-4
     """A simplex is done when it is this small, in units of each number's span ..."""
-    f_tolerance: float = 1e-6
+    f_tolerance: float = 2e-5
     """... and its losses differ by no more than this."""
-    least_gain: float = 1e-5
+    least_gain: float = 2e-4
     """A restart that gains less than this has not improved anything."""
     patience: int = 2
     """So many restarts without improvement end the search."""
@@ -54,35 +59,34 @@ def restarted_simplex(
     descent that got stuck did so in a simplex that had gone flat.
     """
     random = np.random.default_rng(seed)
-    best, value = np.array(start, dtype=float), np.inf
-    simplex = axis_simplex(best, rules.step * spans)
-    failures, restart = 0, 0
-    while True:
+    start = np.array(start, dtype=float)
+    steps = rules.step * spans
+    best, value, failures, restart = start, np.inf, 0, 0
+    while failures < rules.patience:
+        scouting = restart < rules.scouts
+        centre = start if scouting else best
+        simplex = axis_simplex(start, steps) if not restart else _turned(centre, steps, random)
         before = value
         state: SearchState | None = None
         for inner in downhill_simplex(
             objective,
             simplex,
-            x_tolerance=rules.x_tolerance * spans,
-            f_tolerance=rules.f_tolerance,
+            x_tolerance=spans * (rules.scout_x_tolerance if scouting else rules.x_tolerance),
+            f_tolerance=rules.scout_f_tolerance if scouting else rules.f_tolerance,
         ):
             if inner.values[0] < value:
                 best, value = inner.vertices[0], float(inner.values[0])
             state = SearchState(best, value, inner, restart)
             if not inner.converged:
                 yield state
-        failures = 0 if before - value > rules.least_gain else failures + 1
         assert state is not None  # a descent evaluates its corners at least
+        if not scouting:
+            failures = 0 if before - value > rules.least_gain else failures + 1
         yield replace(state, finished=failures >= rules.patience)
-        if failures >= rules.patience:
-            return
         restart += 1
-        simplex = _turned_simplex(best, rules.step * spans, random)
 
 
-def _turned_simplex(
-    centre: FloatArray, steps: FloatArray, random: np.random.Generator
-) -> FloatArray:
+def _turned(centre: FloatArray, steps: FloatArray, random: np.random.Generator) -> FloatArray:
     """(d + 1, d): edges along random orthogonal directions of the space scaled by ``steps``."""
     turn, upper = np.linalg.qr(random.normal(size=(len(steps), len(steps))))
     turn = turn * np.sign(np.diag(upper))

@@ -91,9 +91,25 @@ def test_restarts_leave_a_collapsed_simplex():
     start = np.array([[0.0, 0.0], [lam[0], lam[1]], [1.0, 1.0]])
     once = list(downhill_simplex(mckinnon, start, x_tolerance=1e-8, f_tolerance=1e-12))[-1]
     assert once.values[0] > -0.01  # the trap works
-    rules = RestartRules(step=0.5, x_tolerance=1e-6, f_tolerance=1e-10)
+    rules = RestartRules(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
     last = list(restarted_simplex(mckinnon, once.vertices[0], np.ones(2), rules, seed=0))[-1]
     assert last.value == pytest.approx(-0.25, abs=1e-6)
+
+
+def test_scouts_leave_a_side_valley():
+    """Two valleys; the first simplex reaches into the shallow one, some scout into the other."""
+
+    def valleys(x):
+        deep, shallow = (x[0] + 1.0) ** 2, 0.05 * (x[0] - 0.5) ** 2 + 0.4
+        return float(min(deep, shallow) + x[1] ** 2)
+
+    ends = {}
+    for scouts in (0, 8):
+        rules = RestartRules(step=0.6, scouts=scouts, patience=1)
+        search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.ones(2), rules, seed=0)
+        ends[scouts] = [state.value for state in search]
+    assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
+    assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_restarts_are_deterministic_and_end_finished():
