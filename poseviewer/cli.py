@@ -122,7 +122,11 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         "--colour-reflectance", action="store_true", help="RGB reflectance of the model (m = 12)"
     )
     group.add_argument(
-        "--whole", action="store_true", help="the whole region, not only what the model covers"
+        "--pixels",
+        choices=("near", "whole", "clip"),
+        default="near",
+        help="those in a box about the start, the whole photo, or what the model covers (the "
+        "paper's clipped loss)",
     )
     group.add_argument("--region", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="in px")
     group.add_argument("--mask", type=Path, metavar="MASK.png", help="weights: white counts")

@@ -151,7 +151,7 @@ def _settings(options: Namespace) -> FitSettings:
         lock=tuple(name.strip() for name in given.get("lock", "").split(",") if name.strip()),
         colour=options.colour,
         colour_reflectance=options.colour_reflectance,
-        clip=not options.whole,
+        pixels=options.pixels,
         region=options.region,
         mask=options.mask.name if options.mask else None,
         renderer=options.renderer,

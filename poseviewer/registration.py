@@ -35,11 +35,15 @@ from poseviewer.render.attributes import Renderer
 from poseviewer.render.moments import PhotoAttributes
 
 RendererName = Literal["software", "opengl"]
+PixelsName = Literal["near", "whole", "clip"]
+
+NEAR_MARGIN = 0.25
+"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """What a user chooses for a fit; the defaults are the paper's loss on a grey photo."""
+    """What a user chooses for a fit; the default is a grey photo, near the start."""
 
     chart: ChartName = "auto"
     free_focal: bool = False
@@ -50,8 +54,9 @@ class FitSettings:
     """Photo attributes RGB (n = 3) instead of grey (n = 1)."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
-    clip: bool = True
-    """P is what the model covers; else the whole region."""
+    pixels: PixelsName = "near"
+    """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
+    speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
     region: tuple[int, int, int, int] | None = None
     """Rectangle (left, top, width, height) in px that P lies in."""
     mask: str | None = None
@@ -98,12 +103,16 @@ def load_registration(
 
 
 def make_photo_attributes(
-    photo: Photo, settings: FitSettings, mask: NDArray[np.float32] | None = None
+    photo: Photo,
+    mesh: Mesh,
+    start: Pose,
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
 ) -> PhotoAttributes:
     """F and P of a photo; ``mask`` (height, width) weighs its pixels.
 
     Raises:
-        SettingsError: the region lies outside the photo.
+        SettingsError: the region lies outside the photo, or has no pixel near the start.
     """
     channels = photo.as_float() if settings.colour else photo.grey()[..., None]
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
@@ -111,7 +120,15 @@ def make_photo_attributes(
         weights = weights * _rectangle(photo, settings.region)
     if not np.any(weights > 0.0):
         raise SettingsError("the region is empty: no pixel of the photo has a weight above 0")
-    return PhotoAttributes(channels, weights, settings.clip, settings.colour_reflectance)
+    if settings.pixels == "near":
+        weights = weights * _inside(photo, *_box_near(mesh, start))
+    if not np.any(weights > 0.0):
+        raise SettingsError(
+            "no pixel that counts lies near the start pose: bring the start onto the photo and "
+            "the region, or use --pixels whole"
+        )
+    clipped = settings.pixels == "clip"
+    return PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
 
 
 def make_problem(
@@ -137,7 +154,7 @@ def make_problem(
     if not any(free):
         raise SettingsError("--lock holds every number of the chart; leave one free at least")
     problem = FitProblem(
-        make_photo_attributes(registration.photo, settings, mask),
+        make_photo_attributes(registration.photo, registration.mesh, pose, settings, mask),
         chart,
         chart.from_pose(pose),
         free,
@@ -198,11 +215,35 @@ def _settings_as_json(settings: FitSettings) -> dict[str, Any]:
 
 def _rectangle(photo: Photo, region: tuple[int, int, int, int]) -> NDArray[np.float32]:
     left, top, width, height = region
-    inside = np.zeros((photo.height, photo.width), np.float32)
-    if width < 1 or height < 1 or left >= photo.width or top >= photo.height:
+    inside = _inside(photo, left, top, left + width, top + height)
+    if not inside.any():
         raise SettingsError(
             f"--region {left},{top},{width},{height} has no pixel in the photo of "
             f"{photo.width}x{photo.height} px; give left,top,width,height in px"
         )
-    inside[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)] = 1.0
     return inside
+
+
+def _inside(
+    photo: Photo, left: float, top: float, right: float, bottom: float
+) -> NDArray[np.float32]:
+    """(height, width): 1 in the box, its right and lower end excluded, 0 beside it."""
+    inside = np.zeros((photo.height, photo.width), np.float32)
+    rows = slice(int(max(top, 0)), int(max(bottom, 0)))
+    inside[rows, int(max(left, 0)) : int(max(right, 0))] = 1.0
+    return inside
+
+
+def _box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom in px of the model at the start, with a margin around it."""
+    size = np.array([start.camera.width, start.camera.height])
+    seen = start.project(mesh.vertices)
+    seen = seen[np.all(np.isfinite(seen), axis=1)]
+    if not len(seen):
+        return 0.0, 0.0, 0.0, 0.0
+    # Where the start fills the photo and more, the photo is all there is to look at.
+    low, high = np.clip([seen.min(axis=0), seen.max(axis=0)], -size, 2 * size)
+    margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
+    left, top = np.floor(low - margin)
+    right, bottom = np.ceil(high + margin)
+    return left, top, right, bottom

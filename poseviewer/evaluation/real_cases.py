@@ -73,13 +73,13 @@ def _fit_case(
     photo = load_photo(folder / case["photo"])
     mesh = load_mesh(folder / case["mesh"])
     renderer = make_renderer(mesh)
-    attributes = make_photo_attributes(photo, settings)
     camera = camera_from_integer_centres(
         Perspective(**case["camera"], width=photo.width, height=photo.height)
     )
     truth = Pose(camera, _transform(case["camera_from_model"]))
     for start in starts:
         pose = Pose(camera, _transform(start["camera_from_model"]))
+        attributes = make_photo_attributes(photo, mesh, pose, settings)
         chart, _ = choose_chart("free-body", mesh, None, pose)
         problem = FitProblem(
             attributes, chart, chart.from_pose(pose), (), settings.rules, settings.limits
@@ -126,9 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--draws", type=int, default=1)
     parser.add_argument("--cases", default="", help="only those whose id holds this text")
     parser.add_argument("--colour", action="store_true")
-    parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--pixels", choices=("near", "whole", "clip"), default="near")
     options = parser.parse_args(arguments)
-    settings = FitSettings(colour=options.colour, clip=not options.whole)
+    settings = FitSettings(colour=options.colour, pixels=options.pixels)
     table = csv.DictWriter(sys.stdout, list(Trial.__slots__))
     table.writeheader()
     trials = []

@@ -23,12 +23,12 @@ class Lighting:
     @property
     def ambient(self) -> FloatArray:
         """(n,): ambient light of each photo channel, in photo units per unit of reflectance."""
-        return self.gain.reshape(len(self.offset), -1, 4)[:, :, 0].sum(axis=1)
+        return self._per_reflectance()[:, :, 0].sum(axis=1)
 
     @property
     def diffuse(self) -> FloatArray:
         """(n, 3): strength times direction of the directed light, camera frame, per channel."""
-        return self.gain.reshape(len(self.offset), -1, 4)[:, :, 1:].sum(axis=1)
+        return self._per_reflectance()[:, :, 1:].sum(axis=1)
 
     @property
     def direction(self) -> FloatArray | None:
@@ -36,6 +36,11 @@ class Lighting:
         total = self.diffuse.sum(axis=0)
         length = float(np.linalg.norm(total))
         return total / length if length > 1e-9 else None
+
+    def _per_reflectance(self) -> FloatArray:
+        """(n, 1 or 3, 4): ambient and directed light for each channel of the reflectance."""
+        n, m = self.gain.shape
+        return self.gain[:, : m - m % 4].reshape(n, -1, 4)
 
     def apply(self, attributes: FloatArray) -> FloatArray:
         """The relit model ``A M + b`` (..., n) of model attributes (..., m)."""

@@ -187,9 +187,10 @@ def accumulate(
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
 
     x = (F - ``origin``, M): ``channels`` (height, width, n), ``model`` = m is 4 (grey, by the
-    weights ``grey`` (3,)) or 12. Adds into ``first`` (n + m,), ``second`` (n + m, n + m); returns
-    the pixel count and the sum of the weights. Pixels are gathered into runs, and the sums taken
-    over a run at a time, channel against channel, so that they vectorise.
+    weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the model. Adds into
+    ``first`` (n + m,), ``second`` (n + m, n + m); returns the pixel count and the sum of the
+    weights. Pixels are gathered into runs, and the sums taken over a run at a time, channel
+    against channel, so that they vectorise.
     """
     left, top, right, bottom = box
     n = channels.shape[2]
@@ -214,7 +215,7 @@ def accumulate(
             run_weights[filled] = weights[row, column]
             for k in range(n):
                 run[k, filled] = channels[row, column, k] - origin[k]
-            if model == 4:
+            if model < 12:
                 k = grey[0] * colour[0] + grey[1] * colour[1] + grey[2] * colour[2]
                 run[n, filled] = k
                 run[n + 1, filled], run[n + 2, filled], run[n + 3, filled] = k * x, k * y, k * z
@@ -225,6 +226,8 @@ def accumulate(
                     run[at + 1, filled] = k * x
                     run[at + 2, filled] = k * y
                     run[at + 3, filled] = k * z
+            if model % 4 == 1:
+                run[n + model - 1, filled] = 1.0
             filled += 1
             if filled == RUN:
                 pixels += filled

@@ -38,10 +38,11 @@ class PhotoAttributes:
     weights: NDArray[np.float32]
     """(height, width): weight of each pixel, 0 outside the region."""
     clipped: bool = True
-    """True: P is the part of the region that the model covers. False: the whole region, where
-    the model's attributes are 0 beside the model."""
+    """True: P is the part of the region that the model covers. False: the whole region. Beside
+    the model all its attributes are 0, and one more tells the two apart: 1 on the model. Without
+    it, the surroundings would have to look like a black part of the model."""
     colour_reflectance: bool = False
-    """False: m = 4, grey reflectance k and k n. True: m = 12, the same for each of R, G, B."""
+    """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12)."""
 
     def __post_init__(self) -> None:
         channels = frozen_array(self.channels, (-1, -1, -1), np.float32)
@@ -70,8 +71,8 @@ class PhotoAttributes:
 
     @property
     def model_channels(self) -> int:
-        """m, the number of attributes of the model."""
-        return 12 if self.colour_reflectance else 4
+        """m, the number of attributes of the model: 4 or 12, and 1 more where not clipped."""
+        return (12 if self.colour_reflectance else 4) + (not self.clipped)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +114,8 @@ class Moments:
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:
     """M (height, width, m): ``(k, k n_x, k n_y, k n_z)`` of the grey, or of each RGB, reflectance.
 
-    k_a = k_d = the reflectance of the model file, as in the paper.
+    k_a = k_d = the reflectance of the model file, as in the paper. Where P is not clipped to the
+    model, the last attribute is 1 on it and 0 beside it.
     """
     reflectance = image.reflectance.astype(float)
     if not photo.colour_reflectance:
@@ -122,7 +124,10 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
         [np.ones((*image.normals.shape[:2], 1)), image.normals.astype(float)], axis=-1
     )
     blocks = reflectance[..., :, None] * ambient_and_normal[..., None, :]
-    return blocks.reshape(*image.normals.shape[:2], photo.model_channels)
+    attributes = blocks.reshape(*image.normals.shape[:2], -1)
+    if photo.clipped:
+        return attributes
+    return np.concatenate([attributes, image.mask[..., None].astype(float)], axis=-1)
 
 
 def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:

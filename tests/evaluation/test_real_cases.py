@@ -29,7 +29,7 @@ BRIEFLY = Limits(evaluations=60)
 
 @pytest.mark.parametrize(
     "settings",
-    [FitSettings(colour=True, limits=BRIEFLY), FitSettings(clip=False, limits=BRIEFLY)],
+    [FitSettings(colour=True, limits=BRIEFLY), FitSettings(pixels="clip", limits=BRIEFLY)],
 )
 def test_other_settings_run_as_well(shared_data, settings):
     trials = list(run_trials(shared_data, settings, 5, 1, "hope-0000-light0-mustard"))

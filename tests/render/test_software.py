@@ -80,7 +80,7 @@ def test_any_lighting_of_the_same_pose_costs_nothing(clipped, n, seed):
     renderer = RENDERERS["bumpy"]
     blank = make_photo(np.zeros((72, 96, n)), clipped=clipped)
     attributes = model_attributes(renderer.render(pose), blank)
-    lit = attributes @ random.normal(size=(4, n)) + random.normal(size=n)
+    lit = attributes @ random.normal(size=(attributes.shape[2], n)) + random.normal(size=n)
     moments = renderer.moments(pose, make_photo(lit, clipped=clipped))
     if moments.pixels > 100:
         assert lighting_loss(moments) < 1e-5
