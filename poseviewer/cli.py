@@ -117,7 +117,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is compared")
     group.add_argument("--chart", choices=("auto", "vehicle", "free-body"), default="auto")
     group.add_argument("--free-focal", action="store_true", help="find the focal length as well")
-    group.add_argument("--colour", action="store_true", help="compare RGB, not grey")
+    group.add_argument("--grey", action="store_true", help="compare grey, not RGB")
     group.add_argument(
         "--colour-reflectance", action="store_true", help="RGB reflectance of the model (m = 12)"
     )

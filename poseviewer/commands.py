@@ -149,7 +149,7 @@ def _settings(options: Namespace) -> FitSettings:
         chart=options.chart,
         free_focal=options.free_focal,
         lock=tuple(name.strip() for name in given.get("lock", "").split(",") if name.strip()),
-        colour=options.colour,
+        grey=options.grey,
         colour_reflectance=options.colour_reflectance,
         pixels=options.pixels,
         region=options.region,

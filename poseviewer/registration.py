@@ -43,15 +43,15 @@ NEAR_MARGIN = 0.25
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """What a user chooses for a fit; the default is a grey photo, near the start."""
+    """What a user chooses for a fit; the default is all of the photo's colour, near the start."""
 
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""
     lock: tuple[str, ...] = ()
     """Names of the chart's numbers that stay as they are."""
-    colour: bool = False
-    """Photo attributes RGB (n = 3) instead of grey (n = 1)."""
+    grey: bool = False
+    """Photo attributes grey (n = 1) even where the photo has colour (n = 3)."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
     pixels: PixelsName = "near"
@@ -114,7 +114,8 @@ def make_photo_attributes(
     Raises:
         SettingsError: the region lies outside the photo, or has no pixel near the start.
     """
-    channels = photo.as_float() if settings.colour else photo.grey()[..., None]
+    coloured = photo.pixels.shape[2] == 3 and not settings.grey
+    channels = photo.as_float() if coloured else photo.grey()[..., None]
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)

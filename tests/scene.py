@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -34,7 +34,9 @@ def make_scene(folder: Path) -> Scene:
     """Write the scene's files. The photo is ours, smoothed and noisy: for testing commands, not
     for judging fits (those are tested on photos of another hand)."""
     scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
-    mesh = make_bumpy(3)
+    ball = make_bumpy(3)
+    # One pigment of varying strength: grey reflectance explains its colour photo.
+    mesh = replace(ball, colours=ball.colours[:, :1] * np.array([1.0, 0.8, 0.6], np.float32))
     shape = trimesh.Trimesh(
         mesh.vertices,
         mesh.faces,

@@ -79,12 +79,13 @@ def test_locked_numbers_stay(scene, tmp_path):
 @pytest.mark.parametrize(
     "settings",
     [
-        ["--colour", "--colour-reflectance"],
-        ["--pixels", "whole"],
-        ["--pixels", "clip"],
-        ["--region", "10,10,140,100"],
+        ["--grey"],
+        ["--colour-reflectance"],
+        ["--grey", "--pixels", "whole"],
+        ["--grey", "--pixels", "clip"],
+        ["--grey", "--region", "10,10,140,100"],
         ["--free-focal"],
-        ["--pixels", "whole", "--colour", "--colour-reflectance", "--region=-5,-5,500,500"],
+        ["--pixels", "whole", "--colour-reflectance", "--region=-5,-5,500,500"],
     ],
     ids=" ".join,
 )

@@ -125,10 +125,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--degrees", type=int, default=5)
     parser.add_argument("--draws", type=int, default=1)
     parser.add_argument("--cases", default="", help="only those whose id holds this text")
-    parser.add_argument("--colour", action="store_true")
+    parser.add_argument("--grey", action="store_true")
+    parser.add_argument("--colour-reflectance", action="store_true")
     parser.add_argument("--pixels", choices=("near", "whole", "clip"), default="near")
     options = parser.parse_args(arguments)
-    settings = FitSettings(colour=options.colour, pixels=options.pixels)
+    settings = FitSettings(
+        colour_reflectance=options.colour_reflectance, grey=options.grey, pixels=options.pixels
+    )
     table = csv.DictWriter(sys.stdout, list(Trial.__slots__))
     table.writeheader()
     trials = []
