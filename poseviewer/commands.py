@@ -19,17 +19,18 @@ from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.fit.landscape import Slice, landscape
+from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import (
     FitSettings,
     Registration,
-    lighting_at,
     load_registration,
     make_problem,
     make_record,
     make_renderer,
+    shown_attributes,
 )
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.moments import model_attributes
@@ -179,7 +180,7 @@ def _search(problem: FitProblem, renderer: Renderer, quiet: bool) -> FitProgress
                 bar.set_description_str(
                     f"restart {latest.restart}, loss {latest.loss:.5f}", refresh=False
                 )
-                bar.update()
+                bar.update(latest.evaluations - bar.n)
         except KeyboardInterrupt:
             if latest is None:
                 raise
@@ -210,7 +211,16 @@ def _bar(total: int | None, quiet: bool) -> tqdm:
     shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
     if total is not None:
         shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
-    return tqdm(total=total, bar_format=shape, delay=1.0, disable=quiet, unit="", leave=False)
+    # A log file wants a line now and then, not ten a second.
+    interval = 0.1 if sys.stderr.isatty() else 5.0
+    return tqdm(
+        total=total,
+        bar_format=shape,
+        delay=1.0,
+        mininterval=interval,
+        disable=quiet,
+        leave=False,
+    )
 
 
 def _save_look(
@@ -222,10 +232,11 @@ def _save_look(
     path: Path,
 ) -> None:
     photo = np.rint(registration.photo.as_float() * 255.0).astype(np.uint8)
-    lighting = lighting_at(pose, problem.photo, renderer)
+    attributes = shown_attributes(problem.photo)
+    lighting = recover_lighting(renderer.moments(pose, attributes))
 
     def relight(image: AttributeImage) -> np.ndarray:
-        return lighting.apply(model_attributes(image, problem.photo))
+        return lighting.apply(model_attributes(image, attributes))
 
     view = View(photo, registration.mesh, renderer, pose, relight)
     save_image(path, draw_look(look, view))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +23,6 @@ from poseviewer.files.pose_file import (
     load_pose,
 )
 from poseviewer.files.writing import sha256_of
-from poseviewer.fit.lighting import Lighting, recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, Limits
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
@@ -184,9 +183,12 @@ def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
     return OpenGLRenderer(mesh)
 
 
-def lighting_at(pose: Pose, photo: PhotoAttributes, renderer: Renderer) -> Lighting:
-    """The lighting that explains the photo best with the model at ``pose``."""
-    return recover_lighting(renderer.moments(pose, photo))
+def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
+    """The attributes by which a pose is shown relit: the model's own pixels, and all its colours.
+
+    The search may look at less, or at more, than what the light on the model is best judged by.
+    """
+    return replace(photo, clipped=True, colour_reflectance=photo.channels.shape[2] == 3)
 
 
 def make_record(

@@ -1,0 +1,64 @@
+"""Makes the README's pictures from the bundled demo, with poseviewer's own commands.
+
+Run in the tool's environment: ``python readme_pictures.py``; it writes
+``assets/readme/demo.jpg`` and ``assets/readme/landscape.png``.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from poseviewer.cli import main
+
+ASSETS = Path(__file__).resolve().parent.parent
+PHOTO, MODEL = ASSETS / "demo_photo.jpg", ASSETS / "demo_car.glb"
+WIDTH = 640
+"""px of each of the four pictures."""
+
+
+def run(*arguments: object) -> None:
+    """One command; anything but success ends the script."""
+    code = main([str(argument) for argument in arguments])
+    if code:
+        raise SystemExit(code)
+
+
+def draw(pose: Path, look: str, folder: Path) -> np.ndarray:
+    """One look at a pose, reduced."""
+    out = folder / f"{pose.stem}-{look}.png"
+    run("overlay", PHOTO, MODEL, "--pose", pose, "--out", out, "--look", look)
+    picture = cv2.imread(str(out))
+    assert picture is not None
+    height = round(picture.shape[0] * WIDTH / picture.shape[1])
+    return cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+
+
+def make_pictures(folder: Path) -> None:
+    """Fit the demo, then draw it: start and end, relit model and residual, two by two."""
+    start, pose = ASSETS / "demo_pose_start.json", folder / "pose.json"
+    run("fit", PHOTO, MODEL, "--pose", start, "--out", pose)
+    rows = [
+        [draw(start, "outline", folder), draw(pose, "outline", folder)],
+        [draw(pose, "relit", folder), draw(pose, "residual", folder)],
+    ]
+    gap = 6
+    padded = [
+        [np.pad(p, ((0, gap), (0, gap), (0, 0)), constant_values=255) for p in r] for r in rows
+    ]
+    sheet = np.vstack([np.hstack(row) for row in padded])[:-gap, :-gap]
+    readme = ASSETS / "readme"
+    readme.mkdir(exist_ok=True)
+    cv2.imwrite(str(readme / "demo.jpg"), sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])
+    run("landscape", PHOTO, MODEL, "--pose", pose, "--out", folder / "maps", "--size", 21)
+    maps = cv2.imread(str(folder / "maps" / "landscape.png"))
+    assert maps is not None
+    cv2.imwrite(str(readme / "landscape.png"), maps, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        make_pictures(Path(temporary))
