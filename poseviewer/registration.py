@@ -23,6 +23,7 @@ from poseviewer.files.pose_file import (
     load_pose,
 )
 from poseviewer.files.writing import sha256_of
+from poseviewer.fit.loss import fewest_pixels
 from poseviewer.fit.pose_fit import FitProblem, Limits
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
@@ -111,24 +112,30 @@ def make_photo_attributes(
     """F and P of a photo; ``mask`` (height, width) weighs its pixels.
 
     Raises:
-        SettingsError: the region lies outside the photo, or has no pixel near the start.
+        SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
+            than a fit needs.
     """
     coloured = photo.pixels.shape[2] == 3 and not settings.grey
     channels = photo.as_float() if coloured else photo.grey()[..., None]
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)
-    if not np.any(weights > 0.0):
-        raise SettingsError("the region is empty: no pixel of the photo has a weight above 0")
-    if settings.pixels == "near":
+    if settings.pixels == "near" and np.any(weights > 0.0):
         weights = weights * _inside(photo, *_box_near(mesh, start))
-    if not np.any(weights > 0.0):
-        raise SettingsError(
-            "no pixel that counts lies near the start pose: bring the start onto the photo and "
-            "the region, or use --pixels whole"
-        )
+        if not np.any(weights > 0.0):
+            raise SettingsError(
+                "no pixel that counts lies near the start pose: bring the start onto the photo "
+                "and the region, or use --pixels whole"
+            )
     clipped = settings.pixels == "clip"
-    return PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
+    attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
+    wanted = fewest_pixels(channels.shape[2] + attributes.model_channels)
+    if np.count_nonzero(weights) < wanted:
+        raise SettingsError(
+            f"{photo.name}: {np.count_nonzero(weights)} pixels count, and a fit needs at least "
+            f"{wanted}; use a larger photo or region"
+        )
+    return attributes
 
 
 def make_problem(

@@ -18,9 +18,10 @@ from poseviewer import cli
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.landscape_file import load_landscape
 from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import load_photo
+from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import load_pose, pose_schema
 from poseviewer.render.overlay import LOOKS
+from tests.opengl import require_opengl
 
 
 def run(*arguments: object) -> int:
@@ -99,8 +100,6 @@ def test_every_setting_fits(scene, tmp_path, settings):
 
 def test_a_mask_weighs_the_pixels(scene, tmp_path):
     """With the left half masked out, what is drawn there does not matter."""
-    from poseviewer.files.photo_file import save_image
-
     mask = np.zeros((120, 160, 3), np.uint8)
     mask[:, 80:] = 255
     save_image(tmp_path / "mask.png", mask)
@@ -213,12 +212,56 @@ def test_wrong_settings_are_said_before_any_work(scene, tmp_path, more, words, c
 
 
 def test_a_mask_of_another_size_is_refused(scene, tmp_path, capsys):
-    from poseviewer.files.photo_file import save_image
-
     save_image(tmp_path / "mask.png", np.full((10, 10, 3), 255, np.uint8))
     assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
                tmp_path / "o.json", "--mask", tmp_path / "mask.png") == 2  # fmt: skip
     assert "10x10" in capsys.readouterr().err
+
+
+def test_a_photo_of_one_pixel_is_refused(scene, tmp_path, capsys):
+    save_image(tmp_path / "tiny.png", np.full((1, 1, 3), 128, np.uint8))
+    assert run("info", tmp_path / "tiny.png") == 0
+    assert run("fit", tmp_path / "tiny.png", scene.model, "--pose", scene.start, "--out",
+               tmp_path / "o.json", "--pixels", "whole", "--quiet") == 2  # fmt: skip
+    printed = capsys.readouterr().err
+    assert "1 pixels count" in printed
+    assert printed.count("\n") == 1
+
+
+def test_a_start_beside_the_photo_is_refused(scene, tmp_path, capsys):
+    away = json.loads(scene.start.read_text())
+    away["camera_from_model"]["translation"] = [500.0, 0.0, 7.0]
+    (tmp_path / "away.json").write_text(json.dumps(away))
+    assert run("fit", scene.photo, scene.model, "--pose", tmp_path / "away.json", "--out",
+               tmp_path / "o.json", "--quiet") == 2  # fmt: skip
+    assert "near the start pose" in capsys.readouterr().err
+
+
+def test_the_other_renderer_fits_as_well(scene, tmp_path):
+    require_opengl()
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--renderer", "opengl", "--evaluations", 60) == 0  # fmt: skip
+    by_opengl = json.loads(out.read_text())["loss"]
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--evaluations", 60) == 0  # fmt: skip
+    assert json.loads(out.read_text())["loss"] == pytest.approx(by_opengl, abs=0.02)
+
+
+def test_without_opengl_only_its_own_option_fails(scene, tmp_path):
+    """EGL without any driver, which is what a machine without Mesa has."""
+    blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
+    command = [sys.executable, "-m", "poseviewer.cli", "fit", str(scene.photo), str(scene.model),
+               "--pose", str(scene.start), "--out", str(tmp_path / "o.json"), "--quiet",
+               "--evaluations", "5"]  # fmt: skip
+    plain = subprocess.run(command, env=blind, capture_output=True, text=True, check=False)
+    assert plain.returncode == 0, plain.stderr
+    opengl = subprocess.run(
+        [*command, "--renderer", "opengl"], env=blind, capture_output=True, text=True, check=False
+    )
+    assert opengl.returncode == 2, opengl.stderr
+    assert "libegl1" in opengl.stderr
+    assert opengl.stderr.count("\n") == 1
 
 
 def test_the_folder_of_the_result_is_looked_at_first(scene, tmp_path, capsys):

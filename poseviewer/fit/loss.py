@@ -30,6 +30,11 @@ def worst_loss(moments: Moments) -> float:
     return float(min(n, len(moments.mean) - n))
 
 
+def fewest_pixels(attributes: int) -> int:
+    """How many pixels the loss needs of a photo and a model with n + m ``attributes``."""
+    return PIXELS_PER_ATTRIBUTE * attributes
+
+
 def lighting_loss(moments: Moments) -> float:
     """The loss in [0, min(n, m)]; never nan.
 
@@ -38,7 +43,7 @@ def lighting_loss(moments: Moments) -> float:
     model, or too few pixels of it, costs ``min(n, m)``.
     """
     worst = worst_loss(moments)
-    if moments.pixels < PIXELS_PER_ATTRIBUTE * len(moments.mean):
+    if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
     n = moments.photo_channels
     photo = whitening(moments.covariance[:n, :n], moments.mean[:n])
