@@ -81,14 +81,18 @@ def _barycentrics(u, v, a, b, c, homogeneous):
     xb, yb = homogeneous[b, 0] - u * wb, homogeneous[b, 1] - v * wb
     xc, yc = homogeneous[c, 0] - u * wc, homogeneous[c, 1] - v * wc
     la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
+    # Their sum is the signed area as seen by the camera: negative where the front is seen.
+    side = 1.0
+    if la + lb + lc > 0.0:
+        side = -1.0
+    else:
+        la, lb, lc = -la, -lb, -lc
+    # Snapping may put the pixel centre just outside the exact triangle: stay on it.
+    la, lb, lc = max(la, 0.0), max(lb, 0.0), max(lc, 0.0)
     total = la + lb + lc
     if total == 0.0:  # seen exactly edge-on; snapping alone made it visible
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 1.0
-    # The sum is the signed area as seen by the camera: negative where the front is seen.
-    side = -1.0 if total > 0.0 else 1.0
-    # Snapping may put the pixel centre just outside the exact triangle: stay on it.
-    la, lb, lc = max(la / total, 0.0), max(lb / total, 0.0), max(lc / total, 0.0)
-    scale = 1.0 / (la + lb + lc)
+    scale = 1.0 / total
     return la * scale, lb * scale, lc * scale, side
 
 

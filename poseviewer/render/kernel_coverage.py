@@ -22,10 +22,12 @@ _jit: Any = njit(nogil=True, cache=True, error_model="numpy")
 
 @_jit
 def project(vertices, rotation, translation, intrinsics, perspective, near, homogeneous, snapped):
-    """Vertices (V, 3) to ``homogeneous`` (V, 4) = (X, Y, W, z) and ``snapped`` (V, 2), 1/256 px.
+    """Vertices (V, 3) to ``homogeneous`` (V, 4) = (X, Y, W, d) and ``snapped`` (V, 2), 1/256 px.
 
-    ``intrinsics`` is (fx, fy, cx, cy); W is z, or 1 under parallel projection. Returns the box
-    (left, top, right, bottom) of the vertices in px, and whether any needs clipping.
+    ``intrinsics`` is (fx, fy, cx, cy). Under perspective W is z and the depth value d is 1/z;
+    under parallel projection they are 1 and -z: d is linear in the picture, and the greater the
+    nearer. Returns the box (left, top, right, bottom) of the vertices in px, and whether any
+    needs clipping.
     """
     fx, fy, cx, cy = intrinsics
     left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
@@ -39,10 +41,11 @@ def project(vertices, rotation, translation, intrinsics, perspective, near, homo
         homogeneous[i, 0] = fx * x + cx * w
         homogeneous[i, 1] = fy * y + cy * w
         homogeneous[i, 2] = w
-        homogeneous[i, 3] = z
+        inverse = 1.0 / w
+        homogeneous[i, 3] = inverse if perspective else -z
         off = perspective and z < near
         if not off:
-            u, v = homogeneous[i, 0] / w, homogeneous[i, 1] / w
+            u, v = homogeneous[i, 0] * inverse, homogeneous[i, 1] * inverse
             off = abs(u) > GUARD_PX or abs(v) > GUARD_PX
             if not off:
                 left, right = min(left, u), max(right, u)
@@ -144,8 +147,18 @@ def _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, dep
         for k, corner in enumerate((0, i - 1, i)):
             x[k] = np.int64(math.floor(one[corner, 0] / one[corner, 2] * SUBPIXELS + 0.5))
             y[k] = np.int64(math.floor(one[corner, 1] / one[corner, 2] * SUBPIXELS + 0.5))
-            d[k] = 1.0 / one[corner, 3] if perspective else -one[corner, 3]
+            d[k] = 1.0 / one[corner, 2] if perspective else one[corner, 3]
         _draw(x[0], y[0], d[0], x[1], y[1], d[1], x[2], y[2], d[2], face, two_sided, depth, ids)
+
+
+@_jit
+def _is_hidden(left, top, right, bottom, nearest, depth):
+    """Whether what is drawn already is nearer, all over the box, than ``nearest``."""
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            if depth[row, column] < nearest:
+                return False
+    return True
 
 
 @_jit
@@ -158,8 +171,7 @@ def _corners(faces, face):
 def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, ids):
     """Draw all faces into ``depth`` (height, width) float32 and ``ids`` (height, width) int32.
 
-    Both must have been cleared (-inf, -1) where anything can be drawn. Depth values are 1/z under
-    perspective, -z under parallel projection: linear in the picture, and the greater the nearer.
+    Both must have been cleared (-inf, -1) where anything can be drawn.
     """
     height, width = depth.shape
     for face in range(faces.shape[0]):
@@ -176,11 +188,10 @@ def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, 
         top, bottom = max((min(ay, by, cy) + 127) >> 8, 0), (max(ay, by, cy) - 128) >> 8
         if top > min(bottom, height - 1):
             continue
-        za, zb, zc = homogeneous[a, 3], homogeneous[b, 3], homogeneous[c, 3]
-        if perspective:
-            da, db, dc = 1.0 / za, 1.0 / zb, 1.0 / zc
-        else:
-            da, db, dc = -za, -zb, -zc
+        da, db, dc = homogeneous[a, 3], homogeneous[b, 3], homogeneous[c, 3]
+        right, bottom = min(right, width - 1), min(bottom, height - 1)
+        if _is_hidden(left, top, right, bottom, max(da, db, dc), depth):
+            continue
         _draw(ax, ay, da, bx, by, db, cx, cy, dc, face, two_sided, depth, ids)
 
 

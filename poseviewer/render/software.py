@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render import kernel_attributes, kernel_coverage
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.moments import GREY_WEIGHTS, Moments, PhotoAttributes
@@ -17,6 +21,8 @@ from poseviewer.render.texture import flatten_textures
 
 NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
+VIEW_PX = 256
+"""Side of the pictures from which the faces seen from outside are told."""
 
 Box = tuple[int, int, int, int]
 
@@ -37,6 +43,7 @@ class SoftwareRenderer:
         self.mesh = mesh
         self.two_sided = two_sided
         self._near = NEAR_PER_DIAMETER * mesh.diameter
+        self._order = np.arange(len(mesh.faces), dtype=np.int32)
         vertex_data = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
         self._surface = (
             mesh.faces,
@@ -46,6 +53,7 @@ class SoftwareRenderer:
             table,
         )
         self._allocate()
+        self._draw_outside_first()
 
     def _allocate(self) -> None:
         count = len(self.mesh.vertices)
@@ -54,11 +62,33 @@ class SoftwareRenderer:
         self._depth = np.empty((0, 0), np.float32)
         self._ids = np.empty((0, 0), np.int32)
 
+    def _draw_outside_first(self) -> None:
+        """Put the faces that are seen from outside before those that others hide.
+
+        It changes no picture (but which of two faces at the same depth is seen), and lets the
+        rasteriser leave most of the inside of a car after one look at the depth buffer.
+        """
+        seen = np.zeros(len(self.mesh.faces), bool)
+        for pose in _views_around(self.mesh):
+            left, top, right, bottom = self._rasterise(pose)
+            ids = self._ids[top:bottom, left:right]
+            seen[ids[ids >= 0]] = True
+        self._order = np.argsort(~seen, kind="stable").astype(np.int32)
+        faces, vertex_data, face_texture, texels, table = self._surface
+        self._surface = (
+            np.ascontiguousarray(faces[self._order]),
+            vertex_data,
+            np.ascontiguousarray(face_texture[self._order]),
+            texels,
+            table,
+        )
+
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
         other = object.__new__(SoftwareRenderer)
         other.mesh, other.two_sided = self.mesh, self.two_sided
         other._near, other._surface = self._near, self._surface
+        other._order = self._order
         other._allocate()
         return other
 
@@ -74,7 +104,8 @@ class SoftwareRenderer:
         )
         face_ids = np.full((height, width), -1, np.int32)
         left, top, right, bottom = box
-        face_ids[top:bottom, left:right] = self._ids[top:bottom, left:right]
+        ids = self._ids[top:bottom, left:right]
+        face_ids[top:bottom, left:right] = np.where(ids >= 0, self._order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
@@ -135,7 +166,7 @@ class SoftwareRenderer:
         kernel_coverage.rasterise(
             self._homogeneous,
             self._snapped,
-            self.mesh.faces,
+            self._surface[0],
             perspective,
             self._near,
             self.two_sided,
@@ -143,6 +174,17 @@ class SoftwareRenderer:
             self._ids,
         )
         return box
+
+
+def _views_around(mesh: Mesh) -> Iterator[Pose]:
+    """The model filling a small picture, from its corners and from its sides."""
+    scale = 0.9 * VIEW_PX / max(mesh.diameter, 1e-300)
+    camera = Parallel(scale, VIEW_PX / 2, VIEW_PX / 2, VIEW_PX, VIEW_PX)
+    for x, y, z in product((-1.0, 0.0, 1.0), repeat=3):
+        if (x, y, z) == (0.0, 0.0, 0.0):
+            continue
+        rotation = Rotation.align_vectors([(0.0, 0.0, 1.0)], [(x, y, z)])[0].as_matrix()
+        yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
 def _intrinsics(pose: Pose) -> FloatArray:
