@@ -29,10 +29,4 @@ def save_figure(path: str | Path, figure: Figure) -> None:
         raise SettingsError(
             f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
         ) from error
-    try:
-        write_whole(path, memory.getvalue())
-    except OSError as error:
-        raise SettingsError(
-            f"{path.name}: cannot be written to {path.parent} ({error.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from error
+    write_whole(path, memory.getvalue(), SettingsError)

@@ -69,13 +69,7 @@ def save_landscape(
         second_values=np.array([piece.second_values for piece in slices]),
         losses=np.array([piece.losses for piece in slices]),
     )
-    try:
-        write_whole(path, memory.getvalue())
-    except OSError as error:
-        raise SettingsError(
-            f"{path.name}: cannot be written to {path.parent} ({error.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from error
+    write_whole(path, memory.getvalue(), SettingsError)
 
 
 def load_landscape(path: str | Path) -> dict[str, NDArray]:

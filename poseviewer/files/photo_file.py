@@ -16,10 +16,9 @@ from poseviewer.errors import PhotoFileError
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Perspective
+from poseviewer.geometry.colour import GREY_WEIGHTS
 
 MAX_MEGAPIXELS = 100.0
-GREY_WEIGHTS = (0.299, 0.587, 0.114)
-"""RGB to grey (ITU-R BT.601), as in ``render.moments``."""
 STRIP_PIXELS = 1 << 20
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
@@ -64,7 +63,7 @@ class Photo:
         top = np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
         if self.pixels.shape[2] == 1:
             return self.pixels[..., 0] * top
-        weights = top * np.array([GREY_WEIGHTS], dtype=np.float32)
+        weights = top * GREY_WEIGHTS[None].astype(np.float32)
         grey = np.empty(self.pixels.shape[:2], np.float32)
         # In strips: all colours of a large photo as floats at once would take gigabytes.
         rows = max(1, STRIP_PIXELS // self.width)
@@ -129,13 +128,7 @@ def save_image(path: str | Path, rgb: NDArray[np.uint8]) -> None:
         raise PhotoFileError(
             f"{path.name}: pictures cannot be written as {path.suffix!r}; use .png or .jpg."
         )
-    try:
-        write_whole(path, data.tobytes())
-    except OSError as error:
-        raise PhotoFileError(
-            f"{path.name}: cannot be written to {path.parent} ({error.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from error
+    write_whole(path, data.tobytes(), PhotoFileError)
 
 
 def _read(path: Path, wanted: str) -> bytes:

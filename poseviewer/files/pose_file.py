@@ -133,13 +133,7 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
         raise PoseFileError(
             f"{path.name}: the pose holds what JSON cannot ({error}); nothing was written."
         ) from error
-    try:
-        write_whole(path, (text + "\n").encode())
-    except OSError as error:
-        raise PoseFileError(
-            f"{path.name}: cannot be written to {path.parent} ({error.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from error
+    write_whole(path, (text + "\n").encode(), PoseFileError)
 
 
 def _as_json(record: PoseRecord) -> dict[str, Any]:

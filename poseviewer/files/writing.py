@@ -7,13 +7,25 @@ import os
 import tempfile
 from pathlib import Path
 
+from poseviewer.errors import PoseViewerError
 
-def write_whole(path: Path, data: bytes) -> None:
+
+def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
     """Write beside ``path`` and then rename, so that nobody ever sees half a file.
 
     Raises:
-        OSError: the folder is missing, or cannot be written to.
+        error: the folder is missing, or cannot be written to.
     """
+    try:
+        _write_and_rename(path, data)
+    except OSError as problem:
+        raise error(
+            f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
+            "check that the folder exists and is yours to write to."
+        ) from problem
+
+
+def _write_and_rename(path: Path, data: bytes) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=".part", dir=path.parent)
     temporary = Path(name)
     try:

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.colour import GREY_WEIGHTS
 
 if TYPE_CHECKING:
     from poseviewer.render.attributes import AttributeImage
-
-GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
-"""RGB to grey (ITU-R BT.601), for photo and reflectance alike."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.edges import find_lines
-from poseviewer.render.moments import GREY_WEIGHTS
 from poseviewer.render.residual import paint_residual
 from poseviewer.render.window import model_window
 

@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render import kernel_attributes, kernel_coverage
 from poseviewer.render.attributes import AttributeImage
-from poseviewer.render.moments import GREY_WEIGHTS, Moments, PhotoAttributes
+from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.texture import flatten_textures
 
 NEAR_PER_DIAMETER = 1e-3

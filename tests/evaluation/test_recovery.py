@@ -34,10 +34,11 @@ THETA = np.array([0.7, 0.62, -0.42, 0.06, 0.45, 0.2])
 """A car seen from its front left, from somewhat above."""
 
 
-def photograph(mesh: Mesh, chart: VehicleChart, up, seed: int) -> Photo:
-    """A diffuse car on plain ground in light that the fit does not know, with sensor noise."""
+def photograph(mesh: Mesh, chart: VehicleChart, ground: Ground | None, seed: int) -> Photo:
+    """A diffuse car before a plain background, on plain ground if wanted, in light that the fit
+    does not know, with sensor noise."""
     require_opengl()
-    photographer = Photographer(mesh, "diffuse", Ground(up))
+    photographer = Photographer(mesh, "diffuse", ground)
     lighting = random_lighting(np.random.default_rng(seed))
     pixels = photographer.photograph(
         chart.to_pose(THETA), lighting, quality=PhotoQuality(noise=1.0), seed=seed
@@ -64,7 +65,7 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     keypoints = load_keypoints(case.model, mesh)
     assert keypoints is not None
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
-    photo = photograph(mesh, chart, (0.0, 0.0, 1.0), seed=1)
+    photo = photograph(mesh, chart, Ground((0.0, 0.0, 1.0)), seed=1)
     registration = Registration(
         photo, mesh, "", "", keypoints, PoseRecord(chart.to_pose(THETA)), ()
     )
@@ -82,7 +83,7 @@ def test_the_bmw_is_found_from_ten_starts_within_4_per_cent(shared_data, project
     keypoints = load_keypoints(path, mesh)
     assert keypoints is not None
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
-    photo = photograph(mesh, chart, (0.0, 1.0, 0.0), seed=2)
+    photo = photograph(mesh, chart, None, seed=2)
     registration = Registration(
         photo, mesh, "", "", keypoints, PoseRecord(chart.to_pose(THETA)), ()
     )

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.edges import find_lines
-from poseviewer.render.moments import GREY_WEIGHTS
 from poseviewer.render.overlay import LINE_COLOUR, LOOKS, View, draw_look
 from poseviewer.render.residual import (
     ROUND_RANGES,
