@@ -49,7 +49,7 @@ def fit(options: Namespace) -> int:
     progress = _search(problem, renderer, options.quiet)
     save_pose(
         options.out,
-        make_record(registration, settings, problem.chart, progress.pose, progress.loss),
+        make_record(registration, settings, problem, progress.pose, progress.loss),
     )
     print(describe.fit_result(progress))
     print(f"pose: {options.out}")
@@ -112,7 +112,7 @@ def demo(options: Namespace) -> int:
     problem, _ = make_problem(registration, settings)
     renderer = _renderer(registration, settings)
     progress = _search(problem, renderer, quiet=False)
-    record = make_record(registration, settings, problem.chart, progress.pose, progress.loss)
+    record = make_record(registration, settings, problem, progress.pose, progress.loss)
     save_pose(folder / "pose.json", record)
     print(describe.fit_result(progress))
     for look in LOOKS_OF_THE_DEMO:

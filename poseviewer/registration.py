@@ -28,7 +28,6 @@ from poseviewer.fit.pose_fit import FitProblem, Limits
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.chart_choice import ChartName, choose_chart
-from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.attributes import Renderer
@@ -39,6 +38,10 @@ PixelsName = Literal["near", "whole", "clip"]
 
 NEAR_MARGIN = 0.25
 """How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
+
+LEAST_COLOUR = 0.02
+"""Standard deviation, across the photo's own main line of colour, from which on it has colours:
+5 grey levels of 255. Sensor noise has 1 or 2; the real photos we know have 10 and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,8 @@ class FitSettings:
     lock: tuple[str, ...] = ()
     """Names of the chart's numbers that stay as they are."""
     grey: bool = False
-    """Photo attributes grey (n = 1) even where the photo has colour (n = 3)."""
+    """Photo attributes grey (n = 1) even where the photo has colour (n = 3). A photo without
+    colour to speak of, by ``LEAST_COLOUR``, is compared in grey in any case."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
     pixels: PixelsName = "near"
@@ -115,8 +119,6 @@ def make_photo_attributes(
         SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
             than a fit needs.
     """
-    coloured = photo.pixels.shape[2] == 3 and not settings.grey
-    channels = photo.as_float() if coloured else photo.grey()[..., None]
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)
@@ -128,8 +130,14 @@ def make_photo_attributes(
                 "and the region, or use --pixels whole"
             )
     clipped = settings.pixels == "clip"
-    attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
-    wanted = fewest_pixels(channels.shape[2] + attributes.model_channels)
+    coloured = not settings.grey and _has_colour(photo, weights)
+    attributes = PhotoAttributes(
+        photo.as_float() if coloured else photo.grey()[..., None],
+        weights,
+        clipped,
+        settings.colour_reflectance,
+    )
+    wanted = fewest_pixels(attributes.channels.shape[2] + attributes.model_channels)
     if np.count_nonzero(weights) < wanted:
         raise SettingsError(
             f"{photo.name}: {np.count_nonzero(weights)} pixels count, and a fit needs at least "
@@ -201,12 +209,12 @@ def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
 def make_record(
     registration: Registration,
     settings: FitSettings,
-    chart: Chart,
+    problem: FitProblem,
     pose: Pose,
     loss: float,
 ) -> PoseRecord:
     """All that the pose file of a fit says."""
-    photo = registration.photo
+    photo, chart = registration.photo, problem.chart
     numbers = tuple(float(number) for number in chart.from_pose(pose))
     return PoseRecord(
         pose,
@@ -214,13 +222,28 @@ def make_record(
         ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
         ChartNumbers(chart.name, chart.names, numbers),
         loss,
-        _settings_as_json(settings),
+        {**_settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
         {"name": "poseviewer", "version": version("poseviewer")},
     )
 
 
 def _settings_as_json(settings: FitSettings) -> dict[str, Any]:
     return {key: value for key, value in asdict(settings).items() if value is not None}
+
+
+def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
+    """Whether the colours of the pixels that count leave a line in RGB by more than noise.
+
+    The loss takes every channel for as good as any other, whatever its range: beside a grey scene
+    it would weigh the noise of its colours.
+    """
+    if photo.pixels.shape[2] == 1:
+        return False
+    colours = photo.pixels[weights > 0.0] / np.iinfo(photo.pixels.dtype).max
+    if len(colours) < 2:
+        return False
+    variances = np.linalg.eigvalsh(np.cov(colours.T))
+    return bool(variances[1] > LEAST_COLOUR**2)
 
 
 def _rectangle(photo: Photo, region: tuple[int, int, int, int]) -> NDArray[np.float32]:
