@@ -80,7 +80,7 @@ def landscape_sheet(options: Namespace) -> int:
     except OSError as error:
         raise PoseFileError(f"{options.out}: cannot be made ({error.strerror})") from None
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
-    title = f"{registration.photo.name}: loss about the pose, +-{options.range:.0%}"
+    title = f"{registration.photo.name}: loss about the pose, ±{options.range:.0%}"
     save_figure(
         sheet, make_landscape_sheet(slices, problem.chart.names, problem.start, title=title)
     )
