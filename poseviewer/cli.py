@@ -46,7 +46,7 @@ def make_parser() -> argparse.ArgumentParser:
         "Without a command: fit the bundled demo.",
     )
     parser.set_defaults(command="demo", out=Path("poseviewer-demo"), quiet=False)
-    commands = parser.add_subparsers(title="commands", metavar="", parser_class=_Parser)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_Parser)
     _add_fit(commands)
     _add_overlay(commands)
     _add_landscape(commands)

@@ -36,7 +36,7 @@ def choose_chart(
             return VehicleChart.near(keypoints, pose, free_focal), ""
         except SingularChartError as error:
             if wanted == "vehicle":
-                raise
+                raise SingularChartError(f"{error}; use --chart free-body") from error
             reason = str(error)
     elif wanted == "vehicle":
         raise SettingsError(

@@ -175,16 +175,13 @@ def _require_regular(camera: Camera, rear: FloatArray, front: FloatArray, axle: 
     towards = [-float(axle[2])]
     if isinstance(camera, Perspective):
         if min(rear[2], front[2]) <= 0.0:
-            raise SingularChartError(
-                "the vehicle chart needs both wheels in front of the camera; "
-                "use the free-body chart (--chart free-body)"
-            )
+            raise SingularChartError("the vehicle's wheels are not both in front of the camera")
         towards += [-float(point @ axle / np.linalg.norm(point)) for point in (rear, front)]
     if min(towards) < LEAST_AXLE_COMPONENT:
         raise SingularChartError(
             f"the vehicle is seen almost head-on or from straight behind (axle component "
             f"{min(towards):.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
-            f"the vehicle chart is singular; use the free-body chart (--chart free-body)"
+            f"the vehicle chart is singular"
         )
 
 
