@@ -74,11 +74,13 @@ def landscape_sheet(options: Namespace) -> int:
     """Map the loss around a pose: a sheet of contours and the numbers."""
     registration, settings, problem = _open(options)
     renderer = _renderer(registration, settings)
-    slices = _map_all(problem, renderer, options)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise PoseFileError(f"{options.out}: cannot be made ({error.strerror})") from None
+        raise PoseFileError(
+            f"{options.out}: cannot be made ({error.strerror}); name a folder of yours"
+        ) from None
+    slices = _map_all(problem, renderer, options)
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
     title = f"{registration.photo.name}: loss about the pose, ±{options.range:.0%}"
     save_figure(
@@ -167,7 +169,7 @@ def _renderer(registration: Registration, settings: FitSettings) -> Renderer:
         from poseviewer.render.software import kernels_are_compiled
 
         if not kernels_are_compiled():
-            _tell("Compiling the kernels for this machine: half a minute, this once.")
+            _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
     return make_renderer(registration.mesh, settings.renderer)
 
 
@@ -246,6 +248,8 @@ def _require_folder(path: Path, error: type[PoseFileError] | type[PhotoFileError
     """Before the work, not after it."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
+    if path.is_dir():
+        raise error(f"{path}: is a folder; name a file in it")
 
 
 def _tell(text: str) -> None:

@@ -264,6 +264,18 @@ def test_without_opengl_only_its_own_option_fails(scene, tmp_path):
     assert opengl.stderr.count("\n") == 1
 
 
+def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):
+    """A place that cannot be written to is said before the work, not after it."""
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path,
+               "--seconds", 1e6) == 2  # fmt: skip
+    assert "is a folder" in capsys.readouterr().err
+    (tmp_path / "file").write_text("kept")
+    assert run("landscape", scene.photo, scene.model, "--pose", scene.start, "--out",
+               tmp_path / "file", "--size", 401, "--quiet") == 2  # fmt: skip
+    assert "folder of yours" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "kept"
+
+
 def test_the_folder_of_the_result_is_looked_at_first(scene, tmp_path, capsys):
     out = tmp_path / "not there" / "pose.json"
     assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out) == 2

@@ -129,6 +129,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--colour-reflectance", action="store_true")
     parser.add_argument("--pixels", choices=("near", "whole", "clip"), default="near")
     options = parser.parse_args(arguments)
+    for name in ("cases.json", "starts.json"):
+        if not (options.folder / name).is_file():
+            parser.error(f"{options.folder} holds no {name}; name a folder of real cases")
     settings = FitSettings(
         colour_reflectance=options.colour_reflectance, grey=options.grey, pixels=options.pixels
     )

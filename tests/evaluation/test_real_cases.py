@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from poseviewer.evaluation.real_cases import run_trials, summary
+from poseviewer.evaluation.real_cases import main, run_trials, summary
 from poseviewer.fit.pose_fit import Limits
 from poseviewer.registration import FitSettings
 
@@ -34,3 +34,10 @@ BRIEFLY = Limits(evaluations=60)
 def test_other_settings_run_as_well(shared_data, settings):
     trials = list(run_trials(shared_data, settings, 5, 1, "hope-0000-light0-mustard"))
     assert trials[0].loss_end < trials[0].loss_start
+
+
+def test_a_folder_without_cases_is_said(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([str(tmp_path)])
+    assert stop.value.code == 2
+    assert "cases.json" in capsys.readouterr().err
