@@ -1,1 +1,1 @@
-"""Pictures of numbers, for print: loss landscapes and loss curves. The only user of matplotlib."""
+"""Pictures of numbers, for print: loss landscapes. The only user of matplotlib."""

@@ -11,7 +11,6 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet, readable
-from poseviewer.figures.loss_curve import make_loss_curve
 from poseviewer.figures.save import save_figure
 from poseviewer.fit.landscape import Slice
 
@@ -98,7 +97,7 @@ def test_no_state_of_matplotlib_is_touched():
 
 
 def test_files_that_cannot_be_written_are_said(tmp_path):
-    figure = make_loss_curve([1.0, 0.5])
+    figure = make_landscape_sheet(make_slices(3), NAMES[:3], np.zeros(3))
     with pytest.raises(SettingsError, match=r"use \.png"):
         save_figure(tmp_path / "a.jpeg2000", figure)
     with pytest.raises(SettingsError, match="check that the folder exists"):
@@ -110,9 +109,3 @@ def test_names_become_symbols():
     assert readable("rotation_z") == "rotation z"
     assert readable("log_depth") == "log depth"
     assert readable("width_per_focal") == "width per focal"
-
-
-def test_a_loss_curve_marks_its_restarts():
-    axes = make_loss_curve([1.0, 0.7, 0.5, 0.5, 0.4], [3, 4]).axes[0]
-    assert len(axes.lines) == 3
-    assert np.array_equal(axes.lines[-1].get_ydata(), [1.0, 0.7, 0.5, 0.5, 0.4])
