@@ -16,10 +16,12 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 TOKEN_BYTES = 24
+FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
+"""Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,12 @@ class AccessPolicy:
 
     def refusal(self, asked: Asked) -> str | None:
         """Why a request is refused, in one sentence, or None where it may pass."""
-        return self._wrong_host(asked) or self._wrong_origin(asked) or self._wrong_token(asked)
+        return (
+            self._wrong_host(asked)
+            or self._wrong_origin(asked)
+            or self._wrong_token(asked)
+            or self._wrong_query(asked)
+        )
 
     def cookie_to_set(self, asked: Asked) -> str | None:
         """The Set-Cookie header for whoever came with the token in the address."""
@@ -108,6 +115,15 @@ class AccessPolicy:
             "with its ?token=..., in this browser."
         )
 
+    def _wrong_query(self, asked: Asked) -> str | None:
+        found = FOREIGN_SOURCES & set(_query(asked.target))
+        if not found:
+            return None
+        return (
+            f"The address asks for {min(found)!r}, which would hand this page to another server; "
+            f"open {self._plain_url}"
+        )
+
     def _is_token(self, given: str | None) -> bool:
         if self.token is None or given is None:
             return False
@@ -142,11 +158,13 @@ def _name_and_port(host: str) -> tuple[str, int | None]:
     return name, int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else None
 
 
+def _query(target: str) -> dict[str, list[str]]:
+    """The parameters behind the question mark, as the page's own script would read them."""
+    return parse_qs(target.partition("?")[2], keep_blank_values=True)
+
+
 def _token_in(target: str) -> str | None:
-    try:
-        return parse_qs(urlsplit(target).query, max_num_fields=20).get("token", [None])[0]
-    except ValueError:
-        return None
+    return _query(target).get("token", [None])[0]
 
 
 def _cookies_named(name: str, headers: Sequence[str]) -> list[str]:

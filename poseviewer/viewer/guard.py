@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import http
 import io
+import logging
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -29,7 +30,7 @@ DEFAULT_PORT, PORTS_TRIED = 8080, 100
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
-    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Content-Security-Policy": "connect-src 'self' data: blob:; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
@@ -87,7 +88,7 @@ def serve(
 
 @contextmanager
 def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
-    """While open, viser's server listens on our socket and asks the policy; gives who was let."""
+    """While open, viser's server listens on our socket and asks the policy; gives the calls."""
     calls: list[str] = []
     original = websockets.asyncio.server.serve
 
@@ -98,14 +99,25 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         answer = settings.pop("process_request", None)
         settings.pop("host", None)
         settings.pop("port", None)
-        check = _checked(policy, answer)
-        return original(handler, sock=listening, process_request=check, **settings)
+        settings |= {"process_request": _checked(policy, answer), "logger": _quiet_logger()}
+        return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
     try:
         yield calls
     finally:
         websockets.asyncio.server.serve = original  # type: ignore[misc]
+
+
+def _quiet_logger() -> logging.Logger:
+    """Without the traceback that every connection closed before its first line would print."""
+    logger = logging.getLogger("poseviewer.viewer.guard")
+    logger.addFilter(_is_worth_logging)
+    return logger
+
+
+def _is_worth_logging(record: logging.LogRecord) -> bool:
+    return record.getMessage() != "opening handshake failed"
 
 
 def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
