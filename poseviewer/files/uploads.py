@@ -1,0 +1,99 @@
+"""Files that come from a browser: checked, and kept under names that poseviewer gives."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from pathlib import Path
+from typing import Literal
+
+from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError, PoseViewerError
+from poseviewer.files.mesh_file import READERS
+from poseviewer.files.writing import write_whole
+
+Kind = Literal["photo", "model", "pose"]
+
+LARGEST_UPLOAD = 200_000_000
+"""Bytes: viser holds an upload in memory."""
+KEPT = 20
+"""Newest uploads that stay."""
+LONGEST_NAME = 80
+ENDINGS: dict[Kind, tuple[str, ...]] = {
+    "photo": (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"),
+    "model": tuple(READERS),
+    "pose": (".json",),
+}
+ERRORS: dict[Kind, type[PoseViewerError]] = {
+    "photo": PhotoFileError,
+    "model": MeshFileError,
+    "pose": PoseFileError,
+}
+FOLDER_NAME = re.compile(r"[0-9a-f]{16}")
+
+
+def keep_upload(
+    folder: Path,
+    name: str,
+    data: bytes,
+    kind: Kind,
+    largest_bytes: int = LARGEST_UPLOAD,
+    kept: int = KEPT,
+) -> Path:
+    """Keep an uploaded file in ``folder`` as ``<its fingerprint>/<kind><ending>``.
+
+    Of the name that the browser gives only the ending is used, and only as a choice among
+    ``ENDINGS``. The same bytes go to the same place. All but the ``kept`` newest are removed.
+
+    Raises:
+        PoseViewerError: the kind's own: empty, too large, of an unknown ending, or the folder
+            cannot be written to.
+    """
+    error, shown = ERRORS[kind], display_name(name)
+    ending = _known_ending(name, kind)
+    if ending is None:
+        known = ", ".join(ENDINGS[kind])
+        raise error(f"{shown}: not the name of a {kind} file; wanted one that ends in {known}.")
+    if not data:
+        raise error(f"{shown}: an empty file; wanted a {kind}, choose another file.")
+    if len(data) > largest_bytes:
+        raise error(
+            f"{shown}: {len(data):,} bytes; up to {largest_bytes:,} can be uploaded, make it "
+            "smaller or start poseviewer with its path."
+        )
+    place = folder / hashlib.sha256(data).hexdigest()[:16]
+    path = place / f"{kind}{ending}"
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_whole(path, data, error)
+        place.touch()
+        _remove_old(folder, kept)
+    except OSError as problem:
+        raise error(
+            f"{shown}: cannot be kept in {folder} ({problem.strerror}); check that the folder is "
+            "yours to write to."
+        ) from problem
+    return path
+
+
+def display_name(name: str) -> str:
+    """A name from a browser as text that is safe to show: one line, at most 80 characters."""
+    last = re.split(r"[/\\]", name)[-1]
+    # No control, format (which can turn the reading direction) or lone surrogate characters.
+    shown = " ".join("".join(c if c.isprintable() else " " for c in last).split())
+    if len(shown) > LONGEST_NAME:
+        half = LONGEST_NAME // 2 - 1
+        shown = f"{shown[:half]}…{shown[-half:]}"
+    return shown or "unnamed"
+
+
+def _known_ending(name: str, kind: Kind) -> str | None:
+    return next((e for e in ENDINGS[kind] if name.lower().endswith(e)), None)
+
+
+def _remove_old(folder: Path, kept: int) -> None:
+    """Remove all but the newest; only what looks like ours."""
+    ours = [p for p in folder.iterdir() if FOLDER_NAME.fullmatch(p.name) and not p.is_symlink()]
+    ours.sort(key=lambda place: place.stat().st_mtime_ns, reverse=True)
+    for place in ours[max(kept, 1) :]:
+        shutil.rmtree(place, ignore_errors=True)
