@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.part import Part, moved_part
+from poseviewer.files.part import Part, moved_part, refuse_if_huge
 from poseviewer.files.texture_file import load_texture
 
 
@@ -28,6 +28,7 @@ def read_3ds(path: Path) -> tuple[list[Part], list[str]]:
     scene = assimp_py.import_file(str(path), flags)
     notes: list[str] = []
     parts: list[Part] = []
+    shown = 0
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
     root: Any = scene.root_node
     stack = [(root, np.eye(4))]
@@ -35,6 +36,8 @@ def read_3ds(path: Path) -> tuple[list[Part], list[str]]:
         node, matrix = stack.pop()
         stack += [(child, matrix @ np.asarray(child.transformation)) for child in node.children]
         for index in node.mesh_indices:
+            shown += len(scene.meshes[index].indices) // 3
+            refuse_if_huge(path.name, shown)  # nodes may show one mesh again and again
             part = _assimp_part(path, node.name, scene, scene.meshes[index], notes)
             parts.append(moved_part(part, matrix))
     return parts, notes

@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.assimp_file import read_3ds
+from poseviewer.files.model_size import (
+    refuse_huge_gltf,
+    refuse_large_file,
+    refuse_many_words,
+)
 from poseviewer.files.obj_file import read_obj
 from poseviewer.files.part import Part, moved_part, refuse_if_huge
 from poseviewer.files.ply_file import read_ply
@@ -27,6 +32,8 @@ Read = tuple[list[Part], list[str]]
 
 STL_HEADER, STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file: before the triangles, and for each."""
+STL_SHORTEST_FACET = 60
+"""Bytes of a facet in a text STL file, at the least."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
@@ -75,6 +82,7 @@ def _reader_for(path: Path) -> Callable[[Path], Read]:
         )
     if path.stat().st_size == 0:
         raise MeshFileError(f"{path.name}: an empty file; wanted a model, copy or export it again.")
+    refuse_large_file(path)
     return reader
 
 
@@ -100,6 +108,7 @@ def _read_stl(path: Path) -> Read:
             raise MeshFileError(
                 f"{path.name}: the text ends without 'endsolid'; it is cut short, export it again."
             )
+        refuse_many_words(path, STL_SHORTEST_FACET, {b"endfacet": "faces"})
     else:
         refuse_if_huge(path.name, count)
     return _read_scene(path)
@@ -110,8 +119,9 @@ def _read_off(path: Path) -> Read:
         words = b" ".join(line.split(b"#")[0] for line in file.read(4096).splitlines()).split()
     if not words or words[0] not in (b"OFF", b"COFF"):
         raise MeshFileError(f"{path.name}: no OFF header; is it an OFF file? Export it again.")
-    if len(words) > 2 and words[2].isdigit():
-        refuse_if_huge(path.name, int(words[2]))
+    for word, what in zip(words[1:3], ("vertices", "faces"), strict=False):
+        if word.isdigit():
+            refuse_if_huge(path.name, int(word), what)
     try:
         return _read_scene(path)
     except (ValueError, IndexError) as error:
@@ -127,8 +137,7 @@ def _read_gltf(path: Path) -> Read:
         raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
     for name in _missing_files(path, header, "buffers"):
         raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
-    counts = [a.get("count", 0) for a in header.get("accessors", []) if isinstance(a, dict)]
-    refuse_if_huge(path.name, max(counts, default=0) // 3)
+    refuse_huge_gltf(path.name, header)
     compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
     if used := compressed & set(header.get("extensionsRequired", [])):
         raise MeshFileError(

@@ -13,14 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.model_size import refuse_many_words
 from poseviewer.files.mtl_file import Material, read_materials
 from poseviewer.files.part import (
+    MAX_FACES,
     Part,
     colours_from_numbers,
     fan_corners,
+    fan_size,
     numbers_from_text,
     refuse_if_huge,
 )
+
+SHORTEST_FACE = len("f 1 2 3\n")
 
 
 @dataclass
@@ -42,13 +47,15 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     Raises:
         MeshFileError: a line that makes no sense, an index that is out of range.
     """
+    refuse_many_words(path, SHORTEST_FACE, {b"\nf ": "faces", b"\nv ": "vertices"})
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
-    refuse_if_huge(path.name, len(lines.f))
+    _refuse_many_corners(path.name, lines.f)
     vertices, colours = _read_vertices(path.name, lines.v)
     uvs = _read_table(path.name, "vt", lines.vt, 2)
     normals = _read_table(path.name, "vn", lines.vn, 3)
     notes: list[str] = []
     counts, corners = _read_faces(path.name, lines.f)
+    refuse_if_huge(path.name, fan_size(counts))
     _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
     if len(counts) and counts[-1] < 3:
         raise MeshFileError(
@@ -97,6 +104,14 @@ def _sort_lines(text: str) -> _Lines:
         elif word == "mtllib":
             lines.libraries.append(rest.strip())
     return lines
+
+
+def _refuse_many_corners(name: str, faces: list[str]) -> None:
+    """Before they are split: one line can hold a polygon that fills the memory."""
+    refuse_if_huge(name, len(faces))
+    if sum(map(len, faces)) // len("1 ") > MAX_FACES:
+        gaps = (face.strip().count(" ") + face.strip().count("\t") for face in faces)
+        refuse_if_huge(name, sum(max(gap - 1, 0) for gap in gaps))
 
 
 def _absolute(face: str, lines: _Lines) -> str:

@@ -31,11 +31,11 @@ class Part:
     """(h, w, 3) RGB."""
 
 
-def refuse_if_huge(name: str, faces: int) -> None:
-    """Raise MeshFileError when a header promises more triangles than poseviewer takes."""
-    if faces > MAX_FACES:
+def refuse_if_huge(name: str, count: int, what: str = "faces") -> None:
+    """Raise MeshFileError when a file has or promises more than poseviewer takes."""
+    if count > MAX_FACES:
         raise MeshFileError(
-            f"{name}: {faces:,} faces; poseviewer takes up to {MAX_FACES:,}, "
+            f"{name}: {count:,} {what}; poseviewer takes up to {MAX_FACES:,}, "
             "simplify the model first."
         )
 
@@ -43,6 +43,11 @@ def refuse_if_huge(name: str, faces: int) -> None:
 def numbers_from_text(text: str) -> NDArray[np.float64]:
     """The numbers of a text, separated by white space; ValueError for anything else."""
     return np.fromstring(text, dtype=np.float64, sep=" ")
+
+
+def fan_size(counts: NDArray) -> int:
+    """How many triangles polygons with ``counts`` corners (N,) fall into."""
+    return int(np.maximum(np.asarray(counts, dtype=np.int64) - 2, 0).sum())
 
 
 def fan_corners(counts: NDArray) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from poseviewer.files.part import (
     Part,
     colours_from_numbers,
     fan_corners,
+    fan_size,
     refuse_if_huge,
 )
 from poseviewer.files.ply_columns import (
@@ -38,7 +39,8 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     data = path.read_bytes()
     elements, encoding, textures, start = _read_header(path.name, data)
     for element in elements:
-        refuse_if_huge(path.name, element.count)
+        what = {"vertex": "vertices", "face": "faces"}.get(element.name, "rows")
+        refuse_if_huge(path.name, element.count, what)
     if encoding == "ascii":
         columns = columns_from_text(path.name, elements, data[start:])
     else:
@@ -98,6 +100,7 @@ def _parts(
     polygons: Lists | None = next((face[k] for k in INDEX_NAMES if k in face), None)
     if polygons is None or not len(polygons[0]):
         return [Part("", vertices, np.zeros((0, 3), int))], []
+    refuse_if_huge(path.name, fan_size(polygons[0]))
     corners = fan_corners(polygons[0])
     faces = polygons[1][corners].astype(np.int64)
     colours = _stack(vertex, *COLOUR_NAMES)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.part import Part
+from poseviewer.files.part import Part, refuse_if_huge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import (
     crease_normals,
@@ -107,6 +107,7 @@ def _check(name: str, parts: list[Part]) -> None:
         raise MeshFileError(
             f"{name}: {found}; poseviewer needs a surface mesh, not a point cloud or an empty file."
         )
+    refuse_if_huge(name, sum(len(part.faces) for part in parts))
     for part in parts:
         bad = int(np.sum(~np.isfinite(part.vertices).all(axis=1)))
         if bad:

@@ -25,8 +25,11 @@ def load_texture(folder: Path, name: str) -> NDArray[np.uint8]:
     written = Path(name.strip().strip('"').replace("\\", "/"))
     for path in (folder / written, folder / written.name):
         if path.is_file():
-            with quiet_libraries(), Image.open(path) as image:
-                return texture_from_image(image)
+            try:
+                with quiet_libraries(), Image.open(path) as image:
+                    return texture_from_image(image)
+            except Image.DecompressionBombError as error:
+                raise OSError(f"{path.name} has too many pixels") from error
     raise FileNotFoundError(f"{written.name} is not there")
 
 

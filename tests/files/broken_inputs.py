@@ -177,6 +177,8 @@ def _photos(folder: Path) -> Contents:
         "svg": (".svg", '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"/>'),
         "zeros as jpg": (".jpg", bytes(1000)),
         "bomb png": (".png", _png_header(60_000, 60_000)),
+        "bomb tiff": (".tiff", _tiff_header(60_000, 60_000)),
+        "just too large tiff": (".tiff", _tiff_header(10_001, 10_000)),
         "just too large png": (".png", _png_header(10_001, 10_000)),
         "png of no width": (".png", _png_header(0, 10)),
     }
@@ -200,6 +202,26 @@ def _png_header(width: int, height: int) -> bytes:
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = chunk(b"IDAT", zlib.compress(bytes(1000)))
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
+
+
+def _tiff_header(width: int, height: int) -> bytes:
+    """A grey TIFF that promises a size in one compressed strip, with hardly anything behind."""
+    strip = zlib.compress(bytes(1000))
+    short, long = 3, 4
+    tags = [
+        (256, long, width),
+        (257, long, height),
+        (258, short, 8),
+        (259, short, 8),  # Deflate
+        (262, short, 1),
+        (273, long, 8),
+        (277, short, 1),
+        (278, long, height),
+        (279, long, len(strip)),
+    ]
+    entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    directory = struct.pack("<H", len(tags)) + entries + bytes(4)
+    return struct.pack("<2sHI", b"II", 42, 8 + len(strip)) + strip + directory
 
 
 def good_pose() -> dict:
