@@ -1,18 +1,22 @@
-"""Loss landscapes as NumPy archives (.npz), for the user's own plots. No pickles in them.
+"""Loss landscapes for the user's own plots: pickle-free archives (.npz) and tables (.csv).
 
-Keys, with d numbers of the chart, P pairs and grids of k x k points:
+Keys of an archive, with d numbers of the chart, P pairs and grids of k x k points:
 
 - ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's numbers, the pose in the middle,
   and what counts as 100 % there;
 - ``pairs`` (P, 2): the indices (first, second) of each slice's two numbers;
 - ``first_values``, ``second_values`` (P, k): what they take;
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
+
+A table has a row for every evaluated grid point, with the columns ``CSV_COLUMNS``; every number to
+its last digit. An offset is the way from the centre, as a share of the number's span: 0.2 is 20 %.
 """
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Protocol
 
@@ -24,6 +28,15 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 
 KEYS = ("names", "centre", "spans", "pairs", "first_values", "second_values", "losses")
+CSV_COLUMNS = (
+    "first_name",
+    "second_name",
+    "first_value",
+    "second_value",
+    "loss",
+    "first_offset",
+    "second_offset",
+)
 
 
 class LossSlice(Protocol):
@@ -57,7 +70,28 @@ def save_landscape(
     Raises:
         SettingsError: the folder is missing or not to be written to.
     """
-    path = Path(path)
+    write_whole(Path(path), landscape_npz_bytes(names, centre, spans, slices), SettingsError)
+
+
+def save_landscape_csv(
+    path: str | Path,
+    names: Sequence[str],
+    centre: ArrayLike,
+    spans: ArrayLike,
+    slices: Sequence[LossSlice],
+) -> None:
+    """Write the slices, of any sizes, to a .csv file, whole or not at all.
+
+    Raises:
+        SettingsError: the folder is missing or not to be written to.
+    """
+    write_whole(Path(path), landscape_csv_bytes(names, centre, spans, slices), SettingsError)
+
+
+def landscape_npz_bytes(
+    names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
+) -> bytes:
+    """What ``save_landscape`` writes; ``centre`` and ``spans`` (d,), slices of one size."""
     memory = BytesIO()
     np.savez_compressed(
         memory,
@@ -69,7 +103,25 @@ def save_landscape(
         second_values=np.array([piece.second_values for piece in slices]),
         losses=np.array([piece.losses for piece in slices]),
     )
-    write_whole(path, memory.getvalue(), SettingsError)
+    return memory.getvalue()
+
+
+def landscape_csv_bytes(
+    names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
+) -> bytes:
+    """What ``save_landscape_csv`` writes, in UTF-8: ``centre`` and ``spans`` (d,)."""
+    middle, span = np.asarray(centre, dtype=float), np.asarray(spans, dtype=float)
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for piece in slices:
+        i, j = piece.first, piece.second
+        for row, column in np.argwhere(~np.isnan(piece.losses)):
+            x, y = piece.first_values[column], piece.second_values[row]
+            offsets = (x - middle[i]) / span[i], (y - middle[j]) / span[j]
+            numbers = (x, y, piece.losses[row, column], *offsets)
+            writer.writerow([names[i], names[j], *(repr(float(number)) for number in numbers)])
+    return text.getvalue().encode()
 
 
 def load_landscape(path: str | Path) -> dict[str, NDArray]:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import csv
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.landscape_file import KEYS, load_landscape, save_landscape
+from poseviewer.files.landscape_file import (
+    CSV_COLUMNS,
+    KEYS,
+    landscape_csv_bytes,
+    landscape_npz_bytes,
+    load_landscape,
+    save_landscape,
+    save_landscape_csv,
+)
 from poseviewer.fit.landscape import Slice
 
 NAMES = ("mu_x", "mu_y", "psi_x")
@@ -56,3 +65,40 @@ def test_the_old_file_is_replaced_and_nothing_else_stays(tmp_path):
 def test_a_missing_folder_is_said(tmp_path):
     with pytest.raises(SettingsError, match="check that the folder exists"):
         save_landscape(tmp_path / "no" / "a.npz", NAMES, np.zeros(3), np.ones(3), make_slices())
+
+
+def test_a_table_reads_back_to_the_last_digit(tmp_path):
+    slices, centre, spans = make_slices(), [1 / 3, 2.0, 3.0], [0.1, 0.2, 1.0]
+    save_landscape_csv(tmp_path / "a.csv", NAMES, centre, spans, slices)
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert len(rows) == sum(np.isfinite(piece.losses).sum() for piece in slices)
+    for row in rows:
+        i, j = NAMES.index(row["first_name"]), NAMES.index(row["second_name"])
+        (piece,) = (s for s in slices if (s.first, s.second) == (i, j))
+        column = np.flatnonzero(piece.first_values == float(row["first_value"]))
+        line = np.flatnonzero(piece.second_values == float(row["second_value"]))
+        assert piece.losses[line[0], column[0]] == float(row["loss"])
+        moved = centre[i] + spans[i] * float(row["first_offset"])
+        assert np.isclose(moved, float(row["first_value"]), rtol=0, atol=1e-14)
+        moved = centre[j] + spans[j] * float(row["second_offset"])
+        assert np.isclose(moved, float(row["second_value"]), rtol=0, atol=1e-14)
+
+
+def test_a_name_with_a_comma_stays_one_column():
+    (piece,) = (s for s in make_slices() if (s.first, s.second) == (0, 1))
+    data = landscape_csv_bytes(('a,"b"', "c", "d"), np.zeros(3), np.ones(3), [piece]).decode()
+    rows = list(csv.DictReader(data.splitlines()))
+    assert {row["first_name"] for row in rows} == {'a,"b"'}
+
+
+def test_a_download_is_the_file(tmp_path):
+    everything = (NAMES, np.zeros(3), np.ones(3), make_slices())
+    save_landscape_csv(tmp_path / "a.csv", *everything)
+    assert (tmp_path / "a.csv").read_bytes() == landscape_csv_bytes(*everything)
+    (tmp_path / "b.npz").write_bytes(landscape_npz_bytes(*everything))
+    save_landscape(tmp_path / "a.npz", *everything)
+    ours, theirs = load_landscape(tmp_path / "a.npz"), load_landscape(tmp_path / "b.npz")
+    for key in KEYS:
+        equal_nan = ours[key].dtype.kind == "f"
+        assert np.array_equal(ours[key], theirs[key], equal_nan=equal_nan)
