@@ -20,6 +20,10 @@ class PoseFileError(PoseViewerError):
     """A pose file that cannot be used."""
 
 
+class AutosaveError(PoseViewerError):
+    """A session that could not be kept for later, or cannot be taken up again."""
+
+
 class SettingsError(PoseViewerError):
     """A combination of settings that cannot work."""
 

@@ -85,7 +85,16 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
     """
     path = Path(path)
     reading = Reading(path.name, [])
-    data = reading.object(read_json(path), "its content")
+    return record_from_json(reading, read_json(path), width, height)
+
+
+def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
+    """What a pose file's JSON says, for a photo of ``width`` x ``height`` px.
+
+    Raises:
+        PoseFileError: it does not hold a pose.
+    """
+    data = reading.object(data, "its content")
     if data.get("format", FORMAT) != FORMAT:
         raise reading.error(f"format is {data['format']!r}", f"wanted {FORMAT!r}")
     version = data.get("version", VERSION)
@@ -128,7 +137,7 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
     """
     path = Path(path)
     try:
-        text = json.dumps(_as_json(record), indent=2, allow_nan=False, ensure_ascii=False)
+        text = json.dumps(record_as_json(record), indent=2, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as error:
         raise PoseFileError(
             f"{path.name}: the pose holds what JSON cannot ({error}); nothing was written."
@@ -136,7 +145,8 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
     write_whole(path, (text + "\n").encode(), PoseFileError)
 
 
-def _as_json(record: PoseRecord) -> dict[str, Any]:
+def record_as_json(record: PoseRecord) -> dict[str, Any]:
+    """What a pose file says, as JSON has it."""
     camera = camera_as_integer_centres(record.pose.camera)
     names = ("fx", "fy", "cx", "cy") if isinstance(camera, Perspective) else ("scale", "cx", "cy")
     transform = record.pose.camera_from_model

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
 
@@ -39,11 +40,13 @@ def keep_upload(
     kind: Kind,
     largest_bytes: int = LARGEST_UPLOAD,
     kept: int = KEPT,
+    in_use: Collection[Path] = (),
 ) -> Path:
     """Keep an uploaded file in ``folder`` as ``<its fingerprint>/<kind><ending>``.
 
     Of the name that the browser gives only the ending is used, and only as a choice among
-    ``ENDINGS``. The same bytes go to the same place. All but the ``kept`` newest are removed.
+    ``ENDINGS``. The same bytes go to the same place. All but the ``kept`` newest and those
+    ``in_use`` (paths that this function gave) are removed.
 
     Raises:
         PoseViewerError: the kind's own: empty, too large, of an unknown ending, or the folder
@@ -67,7 +70,7 @@ def keep_upload(
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_whole(path, data, error)
         place.touch()
-        _remove_old(folder, kept)
+        _remove_old(folder, kept, {place.name, *(used.parent.name for used in in_use)})
     except OSError as problem:
         raise error(
             f"{shown}: cannot be kept in {folder} ({problem.strerror}); check that the folder is "
@@ -91,9 +94,10 @@ def _known_ending(name: str, kind: Kind) -> str | None:
     return next((e for e in ENDINGS[kind] if name.lower().endswith(e)), None)
 
 
-def _remove_old(folder: Path, kept: int) -> None:
+def _remove_old(folder: Path, kept: int, needed: set[str]) -> None:
     """Remove all but the newest; only what looks like ours."""
     ours = [p for p in folder.iterdir() if FOLDER_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda place: place.stat().st_mtime_ns, reverse=True)
-    for place in ours[max(kept, 1) :]:
-        shutil.rmtree(place, ignore_errors=True)
+    for place in ours[kept:]:
+        if place.name not in needed:
+            shutil.rmtree(place, ignore_errors=True)

@@ -26,6 +26,8 @@ from websockets.http11 import Request, Response
 from poseviewer.errors import SettingsError
 from poseviewer.viewer.access import AccessPolicy, Asked
 
+VISERS_OWN = "viser.infra._infra"
+"""The module whose call of ``serve`` is intercepted."""
 DEFAULT_PORT, PORTS_TRIED = 8080, 100
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -52,7 +54,8 @@ class GuardedServer:
 
     def stop(self) -> None:
         """Close all connections and the port."""
-        self.server.stop()
+        with redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+            self.server.stop()
 
 
 def serve(
@@ -93,7 +96,7 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
     original = websockets.asyncio.server.serve
 
     def guarded(handler: Any, *args: Any, **settings: Any) -> Any:
-        if getattr(handler, "__module__", "") != "viser.infra._infra":
+        if getattr(handler, "__module__", "") != VISERS_OWN:
             return original(handler, *args, **settings)  # somebody else's server
         calls.append(handler.__qualname__)
         answer = settings.pop("process_request", None)

@@ -97,6 +97,15 @@ def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
     assert (tmp_path / "notes").is_dir()
 
 
+def test_uploads_in_use_stay(tmp_path: Path) -> None:
+    used = keep_upload(tmp_path, "a.json", b"used", "pose")
+    os.utime(used.parent, ns=(0, 0))
+    other = keep_upload(tmp_path, "a.json", b"other", "pose")
+    os.utime(other.parent, ns=(1, 1))
+    new = keep_upload(tmp_path, "a.json", b"new", "pose", kept=0, in_use=[used])
+    assert [path.exists() for path in (used, other, new)] == [True, False, True]
+
+
 def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file is in the way")
     with pytest.raises(PoseFileError, match=r"^a\.json: cannot be kept in .*yours to write to"):

@@ -187,6 +187,8 @@ def test_token_matrix(wide: GuardedServer) -> None:
         ("/", right, 200),
         (asset, right, 200),
         (asset, f"a=1; {right}; b=2", 200),
+        ("/", f'a={{"b": [1, 2]}}; ;=; {right}', 200),
+        ("/", f"{wrong}; {right}", 200),
         ("/?token=wrong", right, 200),
     ):
         cookies = {} if cookie is None else {"Cookie": cookie}
@@ -248,6 +250,16 @@ def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
     assert "GuiUpdateMessage" in handled
 
 
+def test_a_viser_that_comes_past_the_guard_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("poseviewer.viewer.guard.VISERS_OWN", "another.module")
+    before = set(threading.enumerate())
+    with pytest.raises(RuntimeError, match=r"unguarded; install viser 1\.1\.1"):
+        serve("127.0.0.1", 0)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
 def test_a_busy_port_that_was_named_is_an_error() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
@@ -281,7 +293,7 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
         with socket.create_connection(("127.0.0.1", port), 20):
             pass  # a connection that says nothing
         assert get(guarded)[0] == 200
-        assert capfd.readouterr() == ("", "")
+    assert capfd.readouterr() == ("", "")
     if sys.platform != "win32":
         with socket.create_server(("127.0.0.1", port)):
             pass

@@ -1,0 +1,40 @@
+"""The folder in which poseviewer keeps what should outlive it: uploads, autosaved sessions."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import platformdirs
+
+from poseviewer.errors import SettingsError
+
+VARIABLE = "POSEVIEWER_STATE"
+
+
+def state_folder() -> Path:
+    """The user's own folder for poseviewer's state, made where it is missing, closed to others.
+
+    The environment variable POSEVIEWER_STATE names another one.
+
+    Raises:
+        SettingsError: the folder cannot be made, or is another user's.
+    """
+    named = os.environ.get(VARIABLE)
+    folder = Path(named) if named else platformdirs.user_state_path("poseviewer", appauthor=False)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        owner = folder.stat().st_uid
+    except OSError as error:
+        raise SettingsError(
+            f"{folder}: cannot be made or looked into ({error.strerror}); poseviewer keeps its "
+            f"state there, set {VARIABLE} to another folder."
+        ) from error
+    # Where the name is known beforehand, another user may have made the folder to read along.
+    if sys.platform != "win32" and owner != os.getuid():
+        raise SettingsError(
+            f"{folder}: belongs to another user; poseviewer keeps its state there, set {VARIABLE} "
+            "to a folder of your own."
+        )
+    return folder.absolute()
