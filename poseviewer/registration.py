@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -222,13 +223,31 @@ def make_record(
         ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
         ChartNumbers(chart.name, chart.names, numbers),
         loss,
-        {**_settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
+        {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
         {"name": "poseviewer", "version": version("poseviewer")},
     )
 
 
-def _settings_as_json(settings: FitSettings) -> dict[str, Any]:
+def settings_as_json(settings: FitSettings) -> dict[str, Any]:
+    """The settings as JSON holds them; what is not set is left out."""
     return {key: value for key, value in asdict(settings).items() if value is not None}
+
+
+def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
+    """The settings from ``settings_as_json``; what is not known, or makes no sense, is left out."""
+    known = {field.name for field in fields(FitSettings)}
+    given = {key: value for key, value in data.items() if key in known}
+    try:
+        if "rules" in given:
+            given["rules"] = RestartRules(**given["rules"])
+        if "limits" in given:
+            given["limits"] = Limits(**given["limits"])
+        for key in ("lock", "region"):
+            if key in given:
+                given[key] = tuple(given[key])
+        return FitSettings(**given)
+    except TypeError:
+        return FitSettings()
 
 
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:

@@ -21,12 +21,21 @@ def save_figure(path: str | Path, figure: Figure) -> None:
         SettingsError: the format is unknown, or the folder missing or not to be written to.
     """
     path = Path(path)
-    memory = BytesIO()
     try:
-        kind = path.suffix[1:].lower() or "png"
-        FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)
+        data = figure_bytes(figure, path.suffix[1:].lower() or "png")
     except ValueError as error:
         raise SettingsError(
             f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
         ) from error
-    write_whole(path, memory.getvalue(), SettingsError)
+    write_whole(path, data, SettingsError)
+
+
+def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
+    """A figure as the content of a file of that ``kind``.
+
+    Raises:
+        ValueError: the kind is unknown.
+    """
+    memory = BytesIO()
+    FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)
+    return memory.getvalue()

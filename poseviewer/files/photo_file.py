@@ -58,6 +58,16 @@ class Photo:
         scaled = self.pixels * np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
         return scaled if scaled.shape[2] == 3 else np.repeat(scaled, 3, axis=2)
 
+    def as_rgb8(self, width: int, height: int) -> NDArray[np.uint8]:
+        """(height, width, 3) RGB of 8 bits, for the eye: shrunk to the size by averaging."""
+        pixels = self.pixels
+        if pixels.dtype == np.uint16:
+            pixels = np.right_shift(pixels, 8).astype(np.uint8)
+        if (width, height) != (self.width, self.height):
+            pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+        pixels = np.asarray(pixels, np.uint8).reshape(height, width, -1)
+        return pixels if pixels.shape[2] == 3 else np.repeat(pixels, 3, axis=2)
+
     def grey(self) -> NDArray[np.float32]:
         """(height, width) in [0, 1]."""
         top = np.float32(1.0 / np.iinfo(self.pixels.dtype).max)

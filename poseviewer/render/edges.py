@@ -54,6 +54,8 @@ class LineDrawing:
     """(h, w): distance to the nearest feature edge."""
     crowding: NDArray[np.float32]
     """(h, w) in [0, 1]: how strongly feature edges are to be drawn."""
+    covered: NDArray[np.bool_]
+    """(h, w): the samples inside the silhouette, small holes among them."""
 
     def outline(self, line_width: float) -> NDArray[np.float32]:
         """Opacity (h, w) in [0, 1], at the samples, of the silhouette ``line_width`` px wide."""
@@ -88,7 +90,9 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
     features = _distance(~found) + half
     samples = np.float32(window.samples)
-    return LineDrawing(window, silhouette / samples, features / samples, _crowding(found, width))
+    return LineDrawing(
+        window, silhouette / samples, features / samples, _crowding(found, width), ~outside
+    )
 
 
 def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.edges import find_lines
+from poseviewer.render.edges import LineDrawing, find_lines
 from poseviewer.render.residual import paint_residual
 from poseviewer.render.window import model_window
 
@@ -29,6 +29,8 @@ REFERENCE_SIDE = 1000.0
 OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
 """Of lines, and of the halo on either side of them, in px of such a photo."""
 HALO_OPACITY = 0.55
+EDGE_STRENGTH = 0.6
+"""Opacity of the feature edges beside the silhouette."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,8 @@ class View:
     """From the model's attributes to the relit model ``A M + b`` (h, w, n), in [0, 1] from black to
     white, n = 1 (grey) or 3 (RGB), pixel by pixel: it gets the part of the picture that the model
     is in. The looks ``relit`` and ``residual`` need it."""
+    opacity: float = 0.8
+    """Of the look ``solid``, in [0, 1]."""
 
     def __post_init__(self) -> None:
         camera = self.pose.camera
@@ -72,7 +76,7 @@ def draw_none(view: View) -> Picture:
 
 def draw_outline(view: View) -> Picture:
     """The model's silhouette, with its feature edges in fainter and thinner lines."""
-    return _draw_lines(view, OUTLINE_WIDTH, edge_strength=0.6)
+    return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
 
 
 def draw_edges(view: View) -> Picture:
@@ -113,7 +117,7 @@ def draw_solid(view: View) -> Picture:
         colour = 0.3 + 0.7 * image.reflectance  # black paint must show its shape as well
         return colour * (0.25 + 0.75 * facing)
 
-    return _painted(view, shade, opacity=0.8)
+    return _painted(view, shade, view.opacity)
 
 
 LOOKS: Mapping[str, Callable[[View], Picture]] = MappingProxyType(
@@ -134,6 +138,16 @@ LOOKS: Mapping[str, Callable[[View], Picture]] = MappingProxyType(
 def line_scale(width: int, height: int) -> float:
     """By how much lines are widened in a photo of this size; never below 1."""
     return max(1.0, max(width, height) / REFERENCE_SIDE)
+
+
+def edge_layer(lines: LineDrawing, scale: float) -> Picture:
+    """(h, w, 4), RGBA: the feature edges of the look ``outline`` alone, at the window's samples."""
+    stroke = EDGE_STRENGTH * lines.edges(EDGE_WIDTH * scale)
+    halo = HALO_OPACITY * EDGE_STRENGTH * lines.edges((EDGE_WIDTH + 2.0 * HALO_WIDTH) * scale)
+    opacity = stroke + halo * (1.0 - stroke)
+    share = (stroke / np.maximum(opacity, 1e-6))[..., None]
+    colour = share * np.array(LINE_COLOUR) + (1.0 - share) * np.array(HALO_COLOUR)
+    return np.rint(np.dstack([colour, 255.0 * opacity])).astype(np.uint8)
 
 
 def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Picture:

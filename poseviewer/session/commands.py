@@ -1,0 +1,271 @@
+"""What a user, or a worker, asks of the session. Points are photo px, pixel centres at i + 0.5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from poseviewer.geometry.camera import Pose
+from poseviewer.registration import FitSettings
+from poseviewer.session.document import Document
+from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
+
+Projection = Literal["perspective", "parallel"]
+Tool = Literal["pose", "region"]
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """The main button went down at a point of the photo."""
+
+    x: float
+    y: float
+    zoom: float = 1.0
+    """Screen px per photo px: what is near is told on the screen."""
+    shift: bool = False
+    ctrl: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class DragTo:
+    """The pointer moved, the button down."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """The button went up."""
+
+
+@dataclass(frozen=True, slots=True)
+class CancelDrag:
+    """The drag is to be forgotten: the pose goes back to where it was."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoublePress:
+    """Pin the surface point seen there, or take the pin there away."""
+
+    x: float
+    y: float
+    zoom: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Nudge:
+    """A small step of the pose, as from a key."""
+
+    kind: Literal["move", "turn", "roll", "scale"]
+    x: float = 0.0
+    """Steps: to the right, about the vertical, clockwise, or larger."""
+    y: float = 0.0
+    """Steps: downwards, or about the horizontal."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetNumber:
+    """One number of the chart, by its name."""
+
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetPose:
+    """Another pose: a picked point of a map, or a file's."""
+
+    pose: Pose
+    as_start: bool = False
+    """Whether ``reset`` goes back to it from now on."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResetToStart:
+    """Back to the start pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class MakeStart:
+    """The pose at hand becomes the start pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookFrom:
+    """The model as a whole in the middle of the photo, seen from one of its sides."""
+
+    side: str
+
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """One step back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Redo:
+    """One step on again."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeSettings:
+    """Other settings of the search."""
+
+    settings: FitSettings
+
+
+@dataclass(frozen=True, slots=True)
+class SetProjection:
+    """Perspective or parallel; the model stays where it is and as large."""
+
+    projection: Projection
+
+
+@dataclass(frozen=True, slots=True)
+class SetCamera:
+    """Intrinsics in px, as OpenCV has them (pixel centres at integers)."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Open:
+    """Another photo, model or both, read and ready."""
+
+    document: Document
+    undoable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SetTool:
+    """What a drag does: the pose, or the region's rectangle."""
+
+    tool: Tool
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeView:
+    """How the model is shown; None leaves as it is."""
+
+    look: str | None = None
+    opacity: float | None = None
+    wipe: float | None = None
+    hidden: bool | None = None
+    rings: bool | None = None
+    before: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeLandscape:
+    """How the maps are drawn; None leaves as it is."""
+
+    half_width: float | None = None
+    shared_scale: bool | None = None
+    large: tuple[int, int] | None = None
+    close_large: bool = False
+    surface: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PickInLandscape:
+    """A point (u, v) of a map, in [0, 1] from its lower left corner: the pose goes there."""
+
+    first: int
+    second: int
+    u: float
+    v: float
+
+
+@dataclass(frozen=True, slots=True)
+class StartSearch:
+    """Search from the pose at hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopSearch:
+    """Stop; the best pose so far is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptSearch:
+    """Keep what the search found, and close its books."""
+
+
+@dataclass(frozen=True, slots=True)
+class RevertSearch:
+    """Back to the pose before the search."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchAdvanced:
+    """A worker's news of search ``search``."""
+
+    search: int
+    news: SearchNews
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchFailed:
+    """Search ``search`` could not be run."""
+
+    search: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandscapeAdvanced:
+    """A worker's news of the maps."""
+
+    news: LandscapeNews
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Painted:
+    """A worker has drawn the model, and knows the loss there."""
+
+    painting: Painting
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Saved:
+    """``pose`` stands in a file."""
+
+    pose: Pose
+
+
+Command = (
+    Press
+    | DragTo
+    | Release
+    | CancelDrag
+    | DoublePress
+    | Nudge
+    | SetNumber
+    | SetPose
+    | ResetToStart
+    | MakeStart
+    | LookFrom
+    | Undo
+    | Redo
+    | ChangeSettings
+    | SetProjection
+    | SetCamera
+    | Open
+    | SetTool
+    | ChangeView
+    | ChangeLandscape
+    | PickInLandscape
+    | StartSearch
+    | StopSearch
+    | AcceptSearch
+    | RevertSearch
+    | SearchAdvanced
+    | SearchFailed
+    | LandscapeAdvanced
+    | Painted
+    | Saved
+)

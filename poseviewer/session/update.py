@@ -1,0 +1,397 @@
+"""``update(session, command)``: how a command changes the session. Pure; bad input is refused with
+a sentence in ``complaint``, and nothing else changes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.frames import camera_from_integer_centres
+from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
+from poseviewer.geometry.placing import look_from, surface_point
+from poseviewer.geometry.vehicle_chart import VehicleChart
+from poseviewer.session import commands as c
+from poseviewer.session.document import Document, with_camera, with_projection
+from poseviewer.session.gestures import PIN_REACH, RegionGrip, pins_in_photo, take_hold
+from poseviewer.session.session import NO_COMPLAINT, Search, Session
+
+MOST_PINS = 3
+NUDGE_MOVE_PX = 1.0
+NUDGE_TURN = math.radians(1.0)
+NUDGE_SCALE = 1.01
+
+
+def update(session: Session, command: c.Command) -> Session:
+    """The session after a command; the same object where nothing changes."""
+    if not isinstance(command, _NEWS) and session.complaint:
+        session = replace(session, complaint=NO_COMPLAINT)
+    try:
+        return _HANDLERS[type(command)](session, command)
+    except (OutsideChartError, SingularChartError, SettingsError, FloatingPointError) as error:
+        return replace(session, complaint=f"{_sentence(str(error))}")
+
+
+def _sentence(text: str) -> str:
+    text = text[:1].upper() + text[1:]
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _with_document(session: Session, document: Document) -> Session:
+    """One undoable step to another document; a search that runs is stopped."""
+    before = session.document
+    settled = _settled(session)
+    return replace(
+        settled,
+        document=document,
+        history=settled.history.with_step(before),
+        anchor=document.pose,
+        search=None,
+    )
+
+
+def _settled(session: Session) -> Session:
+    """The session with its search, if one runs, stopped and accepted."""
+    if session.search is None or not session.search.running:
+        return session
+    return replace(session, search=replace(session.search, running=False))
+
+
+def _with_pose(session: Session, pose: Pose) -> Session:
+    if not np.isfinite(pose.camera_from_model.translation).all():
+        raise FloatingPointError("that pose is out of all proportion; nothing was changed")
+    return _with_document(session, replace(session.document, pose=pose))
+
+
+def _press(session: Session, command: c.Press) -> Session:
+    point = np.array([command.x, command.y])
+    if session.tool == "region":
+        grip = RegionGrip(point)
+    else:
+        way = "roll" if command.ctrl else "turn" if command.shift else "move"
+        rings = session.look.rings
+        grip = take_hold(session.document, point, command.zoom, way, rings)
+    if grip is None:
+        return session
+    return replace(session, grip=grip, before_grip=None)
+
+
+def _drag(session: Session, command: c.DragTo) -> Session:
+    if session.grip is None:
+        return session
+    first = session.before_grip is None
+    before = session.document if first else session.before_grip
+    document = session.grip.drag(session.document, np.array([command.x, command.y]))
+    if first:
+        session = _settled(session)
+        session = replace(session, search=None, anchor=session.anchor or session.document.pose)
+    return replace(session, document=document, before_grip=before)
+
+
+def _release(session: Session, command: c.Release) -> Session:
+    del command
+    if session.grip is None:
+        return session
+    before, tool = session.before_grip, "pose"
+    session = replace(session, grip=None, before_grip=None, tool=tool)
+    if before is None:
+        return session
+    history = session.history.with_step(before)
+    return replace(session, history=history, anchor=session.document.pose)
+
+
+def _cancel_drag(session: Session, command: c.CancelDrag) -> Session:
+    del command
+    document = session.before_grip or session.document
+    return replace(session, grip=None, before_grip=None, tool="pose", document=document)
+
+
+def _double_press(session: Session, command: c.DoublePress) -> Session:
+    document, point = session.document, np.array([command.x, command.y])
+    if isinstance(document.chart, VehicleChart):
+        return replace(session, complaint="A vehicle has its pins already: wheels and axle.")
+    if document.pins:
+        away = np.linalg.norm(pins_in_photo(document) - point, axis=1) * command.zoom
+        if np.min(away) <= PIN_REACH:
+            gone = int(np.argmin(away))
+            kept = tuple(p for i, p in enumerate(document.pins) if i != gone)
+            return _with_document(session, replace(document, pins=kept))
+    if len(document.pins) == MOST_PINS:
+        return replace(
+            session, complaint="Three pins fix a pose; double-click one to take it away first."
+        )
+    found = surface_point(document.registration.mesh, document.pose, point)
+    if found is None:
+        return replace(session, complaint="There is no model there to pin; double-click on it.")
+    return _with_document(session, replace(document, pins=(*document.pins, found)))
+
+
+def _nudge(session: Session, command: c.Nudge) -> Session:
+    pose, centre = session.document.pose, session.document.registration.mesh.centre
+    match command.kind:
+        case "move":
+            pose = moved(pose, centre, NUDGE_MOVE_PX * np.array([command.x, command.y]))
+        case "turn":
+            # To the right: about the downward axis, so that the near side follows.
+            pose = turned(pose, centre, NUDGE_TURN * np.array([command.y, -command.x, 0.0]))
+        case "roll":
+            pose = rolled(pose, centre, NUDGE_TURN * command.x)
+        case "scale":
+            pose = scaled_about(pose, centre, NUDGE_SCALE**command.x)
+    return _with_pose(session, pose)
+
+
+def _set_number(session: Session, command: c.SetNumber) -> Session:
+    chart, numbers = session.document.chart, np.array(session.document.numbers)
+    if command.name not in chart.names or not math.isfinite(command.value):
+        raise SettingsError(f"{command.name} = {command.value} is no number of the chart")
+    index = chart.names.index(command.name)
+    if float(numbers[index]) == command.value:
+        return session
+    numbers[index] = command.value
+    return _with_pose(session, chart.to_pose(numbers))
+
+
+def _set_pose(session: Session, command: c.SetPose) -> Session:
+    if command.as_start:
+        return _with_document(session, session.document.started_from(command.pose))
+    return _with_pose(session, command.pose)
+
+
+def _reset(session: Session, command: c.ResetToStart) -> Session:
+    del command
+    return _with_pose(session, session.document.registration.start.pose)
+
+
+def _make_start(session: Session, command: c.MakeStart) -> Session:
+    del command
+    return _with_document(session, session.document.started_from(session.document.pose))
+
+
+def _look_from(session: Session, command: c.LookFrom) -> Session:
+    document = session.document
+    mesh, keypoints = document.registration.mesh, document.registration.keypoints
+    return _with_pose(session, look_from(command.side, mesh, keypoints, document.pose.camera))
+
+
+def _undo(session: Session, command: c.Undo) -> Session:
+    del command
+    if session.searching and session.search is not None:
+        return _revert(session, c.RevertSearch())
+    history, document = session.history.undo(session.document)
+    return replace(session, history=history, document=document, search=None, anchor=document.pose)
+
+
+def _redo(session: Session, command: c.Redo) -> Session:
+    del command
+    session = _settled(session)
+    history, document = session.history.redo(session.document)
+    return replace(session, history=history, document=document, search=None, anchor=document.pose)
+
+
+def _change_settings(session: Session, command: c.ChangeSettings) -> Session:
+    if command.settings == session.document.settings:
+        return session
+    return _with_document(session, replace(session.document, settings=command.settings))
+
+
+def _set_projection(session: Session, command: c.SetProjection) -> Session:
+    document = session.document
+    camera = document.pose.camera
+    fallback = document.registration.photo.default_camera()
+    start = document.registration.start.pose.camera
+    if isinstance(start, Perspective):
+        fallback = start
+    fallback = replace(fallback, cx=camera.cx, cy=camera.cy)
+    centre = document.registration.mesh.centre
+    pose = with_projection(document.pose, command.projection, fallback, centre)
+    return session if pose is document.pose else _with_pose(session, pose)
+
+
+def _set_camera(session: Session, command: c.SetCamera) -> Session:
+    document = session.document
+    numbers = (command.fx, command.fy, command.cx, command.cy)
+    if not all(math.isfinite(v) for v in numbers) or min(command.fx, command.fy) <= 0.0:
+        raise SettingsError(f"fx, fy = {command.fx}, {command.fy}; wanted lengths above 0 px")
+    photo = document.registration.photo
+    camera = camera_from_integer_centres(Perspective(*numbers, photo.width, photo.height))
+    pose = with_camera(document.pose, camera, document.registration.mesh.centre)
+    if isinstance(document.pose.camera, Parallel):
+        flat = replace(document.pose.camera, cx=camera.cx, cy=camera.cy)
+        pose = with_camera(document.pose, flat, document.registration.mesh.centre)
+    return _with_pose(session, pose)
+
+
+def _open(session: Session, command: c.Open) -> Session:
+    opened = replace(
+        _with_document(session, command.document),
+        landscape=None,
+        painting=None,
+        grip=None,
+        tool="pose",
+        saved=command.document.pose,
+    )
+    return opened if command.undoable else replace(opened, history=session.history)
+
+
+def _set_tool(session: Session, command: c.SetTool) -> Session:
+    return replace(session, tool=command.tool)
+
+
+def _change_view(session: Session, command: c.ChangeView) -> Session:
+    look = session.look
+    changes = {
+        name: value
+        for name, value in (
+            ("name", command.look),
+            ("opacity", command.opacity),
+            ("wipe", command.wipe),
+            ("hidden", command.hidden),
+            ("rings", command.rings),
+            ("before", command.before),
+        )
+        if value is not None
+    }
+    return replace(session, look=replace(look, **changes))
+
+
+def _change_landscape(session: Session, command: c.ChangeLandscape) -> Session:
+    view = session.maps
+    if command.half_width is not None:
+        view = replace(view, half_width=command.half_width)
+    if command.shared_scale is not None:
+        view = replace(view, shared_scale=command.shared_scale)
+    if command.surface is not None:
+        view = replace(view, surface=command.surface)
+    if command.large is not None:
+        view = replace(view, large=command.large)
+    if command.close_large:
+        view = replace(view, large=None)
+    return replace(session, maps=view)
+
+
+def _pick(session: Session, command: c.PickInLandscape) -> Session:
+    news = session.landscape
+    if news is None:
+        return session
+    pairs = {(piece.first, piece.second): piece for piece in news.slices}
+    piece = pairs.get((command.first, command.second))
+    if piece is None:
+        return session
+    numbers: FloatArray = np.array(news.numbers)
+    for index, values, share in (
+        (piece.first, piece.first_values, command.u),
+        (piece.second, piece.second_values, command.v),
+    ):
+        share = min(max(share, 0.0), 1.0)
+        numbers[index] = values[0] + share * (values[-1] - values[0])
+    return _with_pose(session, news.problem.chart.to_pose(numbers))
+
+
+def _start_search(session: Session, command: c.StartSearch) -> Session:
+    del command
+    if session.searching:
+        return session
+    number = session.searches + 1
+    document = session.document
+    return replace(
+        session,
+        searches=number,
+        search=Search(number, document),
+        look=replace(session.look, before=False),
+        history=session.history.with_step(document),
+        anchor=document.pose,
+        grip=None,
+        before_grip=None,
+    )
+
+
+def _stop_search(session: Session, command: c.StopSearch) -> Session:
+    del command
+    return _settled(session)
+
+
+def _accept(session: Session, command: c.AcceptSearch) -> Session:
+    del command
+    return replace(_settled(session), search=None, anchor=session.document.pose)
+
+
+def _revert(session: Session, command: c.RevertSearch) -> Session:
+    del command
+    search = session.search
+    if search is None:
+        return session
+    history, document = session.history.undo(session.document)
+    return replace(session, search=None, history=history, document=document, anchor=document.pose)
+
+
+def _search_advanced(session: Session, command: c.SearchAdvanced) -> Session:
+    search = session.search
+    if search is None or search.number != command.search or not search.running:
+        return session
+    progress = command.news.progress
+    running = progress.status.name == "RUNNING"
+    document = replace(session.document, pose=progress.pose)
+    found = replace(search, news=command.news, running=running)
+    return replace(session, document=document, search=found)
+
+
+def _search_failed(session: Session, command: c.SearchFailed) -> Session:
+    search = session.search
+    if search is None or search.number != command.search:
+        return session
+    return replace(_revert(session, c.RevertSearch()), complaint=_sentence(command.reason))
+
+
+def _landscape_advanced(session: Session, command: c.LandscapeAdvanced) -> Session:
+    return replace(session, landscape=command.news)
+
+
+def _painted(session: Session, command: c.Painted) -> Session:
+    return replace(session, painting=command.painting)
+
+
+def _saved(session: Session, command: c.Saved) -> Session:
+    return replace(session, saved=command.pose)
+
+
+_NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted)
+
+_HANDLERS = {
+    c.Press: _press,
+    c.DragTo: _drag,
+    c.Release: _release,
+    c.CancelDrag: _cancel_drag,
+    c.DoublePress: _double_press,
+    c.Nudge: _nudge,
+    c.SetNumber: _set_number,
+    c.SetPose: _set_pose,
+    c.ResetToStart: _reset,
+    c.MakeStart: _make_start,
+    c.LookFrom: _look_from,
+    c.Undo: _undo,
+    c.Redo: _redo,
+    c.ChangeSettings: _change_settings,
+    c.SetProjection: _set_projection,
+    c.SetCamera: _set_camera,
+    c.Open: _open,
+    c.SetTool: _set_tool,
+    c.ChangeView: _change_view,
+    c.ChangeLandscape: _change_landscape,
+    c.PickInLandscape: _pick,
+    c.StartSearch: _start_search,
+    c.StopSearch: _stop_search,
+    c.AcceptSearch: _accept,
+    c.RevertSearch: _revert,
+    c.SearchAdvanced: _search_advanced,
+    c.SearchFailed: _search_failed,
+    c.LandscapeAdvanced: _landscape_advanced,
+    c.Painted: _painted,
+    c.Saved: _saved,
+}
