@@ -19,6 +19,8 @@ from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Perspective
 from poseviewer.geometry.colour import GREY_WEIGHTS
 
 MAX_MEGAPIXELS = 100.0
+LARGEST_FILE = 2_000_000_000
+"""Bytes: 100 megapixels of three 32-bit floats have 1.2e9."""
 STRIP_PIXELS = 1 << 20
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
@@ -145,6 +147,12 @@ def _read(path: Path, wanted: str) -> bytes:
     if path.is_dir():
         raise PhotoFileError(f"{path.name or path}: is a folder; wanted a {wanted} file.")
     try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise PhotoFileError(
+                f"{path.name}: {size:,} bytes, more than any photo of {MAX_MEGAPIXELS:.0f} "
+                f"megapixels; is it a {wanted}?"
+            )
         data = path.read_bytes()
     except FileNotFoundError:
         raise PhotoFileError(

@@ -176,11 +176,11 @@ def _photos(folder: Path) -> Contents:
         "text as jpg": (".jpg", "Dear all,\nplease find the photo attached.\n"),
         "svg": (".svg", '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"/>'),
         "zeros as jpg": (".jpg", bytes(1000)),
-        "bomb png": (".png", _png_header(60_000, 60_000)),
+        "bomb png": (".png", png_header(60_000, 60_000)),
         "bomb tiff": (".tiff", _tiff_header(60_000, 60_000)),
         "just too large tiff": (".tiff", _tiff_header(10_001, 10_000)),
-        "just too large png": (".png", _png_header(10_001, 10_000)),
-        "png of no width": (".png", _png_header(0, 10)),
+        "just too large png": (".png", png_header(10_001, 10_000)),
+        "png of no width": (".png", png_header(0, 10)),
     }
     for suffix in (".jpg", ".png", ".tiff", ".webp", ".bmp"):
         path = folder / f"whole{suffix}"
@@ -192,7 +192,7 @@ def _photos(folder: Path) -> Contents:
     return contents
 
 
-def _png_header(width: int, height: int) -> bytes:
+def png_header(width: int, height: int) -> bytes:
     """A PNG that promises a size, with hardly anything behind."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:

@@ -15,7 +15,7 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.model_size import LARGEST_FILE, count_of_word
 from poseviewer.files.part import MAX_FACES
-from tests.files.broken_inputs import PLY_HEAD, TRIANGLE
+from tests.files.broken_inputs import PLY_HEAD, TRIANGLE, png_header
 
 LARGEST_PEAK = 100_000_000
 """Bytes: the models refused here would take gigabytes."""
@@ -161,3 +161,38 @@ def test_gltf_counts_that_make_no_sense(tmp_path: Path, count: object) -> None:
     path = tmp_path / "model.gltf"
     path.write_text(gltf(1, accessors=[json.loads(gltf(1))["accessors"][0] | {"count": count}]))
     refusal(path)
+
+
+def test_a_texture_that_unpacks_to_gigabytes_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "bomb.png").write_bytes(png_header(60_000, 60_000))
+    (tmp_path / "model.mtl").write_text("newmtl m\nmap_Kd bomb.png\n")
+    path = tmp_path / "model.obj"
+    path.write_text(
+        "mtllib model.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    )
+    mesh = load_mesh(path)
+    assert len(mesh.textures) == 0
+    assert "bomb.png has too many pixels" in " ".join(mesh.notes)
+
+
+def test_a_gltf_texture_that_unpacks_to_gigabytes(tmp_path: Path) -> None:
+    uri = "data:image/png;base64," + base64.b64encode(png_header(60_000, 60_000)).decode()
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
+    primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 0}, "material": 0}
+    path = tmp_path / "model.gltf"
+    path.write_text(
+        gltf(
+            1,
+            images=[{"uri": uri}],
+            textures=[{"source": 0}],
+            materials=[material],
+            meshes=[{"primitives": [primitive]}],
+        )
+    )
+    tracemalloc.start()
+    try:
+        mesh = load_mesh(path)
+        assert len(mesh.textures) == 0
+        assert tracemalloc.get_traced_memory()[1] < LARGEST_PEAK
+    finally:
+        tracemalloc.stop()

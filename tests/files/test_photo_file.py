@@ -204,6 +204,14 @@ def test_100_megapixels_are_a_photo(tmp_path: Path) -> None:
     assert photo.pixels[-1, -1, 0] == 200
 
 
+def test_files_too_large_for_any_photo_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.png"
+    with path.open("wb") as file:
+        file.truncate(2_000_000_001)  # a hole, which takes no place
+    with pytest.raises(PhotoFileError, match=r"^large\.png: 2,000,000,001 bytes, more than any"):
+        load_photo(path)
+
+
 def test_floating_point_pixels_from_0_to_1_are_rounded(tmp_path: Path) -> None:
     values = np.linspace(0.0, 1.0, 48 * 64, dtype=np.float32).reshape(48, 64)
     write(tmp_path / "float.tiff", values)
