@@ -10,12 +10,13 @@ from typing import NoReturn
 
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
-    options = make_parser().parse_args(arguments)
+    options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         from poseviewer import commands
 
@@ -38,15 +39,35 @@ class _Parser(argparse.ArgumentParser):
         self.exit(EXIT_MENDABLE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options: of a command, or, where none is named, of the app."""
+    if arguments and (arguments[0] in COMMANDS or arguments[0] in ("-h", "--help")):
+        return make_parser().parse_args(arguments)
+    return make_app_parser().parse_args(arguments)
+
+
+def make_app_parser() -> argparse.ArgumentParser:
+    """``poseviewer [PHOTO MODEL]``: the app."""
+    parser = _Parser(prog="poseviewer", description="Open the app.")
+    _add_app(parser)
+    return parser
+
+
 def make_parser() -> argparse.ArgumentParser:
     """All commands and their options."""
     parser = _Parser(
         prog="poseviewer",
-        description="Register a known 3D model onto one photo of the object. "
-        "Without a command: fit the bundled demo.",
+        description="Register a known 3D model onto one photo of the object. Without a command: "
+        "open the app in the browser, on PHOTO and MODEL, or on the bundled demo "
+        "(poseviewer app --help).",
     )
-    parser.set_defaults(command="demo", out=Path("poseviewer-demo"), quiet=False)
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", parser_class=_Parser, required=True
+    )
+    app = commands.add_parser("app", help="the app, as without a command")
+    _add_app(app)
+    demo = commands.add_parser("demo", help="fit the bundled demo, without the app")
+    demo.set_defaults(command="demo", out=Path("poseviewer-demo"), quiet=False)
     _add_fit(commands)
     _add_overlay(commands)
     _add_landscape(commands)
@@ -54,6 +75,20 @@ def make_parser() -> argparse.ArgumentParser:
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
     info.set_defaults(command="info")
     return parser
+
+
+def _add_app(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("photo", type=Path, nargs="?", metavar="PHOTO")
+    parser.add_argument("model", type=Path, nargs="?", metavar="MODEL")
+    parser.add_argument("--pose", type=Path, metavar="POSE.json", help="the start")
+    parser.add_argument("--port", type=_port, help="(the first free one from 8080 on)")
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="serve others than this machine as well; the address then bears a token",
+    )
+    parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
+    parser.set_defaults(command="app")
 
 
 def _add_fit(commands: argparse._SubParsersAction) -> None:
@@ -144,6 +179,13 @@ def _whole(text: str) -> int:
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
+    return value
+
+
+def _port(text: str) -> int:
+    value = int(text)
+    if not 0 <= value <= 65535:
+        raise argparse.ArgumentTypeError(f"{text} is not a port, from 0 to 65535")
     return value
 
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from poseviewer import describe
 from poseviewer.demo import demo_case
-from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
+from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError, SettingsError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import save_figure
 from poseviewer.files.landscape_file import save_landscape
@@ -37,6 +37,33 @@ from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import View, draw_look
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
+
+
+def app(options: Namespace) -> int:
+    """Serve the app until it is interrupted."""
+    photo, model, pose = options.photo, options.model, options.pose
+    if photo is None:
+        if pose is not None:
+            raise SettingsError("--pose without PHOTO and MODEL; name all three")
+        case = demo_case("perspective")
+        photo, model, pose = case.photo, case.model, case.start
+    elif model is None:
+        raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
+    from poseviewer.render.software import kernels_are_compiled
+    from poseviewer.viewer.serving import serve_app
+
+    if not kernels_are_compiled():
+        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
+    serve_app(
+        photo,
+        model,
+        pose,
+        host=options.host,
+        port=options.port,
+        browser=not options.no_browser,
+        tell=lambda line: print(line, flush=True),
+    )
+    return 0
 
 
 def fit(options: Namespace) -> int:

@@ -324,7 +324,25 @@ def _wait_for(stream, word: str, seconds: float = 120.0) -> None:
         seen += piece
 
 
-def test_no_command_at_all_is_the_demo():
-    options = cli.make_parser().parse_args([])
-    assert options.command == "demo"
-    assert isinstance(options.out, Path)
+def test_no_command_at_all_is_the_app():
+    options = cli.parse([])
+    assert (options.command, options.photo, options.host) == ("app", None, "127.0.0.1")
+    options = cli.parse(["car.jpg", "car.glb", "--pose", "p.json", "--no-browser"])
+    assert (options.command, options.photo, options.model) == (
+        "app",
+        Path("car.jpg"),
+        Path("car.glb"),
+    )
+    assert cli.parse(["demo"]).command == "demo"
+
+
+def test_the_app_wants_a_model_with_a_photo(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["photo.jpg"]) == 2
+    assert "name PHOTO and MODEL" in capsys.readouterr().err
+    assert cli.main(["--pose", "pose.json"]) == 2
+    assert "name all three" in capsys.readouterr().err
+
+
+def test_every_command_is_known_to_both_parsers():
+    for command in cli.COMMANDS:
+        assert command in cli.make_parser().format_help()

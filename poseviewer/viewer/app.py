@@ -1,0 +1,326 @@
+"""The app: one main loop that owns the session, hands work to the workers, and writes the page.
+
+Callbacks only post requests; workers only publish news. What is here runs in one thread, and waits
+for nobody.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session import commands as c
+from poseviewer.session.jobs import (
+    LandscapeNews,
+    Painter,
+    Painting,
+    PaintRequest,
+    SearchNews,
+)
+from poseviewer.session.session import Session
+from poseviewer.session.update import update
+from poseviewer.viewer import exporting
+from poseviewer.viewer.autosaving import Autosaver
+from poseviewer.viewer.mapping import MapJob, Mapper
+from poseviewer.viewer.opening import Opened
+from poseviewer.viewer.page import Page
+from poseviewer.viewer.reports import command_of
+from poseviewer.viewer.requests import (
+    Download,
+    Greet,
+    Report,
+    Request,
+    Restore,
+    SavePose,
+    ShowHelp,
+    Upload,
+)
+from poseviewer.viewer.tasks import Done, Exported, Tasks
+from poseviewer.worker import Mailbox, Worker
+
+_log = logging.getLogger(__name__)
+
+IDLE_S, BUSY_S = 0.25, 0.03
+"""The loop looks for news of search and maps at least this often."""
+SEARCH_PAINT_S = 0.1
+"""A search is drawn no oftener: the processor is for the search."""
+SETTLED_S = 0.15
+"""After so long without motion the fine drawing is begun."""
+INTERPRETER_SHARE_S = 0.001
+"""A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
+
+
+class App:
+    """Everything that runs while the page is served."""
+
+    def __init__(self, server: viser.ViserServer, opened: Opened, state: Path) -> None:
+        sys.setswitchinterval(INTERPRETER_SHARE_S)
+        self._mailbox: Mailbox[Request] = Mailbox()
+        self.session = Session(
+            opened.document, anchor=opened.document.pose, saved=opened.document.pose
+        )
+        self._renderer = opened.renderer
+        self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
+        self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring, patient=True)
+        self._searcher: Worker[SearchNews] = Worker("searcher")
+        self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
+        self._tasks = Tasks(self._mailbox.ring, state)
+        self._autosaver = Autosaver(state)
+        self._page = Page(server, self._mailbox.post)
+        self._running = True
+        self._renew_brushes()
+        self._painted: PaintRequest | None = None
+        self._moved_at = 0.0
+        self._search_tickets: dict[int, int] = {}
+        self._mapped: MapJob | None = None
+        self._page.tell_all(opened.warnings)
+
+    def run(self) -> None:
+        """Serve until ``stop``."""
+        try:
+            while self._running:
+                self.step()
+        finally:
+            self._autosaver.close(self.session)
+            for worker in (self._painter, self._finisher, self._searcher, self._mapper):
+                worker.close()
+            self._tasks.close()
+
+    def stop(self) -> None:
+        """End the loop; from any thread."""
+        self._running = False
+        self._mailbox.ring()
+
+    def step(self) -> None:
+        """Take what has come, start what is wanted, show what is new."""
+        busy = self._searcher.busy or self._mapper.busy or self._unfinished()
+        for request in _newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
+            try:
+                self._handle(request)
+            except PoseViewerError as error:
+                self._page.complain(str(error))
+        self._collect()
+        self._start_jobs()
+        self._page.show(self.session, self._autosaver.where(self.session))
+        self._autosaver.tick(self.session)
+
+    # --- requests --------------------------------------------------------------------------------
+
+    def _handle(self, request: Request) -> None:
+        match request:
+            case Report():
+                meant = command_of(request, self.session)
+                if meant is not None:
+                    self._handle(meant)
+            case Upload():
+                self._tasks.add_upload(request)
+                self._page.working(f"Reading {request.name[:60]} ...")
+            case SavePose():
+                self._save()
+            case Download():
+                self._export(request)
+            case ShowHelp():
+                self._page.show_help(request.client)
+            case Greet():
+                self._page.greet(request.client, self._autosaver.offer())
+            case Restore():
+                kept = self._autosaver.take_offer()
+                self._page.close_offer()
+                if request.wanted and kept is not None:
+                    self._tasks.add_restore(kept)
+            case _:
+                self._command(request)
+
+    def _command(self, command: c.Command) -> None:
+        before = self.session
+        self.session = update(before, command)
+        if self.session.complaint and self.session.complaint is not before.complaint:
+            self._page.complain(self.session.complaint)
+        if isinstance(command, c.AcceptSearch):
+            self._autosaver.save_now(self.session)
+        mesh = self.session.document.registration.mesh
+        if mesh is not before.document.registration.mesh:
+            if mesh is not self._renderer.mesh:  # undone to a model that was open before
+                self._renderer = SoftwareRenderer(mesh)
+            self._renew_brushes()
+
+    def _save(self) -> None:
+        document = self.session.document
+        path = self._autosaver.save_pose(self.session, exporting.record_of(self.session))
+        self._command(c.Saved(document.pose))
+        self._page.tell(f"Saved {path.name}", str(path))
+
+    def _export(self, request: Download) -> None:
+        session, renderer = self.session, self._renderer.clone()
+        self._tasks.add_export(request, lambda: exporting.export(request.what, session, renderer))
+        self._page.working("Drawing ..." if request.what in ("overlay", "sheet") else "")
+
+    # --- workers ---------------------------------------------------------------------------------
+
+    def _collect(self) -> None:
+        for worker in (self._painter, self._finisher):
+            news = worker.take()
+            if news is None:
+                continue
+            if news.error is not None:
+                self._page.complain(f"The model could not be drawn: {news.error}")
+            elif news.item is not None and self._is_current(news.item):
+                self._command(c.Painted(news.item))
+        self._collect_search()
+        news = self._mapper.take()
+        if news is not None and news.error is not None:
+            self._page.maps_note(str(news.error))
+        elif news is not None and news.item is not None:
+            self._command(c.LandscapeAdvanced(news.item))
+        for done in self._tasks.collect():
+            self._finish(done)
+        self._tasks.start_next(self.session.document, self._renderer)
+
+    def _collect_search(self) -> None:
+        news = self._searcher.take()
+        if news is None:
+            return
+        number = self._search_tickets.get(news.ticket, 0)
+        if news.item is not None:
+            self._command(c.SearchAdvanced(number, news.item))
+        if news.error is not None:
+            self._command(c.SearchFailed(number, str(news.error)))
+        if news.finished:
+            self._autosaver.save_now(self.session)
+
+    def _finish(self, done: Done) -> None:
+        self._page.working("")
+        if done.error is not None:
+            self._page.complain(str(done.error))
+        if isinstance(done.result, Opened):
+            opened = done.result
+            if opened.pose_alone:
+                self._command(c.SetPose(opened.document.pose, as_start=True))
+            else:
+                self._renderer = opened.renderer
+                self._command(c.Open(opened.document))
+            self._page.tell_all(opened.warnings)
+        elif isinstance(done.result, Exported):
+            self._page.send(done.result)
+
+    def _start_jobs(self) -> None:
+        self._start_painting()
+        self._start_search()
+        job = MapJob.wanted(self.session, self._in_motion())
+        if job is not None and job.replaces(self._mapped, self._mapper.busy):
+            self._mapped = job
+            mapper = self._map_maker
+            self._mapper.start(lambda: mapper.run(job))
+
+    def _start_painting(self) -> None:
+        session = self.session
+        document = session.document
+        request = PaintRequest(
+            document.registration,
+            document.settings,
+            session.shown_pose,
+            session.anchor or document.pose,
+            session.look.name,
+            session.look.opacity,
+        )
+        if self._painted is None or not _same_picture(request, self._painted):
+            # One at a time: a drawing that is displaced before it is shown helps nobody.
+            if self._painter.busy:
+                return
+            if session.searching and time.monotonic() - self._moved_at < SEARCH_PAINT_S:
+                return
+            self._painted, self._moved_at = request, time.monotonic()
+            quick = self._quick
+            self._finisher.stop()
+            self._painter.start(lambda: quick.paint(replace(request, moving=True)))
+            return
+        if self._unfinished() and time.monotonic() - self._moved_at > SETTLED_S:
+            self._moved_at = 0.0
+            fine = self._fine
+            self._finisher.start(lambda: _last(fine.paint(request)))
+
+    def _start_search(self) -> None:
+        search = self.session.search
+        if search is None or not search.running:
+            if self._searcher.busy:
+                self._searcher.stop()
+            return
+        if search.number in self._search_tickets.values():
+            return
+        document = search.before
+        runner = self._search_maker
+        ticket = self._searcher.start(
+            lambda: runner(document.registration, document.pose, document.settings)
+        )
+        self._search_tickets = {ticket: search.number}
+
+    def _unfinished(self) -> bool:
+        """Whether the fine drawing of what is shown is still to be begun."""
+        return self._moved_at > 0.0 and not self._in_motion() and not self._painter.busy
+
+    def _in_motion(self) -> bool:
+        return self.session.before_grip is not None or self.session.searching
+
+    def _is_current(self, painting: Painting) -> bool:
+        registration = self.session.document.registration
+        return painting.request.registration is registration or (
+            painting.request.registration.photo is registration.photo
+            and painting.request.registration.mesh is registration.mesh
+        )
+
+    def _renew_brushes(self) -> None:
+        """Every worker draws with buffers of its own."""
+        from poseviewer.session.jobs import search
+
+        self._quick = Painter(self._renderer.clone())
+        self._fine = Painter(self._renderer.clone())
+        self._map_maker = Mapper(self._renderer.clone())
+        searching = self._renderer.clone()
+
+        def run(registration: Any, pose: Pose, settings: Any) -> Iterator[SearchNews]:
+            return search(registration, pose, settings, searching)
+
+        self._search_maker: Callable[..., Iterator[SearchNews]] = run
+        self._painted = None
+        self._mapped = None
+
+
+def _newest_drags(requests: list[Request]) -> list[Request]:
+    """The requests without those drags that another one follows at once."""
+    kept: list[Request] = []
+    for request in requests:
+        if kept and _is_drag(request) and _is_drag(kept[-1]):
+            kept[-1] = request
+        else:
+            kept.append(request)
+    return kept
+
+
+def _is_drag(request: Request) -> bool:
+    return isinstance(request, Report) and request.content.get("kind") == "drag"
+
+
+def _same_picture(one: PaintRequest, other: PaintRequest) -> bool:
+    return (
+        one.pose is other.pose
+        and one.anchor is other.anchor
+        and one.registration.photo is other.registration.photo
+        and one.registration.mesh is other.registration.mesh
+        and (one.look, one.opacity, one.settings) == (other.look, other.opacity, other.settings)
+    )
+
+
+def _last(paintings: Iterator[Painting]) -> Iterator[Painting]:
+    """Only the last one: the quick ones are on the page already."""
+    yield from deque(paintings, maxlen=1)

@@ -1,0 +1,333 @@
+// The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
+// Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG.
+//
+// viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
+// three.js view offsets, which cut a piece out of the picture and leave the registration alone.
+// Pointer and key events over the photo are taken before viser sees them, so that its own camera
+// controls cannot move.
+const CONFIG = /*CONFIG*/ {};
+const state = {
+  photo: CONFIG.photo, // [width, height] in px
+  plane: CONFIG.plane, // {depth, side}: distance of the photo's plane, length of its longer side
+  zoom: 1, // canvas px per px of the fitted view
+  centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
+  size: [0, 0],
+  pointer: null, // "drag" or "pan" while a button is down
+  last: [0, 0],
+  pending: null,
+  sequence: 0,
+  hint: "",
+  modifiers: "",
+};
+const old = window.poseviewer;
+if (old && old.dispose) old.dispose();
+const cleanups = [];
+const vm = () => window.__viserMutable;
+
+function listen(target, kind, handler, options) {
+  target.addEventListener(kind, handler, options);
+  cleanups.push(() => target.removeEventListener(kind, handler, options));
+}
+
+function send(message) {
+  message.sequence = ++state.sequence;
+  vm().sendMessage({
+    type: "GuiUpdateMessage",
+    uuid: CONFIG.channel,
+    updates: { value: JSON.stringify(message) },
+  });
+}
+
+// --- the view -----------------------------------------------------------------------------------
+
+function fitted() {
+  // Where the whole photo lies in the canvas at zoom 1: CSS px per photo px.
+  const [w, h] = state.photo;
+  return Math.min(state.size[0] / w, state.size[1] / h);
+}
+
+function photoFromCanvas(x, y) {
+  const k = fitted() * state.zoom;
+  return [
+    state.centre[0] * state.photo[0] + (x - state.size[0] / 2) / k,
+    state.centre[1] * state.photo[1] + (y - state.size[1] / 2) / k,
+  ];
+}
+
+function canvasFromPhoto(x, y) {
+  const k = fitted() * state.zoom;
+  return [
+    (x - state.centre[0] * state.photo[0]) * k + state.size[0] / 2,
+    (y - state.centre[1] * state.photo[1]) * k + state.size[1] / 2,
+  ];
+}
+
+function applyView() {
+  const viewer = vm();
+  if (!viewer || !viewer.camera || !viewer.canvas) return;
+  const canvas = viewer.canvas;
+  const [w, h] = [canvas.clientWidth, canvas.clientHeight];
+  if (!w || !h) return;
+  state.size = [w, h];
+  const camera = viewer.camera;
+  const unit = state.plane.side / Math.max(...state.photo);
+  const seen = (h / fitted()) * unit; // height of the plane that the whole view shows
+  camera.fov = (2 * Math.atan(seen / 2 / state.plane.depth) * 180) / Math.PI;
+  camera.aspect = w / h;
+  const k = fitted();
+  const [vw, vh] = [w / state.zoom, h / state.zoom];
+  const middle = [
+    w / 2 + (state.centre[0] - 0.5) * state.photo[0] * k,
+    h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k,
+  ];
+  camera.setViewOffset(w, h, middle[0] - vw / 2, middle[1] - vh / 2, vw, vh);
+  camera.updateProjectionMatrix();
+  sizeHandles();
+  viewer.requestRender();
+  document.documentElement.dataset.poseviewerView = JSON.stringify({
+    zoom: state.zoom, centre: state.centre, scale: k * state.zoom,
+  });
+}
+
+function sizeHandles() {
+  // Handles are drawn in screen px: their nodes are scaled to it, whatever the zoom.
+  const viewer = vm();
+  if (!viewer) return;
+  const unit = state.plane.side / Math.max(...state.photo);
+  const perPixel = unit / (fitted() * state.zoom);
+  let changed = false;
+  for (const name in viewer.nodeRefFromName) {
+    const node = viewer.nodeRefFromName[name];
+    if (!node || !name.startsWith("/handles/")) continue;
+    if (Math.abs(node.scale.x - perPixel) > 1e-9 * perPixel) {
+      node.scale.setScalar(perPixel);
+      changed = true;
+    }
+  }
+  if (changed) viewer.requestRender();
+}
+
+function clampView() {
+  state.zoom = Math.min(Math.max(state.zoom, 0.25), 64);
+  state.centre = state.centre.map((v) => Math.min(Math.max(v, -0.5), 1.5));
+}
+
+function zoomAt(x, y, factor) {
+  const anchor = photoFromCanvas(x, y);
+  state.zoom *= factor;
+  clampView();
+  const k = fitted() * state.zoom;
+  state.centre = [
+    (anchor[0] - (x - state.size[0] / 2) / k) / state.photo[0],
+    (anchor[1] - (y - state.size[1] / 2) / k) / state.photo[1],
+  ];
+  clampView();
+  applyView();
+}
+
+function showAll() {
+  state.zoom = 1;
+  state.centre = [0.5, 0.5];
+  applyView();
+}
+
+// --- mouse --------------------------------------------------------------------------------------
+
+function place(event) {
+  const box = vm().canvas.getBoundingClientRect();
+  return [event.clientX - box.left, event.clientY - box.top];
+}
+
+function overPhoto(event) {
+  const viewer = vm();
+  return viewer && viewer.canvas && event.target === viewer.canvas;
+}
+
+function taken(event) {
+  event.stopImmediatePropagation();
+  event.preventDefault();
+}
+
+function at(event) {
+  const [x, y] = place(event);
+  const [u, v] = photoFromCanvas(x, y);
+  return {
+    x: u, y: v, zoom: fitted() * state.zoom,
+    shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
+  };
+}
+
+listen(window, "pointerdown", (event) => {
+  if (!overPhoto(event) || state.pointer) return;
+  taken(event);
+  if (document.activeElement) document.activeElement.blur();
+  const canvas = vm().canvas;
+  try { canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
+  state.last = [event.clientX, event.clientY];
+  if (event.button === 0) {
+    state.pointer = "drag";
+    send({ kind: "press", ...at(event) });
+  } else {
+    state.pointer = "pan";
+  }
+  showHint();
+}, true);
+
+function flush() {
+  if (!state.pending) return;
+  const message = state.pending;
+  state.pending = null;
+  send(message);
+}
+
+listen(window, "pointermove", (event) => {
+  if (!state.pointer) {
+    if (overPhoto(event)) event.stopImmediatePropagation();
+    return;
+  }
+  taken(event);
+  if (state.pointer === "pan") {
+    const k = fitted() * state.zoom;
+    state.centre = [
+      state.centre[0] - (event.clientX - state.last[0]) / k / state.photo[0],
+      state.centre[1] - (event.clientY - state.last[1]) / k / state.photo[1],
+    ];
+    state.last = [event.clientX, event.clientY];
+    clampView();
+    applyView();
+    return;
+  }
+  const first = !state.pending;
+  state.pending = { kind: "drag", ...at(event) };
+  if (first) requestAnimationFrame(flush); // one message a frame
+}, true);
+
+function ended(event, kind) {
+  if (!state.pointer) return;
+  taken(event);
+  if (state.pointer === "drag") {
+    flush();
+    send({ kind });
+  }
+  state.pointer = null;
+  showHint();
+}
+listen(window, "pointerup", (event) => ended(event, "release"), true);
+listen(window, "pointercancel", (event) => ended(event, "cancel"), true);
+
+for (const kind of ["mousedown", "mousemove", "mouseup", "click", "contextmenu"]) {
+  listen(window, kind, (event) => { if (overPhoto(event)) taken(event); }, true);
+}
+
+listen(window, "dblclick", (event) => {
+  if (!overPhoto(event)) return;
+  taken(event);
+  send({ kind: "double", ...at(event) });
+}, true);
+
+listen(window, "wheel", (event) => {
+  if (!overPhoto(event)) return;
+  taken(event);
+  const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
+  const [x, y] = place(event);
+  zoomAt(x, y, Math.exp(-event.deltaY * lines * 0.0016));
+}, { capture: true, passive: false });
+
+// --- keys ---------------------------------------------------------------------------------------
+
+function typing(event) {
+  const element = event.target;
+  if (!element || !element.tagName) return false;
+  const kind = element.tagName;
+  if (kind === "TEXTAREA" || kind === "SELECT" || element.isContentEditable) return true;
+  const silent = ["checkbox", "radio", "range", "button"];
+  return kind === "INPUT" && !silent.includes(element.type);
+}
+
+listen(window, "keydown", (event) => {
+  noteModifiers(event);
+  if (typing(event)) return;
+  if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
+  if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
+  taken(event);
+  if (event.code === "KeyF") { showAll(); return; }
+  if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
+  send({
+    kind: "key", code: event.code, key: event.key, repeat: event.repeat,
+    shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
+  });
+}, true);
+listen(window, "keyup", noteModifiers, true);
+listen(window, "blur", () => { state.modifiers = ""; showHint(); });
+// A pressed button must not take the space bar with it.
+listen(window, "pointerup", () => setTimeout(() => {
+  const element = document.activeElement;
+  if (element && element.tagName === "BUTTON") element.blur();
+}, 0));
+
+function noteModifiers(event) {
+  const held = event.ctrlKey || event.metaKey ? "ctrl" : event.shiftKey ? "shift" : "";
+  if (held === state.modifiers) return;
+  state.modifiers = held;
+  showHint();
+}
+
+// --- what lies over the photo -------------------------------------------------------------------
+
+const bar = document.createElement("div");
+bar.id = "poseviewer-hint";
+bar.style.cssText =
+  "position:absolute;left:50%;bottom:14px;transform:translateX(-50%);z-index:5;" +
+  "pointer-events:none;padding:5px 12px;border-radius:14px;background:rgba(13,15,19,.78);" +
+  "color:#d7dae0;font:12px/1.4 system-ui,sans-serif;white-space:nowrap;max-width:94%;" +
+  "overflow:hidden;text-overflow:ellipsis";
+cleanups.push(() => bar.remove());
+
+function showHint() {
+  const strong = (text, on) => (on ? `<b style="color:#35e6ff">${text}</b>` : text);
+  const held = state.modifiers;
+  bar.innerHTML = state.hint || [
+    strong("drag", held === "") + " move",
+    strong("shift", held === "shift") + " turn",
+    strong("ctrl", held === "ctrl") + " roll, scale",
+    "<b>wheel</b> zoom", "<b>right drag</b> pan", "<b>F</b> all", "<b>space</b> search",
+    "<b>?</b> keys",
+  ].join(" &nbsp; ");
+}
+
+// --- life ---------------------------------------------------------------------------------------
+
+let timer = null;
+function watch() {
+  const viewer = vm();
+  if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
+    viewer.cameraControl.enabled = false;
+    const host = viewer.canvas.parentElement;
+    if (bar.parentElement !== host) { host.appendChild(bar); showHint(); }
+    const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
+    const view = viewer.camera.view;
+    if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
+    sizeHandles();
+  }
+  timer = requestAnimationFrame(watch);
+}
+cleanups.push(() => cancelAnimationFrame(timer));
+
+window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
+window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
+window.poseviewer = {
+  setPhoto(width, height) { state.photo = [width, height]; showAll(); },
+  setHint(text) { state.hint = text; showHint(); },
+  canvasFromPhoto, photoFromCanvas,
+  zoomAt, showAll,
+  dispose() { cleanups.forEach((undo) => undo()); },
+};
+document.title = CONFIG.title;
+let icon = document.querySelector("link[rel~='icon']");
+if (!icon) {
+  icon = document.createElement("link");
+  icon.rel = "icon";
+  document.head.appendChild(icon);
+}
+icon.href = CONFIG.icon;
+watch();

@@ -1,0 +1,95 @@
+"""The page's own few lines of script, and what they report: the only private use of viser but for
+the guard. ``test_client_script`` fails when viser changes what is used here.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import viser
+from viser import _messages
+
+from poseviewer.viewer.keys import FORWARDED, LEFT_TO_BROWSER
+
+TITLE = "poseviewer"
+_SOURCE = Path(__file__).with_name("client.js")
+_ICON = Path(__file__).with_name("icon.svg")
+
+Report = dict[str, Any]
+
+
+class ClientScript:
+    """Puts the script on every page that connects, and hands on what pages report."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        plane: tuple[float, float],
+        on_report: Callable[[Report, int], None],
+    ) -> None:
+        """``plane``: depth of the photo's plane, and length of its longer side, in world units;
+        ``on_report(report, client_id)`` is called in viser's thread.
+        """
+        self._server = server
+        self._plane = plane
+        self._photo = (1, 1)
+        self._hint = ""
+        # Pages report through a text field that nobody sees; viser has no other public way back.
+        self._channel = server.gui.add_text("report", "", visible=False)
+
+        @self._channel.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            report = _parsed(self._channel.value)
+            if event.client is not None and report is not None:
+                on_report(report, event.client.client_id)
+
+        server.on_client_connect(self._greet)
+
+    def show_photo(self, width: int, height: int) -> None:
+        """The photo's size in px, on all pages; the whole photo is shown."""
+        if self._photo != (width, height):
+            self._photo = (width, height)
+            self._run(f"window.poseviewer && window.poseviewer.setPhoto({width}, {height})")
+
+    def show_hint(self, text: str) -> None:
+        """A line over the photo in place of what the mouse does; "" brings that back."""
+        if self._hint != text:
+            self._hint = text
+            self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
+
+    async def _greet(self, client: viser.ClientHandle) -> None:
+        icon = base64.b64encode(_ICON.read_bytes()).decode()
+        config = {
+            "channel": self._channel._impl.uuid,
+            "photo": self._photo,
+            "plane": {"depth": self._plane[0], "side": self._plane[1]},
+            "keys": FORWARDED,
+            "leave": LEFT_TO_BROWSER,
+            "title": TITLE,
+            "icon": f"data:image/svg+xml;base64,{icon}",
+        }
+        source = _SOURCE.read_text(encoding="utf-8")
+        source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
+        hint = f"\nwindow.poseviewer.setHint({json.dumps(self._hint)});"
+        _run_on(client, source + hint)
+
+    def _run(self, source: str) -> None:
+        for client in self._server.get_clients().values():
+            _run_on(client, source)
+
+
+def _run_on(client: viser.ClientHandle, source: str) -> None:
+    client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source))
+
+
+def _parsed(text: str) -> Report | None:
+    """What a page reported; None for what is no report (any page of ours may send anything)."""
+    try:
+        report = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return report if isinstance(report, dict) and isinstance(report.get("kind"), str) else None

@@ -1,0 +1,84 @@
+"""Files in and out: what is open, and what can be saved."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import viser
+
+from poseviewer.session.session import Session
+from poseviewer.viewer.fields import Post, button, set_property
+from poseviewer.viewer.requests import Download, Kind, SavePose, ShowHelp, Upload
+
+PHOTO_ENDINGS = ".jpg,.jpeg,.png,.tif,.tiff,.webp,.bmp"
+MODEL_ENDINGS = ".glb,.gltf,.obj,.ply,.stl,.off,.3ds"
+
+
+class OpenPanel:
+    """Folder "Open"."""
+
+    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+        with gui.add_folder("1 · Open"):
+            self._what = gui.add_markdown("")
+            self._uploads = [
+                _upload(gui, post, "photo", "Photo ...", PHOTO_ENDINGS, "photo"),
+                _upload(gui, post, "model", "Model ...", MODEL_ENDINGS, "cube"),
+                _upload(gui, post, "pose", "Pose file ...", ".json", "file-import"),
+            ]
+            button(gui, "Keys and mouse (?)", post, ShowHelp, icon="help", color="gray")
+
+    def show(self, session: Session) -> None:
+        """Say what is open."""
+        registration = session.document.registration
+        photo, mesh = registration.photo, registration.mesh
+        text = (
+            f"**{escape(photo.name)}**  \n{photo.width} x {photo.height} px  \n"
+            f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
+            f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}"
+        )
+        set_property(self._what, "content", text)
+
+
+class SavePanel:
+    """Folder "Save"."""
+
+    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+        with gui.add_folder("4 · Save"):
+            self._state = gui.add_markdown("")
+            button(
+                gui, "Save pose (S)", post, lambda _: SavePose(), icon="device-floppy", color="cyan"
+            )
+            button(
+                gui,
+                "Download pose",
+                post,
+                lambda client: Download("pose", client),
+                icon="download",
+                color="gray",
+            )
+            button(
+                gui,
+                "Download overlay",
+                post,
+                lambda client: Download("overlay", client),
+                icon="photo-down",
+                color="gray",
+            )
+
+    def show(self, session: Session, where: str) -> None:
+        """Say whether the pose stands in a file; ``where`` it was or will be written."""
+        text = "● unsaved changes" if session.unsaved else "✓ saved"
+        set_property(self._state, "content", f"{text}  \n{escape(where)}")
+
+
+def _upload(gui: viser.GuiApi, post: Post, kind: Kind, text: str, endings: str, icon: Any) -> Any:
+    handle = gui.add_upload_button(text, mime_type=endings, icon=icon, color="gray")
+
+    @handle.on_upload
+    async def _(event: viser.GuiEvent) -> None:
+        if event.client is not None:
+            file = handle.value
+            post(Upload(kind, file.name, file.content))
+
+    return handle

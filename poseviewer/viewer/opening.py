@@ -1,0 +1,146 @@
+"""Opening files for the app: read, check and make ready, away from the main loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.autosave_file import AutosavedSession
+from poseviewer.files.keypoints_file import load_keypoints
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.photo_file import Photo, load_photo
+from poseviewer.files.pose_file import PoseRecord, check_against, load_pose
+from poseviewer.files.writing import sha256_of
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.placing import look_from
+from poseviewer.registration import (
+    FitSettings,
+    Registration,
+    load_registration,
+    settings_from_json,
+)
+from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session.document import Document
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opened:
+    """A document that is ready, and the renderer of its model."""
+
+    document: Document
+    renderer: SoftwareRenderer
+    warnings: tuple[str, ...]
+    pose_alone: bool = False
+    """A pose file was read; photo and model are the ones at hand."""
+
+
+def open_files(photo: Path, model: Path, pose: Path | None) -> Opened:
+    """Photo and model from their files, with a start pose from one, or seen from a corner.
+
+    Raises:
+        PoseViewerError: one of them cannot be used.
+    """
+    if pose is not None:
+        registration = load_registration(photo, model, pose)
+    else:
+        registration = _unplaced(load_photo(photo), model)
+    document = Document(registration, registration.start.pose, photo_path=photo, model_path=model)
+    return Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
+
+
+def open_photo(
+    now: Document, renderer: SoftwareRenderer, path: Path, name: str
+) -> Iterator[Opened]:
+    """Another photo under the model at hand, which keeps its view.
+
+    Raises:
+        PoseViewerError: the photo cannot be used.
+    """
+    photo = replace(load_photo(path), name=name)
+    camera = photo.default_camera()
+    placed = look_from("three-quarter", now.registration.mesh, now.registration.keypoints, camera)
+    turned = replace(
+        placed,
+        camera_from_model=replace(
+            placed.camera_from_model,
+            rotation=now.pose.camera_from_model.rotation,
+        ),
+    )
+    centre = now.registration.mesh.centre
+    shift = placed.camera_from_model.apply(centre) - turned.camera_from_model.apply(centre)
+    transform = turned.camera_from_model
+    transform = replace(transform, translation=transform.translation + shift)
+    pose = Pose(camera, transform)
+    registration = replace(now.registration, photo=photo, start=PoseRecord(pose), warnings=())
+    settings = replace(now.settings, region=None)
+    document = replace(
+        now, registration=registration, pose=pose, photo_path=path, settings=settings
+    )
+    yield Opened(document, renderer, tuple(f"{photo.name}: {note}" for note in photo.notes))
+
+
+def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
+    """Another model on the photo at hand, seen from a corner.
+
+    Raises:
+        PoseViewerError: the model cannot be used.
+    """
+    registration = _unplaced(now.registration.photo, path, now.pose)
+    registration = replace(registration, mesh_name=name)
+    settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
+    document = Document(registration, registration.start.pose, settings, (), now.photo_path, path)
+    yield Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
+
+
+def open_pose(now: Document, renderer: SoftwareRenderer, path: Path) -> Iterator[Opened]:
+    """A pose file for the photo and the model at hand: the start from now on.
+
+    Raises:
+        PoseFileError: it holds no pose.
+    """
+    photo = now.registration.photo
+    record = load_pose(path, photo.width, photo.height)
+    checks = check_against(record, photo.sha256, now.registration.mesh_sha256)
+    document = now.started_from(record.pose)
+    yield Opened(document, renderer, (*record.warnings, *checks), pose_alone=True)
+
+
+def restore(kept: AutosavedSession) -> Iterator[Opened]:
+    """What an earlier session left behind.
+
+    Raises:
+        PoseViewerError: its photo or its model is not there any more.
+    """
+    for path, name in ((kept.photo, kept.photo_name), (kept.model, kept.model_name)):
+        if path is None or not path.is_file():
+            raise PoseFileError(
+                f"{name}: is not where the earlier session had it; open it, and its pose by hand"
+            )
+    assert kept.photo is not None  # both were just looked at
+    assert kept.model is not None
+    opened = open_files(kept.photo, kept.model, None)
+    registration = replace(
+        opened.document.registration,
+        photo=replace(opened.document.registration.photo, name=kept.photo_name),
+        mesh_name=kept.model_name,
+        start=kept.start,
+    )
+    settings = settings_from_json(kept.settings)
+    document = replace(
+        opened.document, registration=registration, pose=kept.pose.pose, settings=settings
+    )
+    yield replace(opened, document=document)
+
+
+def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
+    mesh = load_mesh(model)
+    keypoints = load_keypoints(model, mesh)
+    camera = photo.default_camera() if seen is None else seen.camera
+    pose = look_from("three-quarter", mesh, keypoints, camera)
+    notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
+    notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
+    return Registration(
+        photo, mesh, model.name, sha256_of(model), keypoints, PoseRecord(pose), notes
+    )

@@ -1,0 +1,171 @@
+"""The page: panels left and right, the photo in the middle, notices; brought to each session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import viser
+
+from poseviewer.files.autosave_file import AutosavedSession
+from poseviewer.session.session import Session
+from poseviewer.viewer.client_script import ClientScript
+from poseviewer.viewer.fields import Post
+from poseviewer.viewer.files_panel import OpenPanel, SavePanel
+from poseviewer.viewer.fit_panel import FitPanel
+from poseviewer.viewer.keys import HELP
+from poseviewer.viewer.landscape_panel import LandscapePanel
+from poseviewer.viewer.look_panel import LookPanel
+from poseviewer.viewer.place_panel import PlacePanel
+from poseviewer.viewer.requests import Greet, Report, Restore
+from poseviewer.viewer.scene import DEPTH, SIDE, PhotoScene
+from poseviewer.viewer.tasks import Exported
+
+PANELS_S = 0.1
+"""Panels are brought up to date no oftener than this; the photo always is."""
+REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
+
+
+class Page:
+    """All that pages show; what is shown is shared by all of them."""
+
+    def __init__(self, server: viser.ViserServer, post: Post) -> None:
+        self._server = server
+        self._post = post
+        gui = server.gui
+        gui.configure_theme(
+            dark_mode=True,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(23, 162, 184),
+        )
+        gui.set_panel_label("poseviewer")
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(300)
+        self.scene = PhotoScene(server)
+        self._script = ClientScript(
+            server, (DEPTH, SIDE), lambda content, client: post(Report(content, client))
+        )
+        self._open = OpenPanel(gui, post)
+        self._place = PlacePanel(gui, post)
+        self._fit = FitPanel(gui, post)
+        self._look = LookPanel(gui, post)
+        self._save = SavePanel(gui, post)
+        right = gui.add_panel()
+        with right.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
+            self._landscape = LandscapePanel(gui, post)
+        right.dock_right()
+        right.set_width(420)
+        self._next_panels = 0.0
+        self._shown: Session | None = None
+        self._late = False
+        self._working: list[viser.NotificationHandle] = []
+        self._offers: list[Any] = []
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            post(Greet(client.client_id))
+
+    def show(self, session: Session, where: str) -> None:
+        """Bring the page to the session; cheap where nothing has changed."""
+        if session is self._shown and not self._late:
+            return
+        if session is not self._shown:
+            photo = session.document.registration.photo
+            self._script.show_photo(photo.width, photo.height)
+            self._script.show_hint(REGION_HINT if session.tool == "region" else "")
+            self.scene.show(session)
+        self._shown, self._late = session, True
+        now = time.monotonic()
+        if now < self._next_panels:
+            return
+        self._late = False
+        self._open.show(session)
+        self._place.show(session)
+        self._fit.show(session)
+        self._look.show(session)
+        self._save.show(session, where)
+        self._late = not self._landscape.show(session)
+        self._next_panels = time.monotonic() + PANELS_S
+
+    def complain(self, sentence: str) -> None:
+        """Tell all pages what could not be done, and why."""
+        for client in self._server.get_clients().values():
+            client.add_notification(
+                "That did not work", sentence, color="orange", auto_close_seconds=12.0
+            )
+
+    def tell(self, title: str, text: str) -> None:
+        """Tell all pages that something is done."""
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, color="cyan", auto_close_seconds=5.0)
+
+    def tell_all(self, notes: Sequence[str]) -> None:
+        """Notes on files that were opened."""
+        for note in notes:
+            self.tell("Note", note)
+
+    def working(self, what: str) -> None:
+        """Say that something is being done that takes a moment; "" when it is over."""
+        for notice in self._working:
+            notice.remove()
+        self._working = []
+        if what:
+            self._working = [
+                client.add_notification(what, "", loading=True, with_close_button=False)
+                for client in self._server.get_clients().values()
+            ]
+
+    def maps_note(self, text: str) -> None:
+        """Why there are no maps."""
+        self._landscape.note(text)
+
+    def send(self, file: Exported) -> None:
+        """Give a file to the page that asked for it."""
+        client = self._server.get_clients().get(file.client)
+        if client is not None:
+            client.send_file_download(file.name, file.content, save_immediately=True)
+
+    def show_help(self, client: int) -> None:
+        """Open the panel with the keys."""
+        handle = self._server.get_clients().get(client)
+        if handle is None:
+            return
+        modal = handle.gui.add_modal("Keys and mouse")
+        with modal:
+            handle.gui.add_markdown(HELP)
+            close = handle.gui.add_button("Close")
+
+            @close.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                modal.close()
+
+    def greet(self, client: int, offer: AutosavedSession | None) -> None:
+        """Offer a page that has just connected what an earlier session left."""
+        handle = self._server.get_clients().get(client)
+        if handle is None or offer is None:
+            return
+        modal = handle.gui.add_modal("An earlier session ended without saving")
+        self._offers.append(modal)
+        when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
+        with modal:
+            handle.gui.add_markdown(
+                f"**{offer.photo_name}** with **{offer.model_name}**, last kept on {when}."
+            )
+            again = handle.gui.add_button("Open it again", color="cyan")
+            forget = handle.gui.add_button("Forget it")
+
+            @again.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                self._post(Restore(True))
+
+            @forget.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                self._post(Restore(False))
+
+    def close_offer(self) -> None:
+        """Take the offer off all pages."""
+        for modal in self._offers:
+            modal.close()
+        self._offers = []

@@ -1,0 +1,65 @@
+"""What the page asks for beyond the session: files in and out, and help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from poseviewer.session.commands import Command
+
+Kind = Literal["photo", "model", "pose"]
+Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Upload:
+    """A file that a page sent."""
+
+    kind: Kind
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SavePose:
+    """Write the pose beside the photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class Download:
+    """Send a file to one page."""
+
+    what: Export
+    client: int
+
+
+@dataclass(frozen=True, slots=True)
+class ShowHelp:
+    """Open the panel with the keys on one page."""
+
+    client: int
+
+
+@dataclass(frozen=True, slots=True)
+class Restore:
+    """Open what an earlier session left behind (or forget it)."""
+
+    wanted: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Report:
+    """What a page's own script reports."""
+
+    content: dict[str, Any]
+    client: int
+
+
+@dataclass(frozen=True, slots=True)
+class Greet:
+    """A page has connected."""
+
+    client: int
+
+
+Request = Command | Upload | SavePose | Download | ShowHelp | Restore | Report | Greet

@@ -1,0 +1,47 @@
+"""Start the app: load, serve, open the browser, run until Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from poseviewer.files.state_folder import state_folder
+from poseviewer.viewer.app import App
+from poseviewer.viewer.guard import serve
+from poseviewer.viewer.opening import open_files
+
+
+def serve_app(
+    photo: Path,
+    model: Path,
+    pose: Path | None,
+    *,
+    host: str,
+    port: int | None,
+    browser: bool,
+    tell: Callable[[str], None],
+) -> None:
+    """Open the files and serve the app until it is interrupted; ``tell`` prints a line.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the address is taken.
+    """
+    opened = open_files(photo, model, pose)
+    guarded = serve(host, port, "poseviewer")
+    app = App(guarded.server, opened, state_folder())
+
+    def end(*_: Any) -> None:
+        app.stop()
+
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, end)
+    tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
+    if browser:
+        webbrowser.open(guarded.url)
+    try:
+        app.run()
+    finally:
+        guarded.stop()

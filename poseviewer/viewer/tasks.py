@@ -1,0 +1,90 @@
+"""Work that takes a moment and must all be done, in order: opening files, drawing exports."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from poseviewer.files.autosave_file import AutosavedSession
+from poseviewer.files.uploads import display_name, keep_upload
+from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session.document import Document
+from poseviewer.viewer.opening import Opened, open_model, open_photo, open_pose, restore
+from poseviewer.viewer.requests import Download, Upload
+from poseviewer.worker import Worker
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exported:
+    """A file for a page."""
+
+    client: int
+    name: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Done:
+    """A task that has ended, one way or the other."""
+
+    result: Opened | Exported | None
+    error: Exception | None = None
+
+
+Task = Callable[[Document, SoftwareRenderer], Iterator[Opened | Exported]]
+
+
+class Tasks:
+    """A queue of tasks, and the thread that does them."""
+
+    def __init__(self, ring: Callable[[], None], state: Path) -> None:
+        self._worker: Worker[Opened | Exported] = Worker("tasks", ring)
+        self._uploads = state / "uploads"
+        self._waiting: deque[Task] = deque()
+
+    def add_upload(self, upload: Upload) -> None:
+        """Keep an uploaded file, and open it on what is open by then."""
+
+        def run(now: Document, renderer: SoftwareRenderer) -> Iterator[Opened]:
+            path = keep_upload(self._uploads, upload.name, upload.data, upload.kind)
+            name = display_name(upload.name)
+            if upload.kind == "photo":
+                return open_photo(now, renderer, path, name)
+            if upload.kind == "model":
+                return open_model(now, path, name)
+            return open_pose(now, renderer, path)
+
+        self._waiting.append(run)
+
+    def add_restore(self, kept: AutosavedSession) -> None:
+        """Open what an earlier session left."""
+        self._waiting.append(lambda *_: restore(kept))
+
+    def add_export(self, request: Download, make: Callable[[], tuple[str, bytes]]) -> None:
+        """Make a file for a page."""
+
+        def run(*_: object) -> Iterator[Exported]:
+            name, content = make()
+            yield Exported(request.client, name, content)
+
+        self._waiting.append(run)
+
+    def collect(self) -> list[Done]:
+        """What has ended since the last time."""
+        news = self._worker.take()
+        if news is None or not news.finished:
+            return []
+        return [Done(news.item, news.error)]
+
+    def start_next(self, now: Document, renderer: SoftwareRenderer) -> None:
+        """Begin the next task, on what is open ``now``, unless one is running."""
+        if self._waiting and not self._worker.busy:
+            task = self._waiting.popleft()
+            self._worker.start(lambda: task(now, renderer))
+
+    def close(self) -> None:
+        """End the thread."""
+        self._waiting.clear()
+        self._worker.close()
