@@ -62,6 +62,8 @@ class SoftwareRenderer:
         self._snapped = np.empty((count, 2), np.int32)
         self._depth = np.empty((0, 0), np.float32)
         self._ids = np.empty((0, 0), np.int32)
+        self._where = np.empty(kernel_attributes.RUN, np.int64)
+        self._run = np.empty((0, kernel_attributes.RUN))
 
     def _draw_outside_first(self) -> None:
         """Put the faces that are seen from outside before those that others hide.
@@ -83,13 +85,25 @@ class SoftwareRenderer:
             texels,
             table,
         )
+        faces, textures = self._surface[0], self._surface[2]
+        colours = self.mesh.colours[faces]
+        self._per_face = (
+            self.mesh.normals[faces].reshape(-1, 9).astype(np.float32),
+            np.all(colours == colours[:, :1], axis=(1, 2)) & (textures < 0),
+        )
+
+    def _run_for(self, channels: int) -> FloatArray:
+        """Room for a run of pixels with n ``channels``."""
+        if len(self._run) < channels + 17:
+            self._run = np.empty((channels + 17, kernel_attributes.RUN))
+        return self._run
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
         other = object.__new__(SoftwareRenderer)
         other.mesh, other.two_sided = self.mesh, self.two_sided
         other._near, other._surface = self._near, self._surface
-        other._order = self._order
+        other._order, other._per_face = self._order, self._per_face
         other._allocate()
         return other
 
@@ -125,13 +139,15 @@ class SoftwareRenderer:
             box,
             self._ids,
             self._homogeneous,
-            pose.camera_from_model.rotation,
             *self._surface,
+            *self._per_face,
             GREY_WEIGHTS,
             photo.channels,
             photo.weights,
             photo.origin,
             photo.model_channels,
+            self._where,
+            self._run_for(n),
             first,
             second,
         )
@@ -140,6 +156,8 @@ class SoftwareRenderer:
             weight = region.weight
             first[:n], second[:n, :n] = region.first, region.second
         second = np.tril(second) + np.tril(second, -1).T
+        turn = _turn(pose.camera_from_model.rotation, n, size)
+        first, second = turn @ first, turn @ second @ turn.T
         return Moments.from_sums(pixels, weight, first, second, photo.origin)
 
     def _rasterise(self, pose: Pose) -> Box:
@@ -186,6 +204,14 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
             continue
         rotation = Rotation.align_vectors([(0.0, 0.0, 1.0)], [(x, y, z)])[0].as_matrix()
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
+
+
+def _turn(rotation: FloatArray, channels: int, size: int) -> FloatArray:
+    """(size, size): takes attributes with normals in the model's frame to the camera's."""
+    turn = np.eye(size)
+    for at in range(channels + 1, size - 2, 4):
+        turn[at : at + 3, at : at + 3] = rotation
+    return turn
 
 
 def _intrinsics(pose: Pose) -> FloatArray:
