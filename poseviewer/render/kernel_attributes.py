@@ -184,8 +184,7 @@ def accumulate(
     face_texture,
     texels,
     table,
-    face_normals,
-    face_plain,
+    face_data,
     grey,
     channels,
     weights,
@@ -200,8 +199,8 @@ def accumulate(
 
     x = (F - ``origin``, M): ``channels`` (height, width, n), ``model`` = m is 4 (grey, by the
     weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the model, and the
-    products of F with F are left out. The normals in M are those of the model's frame, from
-    ``face_normals`` (faces, 9) float32. ``face_plain`` (faces,): one colour and no texture.
+    products of F with F are left out. The normals in M are those of the model's frame, by
+    ``face_data`` (faces, 16) float32, see ``clusters``.
     ``where`` (RUN,) int64 and ``run`` (n + 17, RUN) are room to work in. Adds into ``first``
     (n + m,), ``second`` (n + m, n + m); returns the pixel count and the sum of the weights.
 
@@ -210,7 +209,7 @@ def accumulate(
     the sums taken over a run at a time, channel against channel, so that they vectorise.
     """
     left, top, right, bottom = box
-    n, width = channels.shape[2], ids.shape[1]
+    n, width = channels.shape[2], channels.shape[1]
     colours = 1 if model < 12 else 3
     whole = model % 4 == 1
     at_model, at_normal = 1 + n, 1 + n + 4 * colours
@@ -243,12 +242,14 @@ def accumulate(
             xc, yc = homogeneous[c, 0] - u * wc, homogeneous[c, 1] - v * wc
             la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
             slope_a, slope_b, slope_c = wc * yb - wb * yc, wa * yc - wc * ya, wb * ya - wa * yb
-            ax, ay, az = face_normals[f, 0], face_normals[f, 1], face_normals[f, 2]
-            bx, by, bz = face_normals[f, 3], face_normals[f, 4], face_normals[f, 5]
-            cx, cy, cz = face_normals[f, 6], face_normals[f, 7], face_normals[f, 8]
-            plain = face_plain[f]
-            red, green, blue = vertex_data[a, 3], vertex_data[a, 4], vertex_data[a, 5]
-            texture, level = face_texture[f], 0
+            ax, ay, az = face_data[f, 0], face_data[f, 1], face_data[f, 2]
+            bx, by, bz = face_data[f, 3], face_data[f, 4], face_data[f, 5]
+            cx, cy, cz = face_data[f, 6], face_data[f, 7], face_data[f, 8]
+            red, green, blue = face_data[f, 9], face_data[f, 10], face_data[f, 11]
+            plain = face_data[f, 12] > 0.0
+            texture, level = -1, 0
+            if not plain:
+                texture = face_texture[f]
             if texture >= 0:
                 level = _texture_level(
                     homogeneous,
