@@ -37,7 +37,7 @@ def moved(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
 
 def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
     """The pose rotated about ``centre`` (3,) by an axis times an angle (3,), in camera axes."""
-    turn = Rotation.from_rotvec(np.asarray(rotation_vector, dtype=float)).as_matrix()
+    turn = Rotation.from_rotvec(np.array(rotation_vector, dtype=float)).as_matrix()
     rotation = turn @ pose.camera_from_model.rotation
     fixed = pose.camera_from_model.apply(centre)
     translation = fixed - rotation @ np.asarray(centre, dtype=float)

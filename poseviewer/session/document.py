@@ -36,21 +36,31 @@ class Document:
     @property
     def chart(self) -> Chart:
         """The chart whose numbers are shown and searched: as ``settings`` want it where that can
-        be, else the free-body chart about the start pose.
+        be, else the free-body chart about the start pose, seen by the camera at hand.
         """
-        mesh, settings = self.registration.mesh, self.settings
+        mesh, settings, free_focal = self.registration.mesh, self.settings, self.settings.free_focal
         try:
             chart, _ = choose_chart(
-                settings.chart, mesh, self.registration.keypoints, self.pose, settings.free_focal
+                settings.chart, mesh, self.registration.keypoints, self.pose, free_focal
             )
+            if isinstance(chart, VehicleChart):
+                return chart
         except (SingularChartError, SettingsError):
-            return FreeBodyChart.near(mesh, self.pose)
-        if isinstance(chart, VehicleChart):
-            return chart
-        start = self.registration.start.pose
-        if isinstance(start.camera, Parallel) != isinstance(self.pose.camera, Parallel):
-            return chart
-        return FreeBodyChart.near(mesh, start, chart.free_focal)  # pyright: ignore[reportAttributeAccessIssue] - the other kind of chart
+            free_focal = free_focal and isinstance(self.pose.camera, Perspective)
+        return FreeBodyChart.near(mesh, self._start_seen_now(free_focal), free_focal)
+
+    def _start_seen_now(self, free_focal: bool) -> Pose:
+        """The start pose by the camera at hand: by its own, a number of the chart would bring its
+        intrinsics back. A focal length that is a number itself stays the start's.
+        """
+        start, camera = self.registration.start.pose, self.pose.camera
+        centre = self.registration.mesh.centre
+        if not start.camera_from_model.apply(centre)[2] > 0.0 and _is_perspective(start, self.pose):
+            return self.pose
+        if free_focal and isinstance(camera, Perspective) and isinstance(start.camera, Perspective):
+            fx = start.camera.fx
+            camera = replace(camera, fx=fx, fy=camera.fy * fx / camera.fx)
+        return start if camera == start.camera else with_camera(start, camera, centre)
 
     @property
     def numbers(self) -> FloatArray:
@@ -114,15 +124,18 @@ def with_projection(pose: Pose, projection: str, fallback: Perspective, centre: 
     return pose
 
 
+def _is_perspective(*poses: Pose) -> bool:
+    return any(isinstance(pose.camera, Perspective) for pose in poses)
+
+
 def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
-    """The last steps, over no more than the allowed number of photos and models."""
+    """The last steps, over no more than the allowed number of photos and of models."""
     past = past[-MOST_STEPS:]
-    seen: list[int] = []
+    photos: set[int] = set()
+    meshes: set[int] = set()
     for index in range(len(past) - 1, -1, -1):
-        opened = past[index].registration
-        for thing in (id(opened.photo), id(opened.mesh)):
-            if thing not in seen:
-                seen.append(thing)
-        if len(seen) > 2 * MOST_REGISTRATIONS:
+        photos.add(id(past[index].registration.photo))
+        meshes.add(id(past[index].registration.mesh))
+        if max(len(photos), len(meshes)) > MOST_REGISTRATIONS:
             return past[index + 1 :]
     return past

@@ -18,7 +18,8 @@ from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
-from poseviewer.session.document import Document, with_camera, with_projection
+from poseviewer.session.checks import require_in_sight, require_sane, sentence
+from poseviewer.session.document import Document, History, with_camera, with_projection
 from poseviewer.session.gestures import PIN_REACH, RegionGrip, pins_in_photo, take_hold
 from poseviewer.session.session import NO_COMPLAINT, Search, Session
 
@@ -33,18 +34,18 @@ def update(session: Session, command: c.Command) -> Session:
     if not isinstance(command, _NEWS) and session.complaint:
         session = replace(session, complaint=NO_COMPLAINT)
     try:
+        require_sane(command)
+        if session.grip is not None and not isinstance(command, _DURING_A_DRAG):
+            # Whatever else is done ends the drag, or its steps would come in the wrong order.
+            return _HANDLERS[type(command)](_release(session, c.Release()), command)
         return _HANDLERS[type(command)](session, command)
-    except (OutsideChartError, SingularChartError, SettingsError, FloatingPointError) as error:
-        return replace(session, complaint=f"{_sentence(str(error))}")
-
-
-def _sentence(text: str) -> str:
-    text = text[:1].upper() + text[1:]
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+    except (OutsideChartError, SingularChartError, SettingsError, ArithmeticError) as error:
+        return replace(session, complaint=sentence(str(error)))
 
 
 def _with_document(session: Session, document: Document) -> Session:
     """One undoable step to another document; a search that runs is stopped."""
+    require_in_sight(document)
     before = session.document
     settled = _settled(session)
     return replace(
@@ -64,8 +65,6 @@ def _settled(session: Session) -> Session:
 
 
 def _with_pose(session: Session, pose: Pose) -> Session:
-    if not np.isfinite(pose.camera_from_model.translation).all():
-        raise FloatingPointError("that pose is out of all proportion; nothing was changed")
     return _with_document(session, replace(session.document, pose=pose))
 
 
@@ -88,6 +87,7 @@ def _drag(session: Session, command: c.DragTo) -> Session:
     first = session.before_grip is None
     before = session.document if first else session.before_grip
     document = session.grip.drag(session.document, np.array([command.x, command.y]))
+    require_in_sight(document)
     if first:
         session = _settled(session)
         session = replace(session, search=None, anchor=session.anchor or session.document.pose)
@@ -143,7 +143,7 @@ def _nudge(session: Session, command: c.Nudge) -> Session:
         case "roll":
             pose = rolled(pose, centre, NUDGE_TURN * command.x)
         case "scale":
-            pose = scaled_about(pose, centre, NUDGE_SCALE**command.x)
+            pose = scaled_about(pose, centre, NUDGE_SCALE ** min(max(command.x, -300.0), 300.0))
     return _with_pose(session, pose)
 
 
@@ -184,15 +184,21 @@ def _undo(session: Session, command: c.Undo) -> Session:
     del command
     if session.searching and session.search is not None:
         return _revert(session, c.RevertSearch())
-    history, document = session.history.undo(session.document)
+    return _at(session, *session.history.undo(session.document))
+
+
+def _at(session: Session, history: History, document: Document) -> Session:
+    """At another document of the history; maps and picture of another photo or model go."""
+    old, new = session.document.registration, document.registration
+    if old.photo is not new.photo or old.mesh is not new.mesh:
+        session = replace(session, landscape=None, painting=None)
     return replace(session, history=history, document=document, search=None, anchor=document.pose)
 
 
 def _redo(session: Session, command: c.Redo) -> Session:
     del command
     session = _settled(session)
-    history, document = session.history.redo(session.document)
-    return replace(session, history=history, document=document, search=None, anchor=document.pose)
+    return _at(session, *session.history.redo(session.document))
 
 
 def _change_settings(session: Session, command: c.ChangeSettings) -> Session:
@@ -245,35 +251,19 @@ def _set_tool(session: Session, command: c.SetTool) -> Session:
 
 
 def _change_view(session: Session, command: c.ChangeView) -> Session:
-    look = session.look
-    changes = {
-        name: value
-        for name, value in (
-            ("name", command.look),
-            ("opacity", command.opacity),
-            ("wipe", command.wipe),
-            ("hidden", command.hidden),
-            ("rings", command.rings),
-            ("before", command.before),
-        )
-        if value is not None
-    }
-    return replace(session, look=replace(look, **changes))
+    names = ("opacity", "wipe", "hidden", "rings", "before")
+    given = {"name": command.look, **{name: getattr(command, name) for name in names}}
+    changes = {name: value for name, value in given.items() if value is not None}
+    return replace(session, look=replace(session.look, **changes))
 
 
 def _change_landscape(session: Session, command: c.ChangeLandscape) -> Session:
-    view = session.maps
-    if command.half_width is not None:
-        view = replace(view, half_width=command.half_width)
-    if command.shared_scale is not None:
-        view = replace(view, shared_scale=command.shared_scale)
-    if command.surface is not None:
-        view = replace(view, surface=command.surface)
-    if command.large is not None:
-        view = replace(view, large=command.large)
+    names = ("half_width", "shared_scale", "surface", "large")
+    given = {name: getattr(command, name) for name in names}
+    changes = {name: value for name, value in given.items() if value is not None}
     if command.close_large:
-        view = replace(view, large=None)
-    return replace(session, maps=view)
+        changes["large"] = None
+    return replace(session, maps=replace(session.maps, **changes))
 
 
 def _pick(session: Session, command: c.PickInLandscape) -> Session:
@@ -346,7 +336,7 @@ def _search_failed(session: Session, command: c.SearchFailed) -> Session:
     search = session.search
     if search is None or search.number != command.search:
         return session
-    return replace(_revert(session, c.RevertSearch()), complaint=_sentence(command.reason))
+    return replace(_revert(session, c.RevertSearch()), complaint=sentence(command.reason))
 
 
 def _landscape_advanced(session: Session, command: c.LandscapeAdvanced) -> Session:
@@ -362,6 +352,16 @@ def _saved(session: Session, command: c.Saved) -> Session:
 
 
 _NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted)
+_DURING_A_DRAG = (
+    *_NEWS,
+    c.DragTo,
+    c.Release,
+    c.CancelDrag,
+    c.SearchFailed,
+    c.ChangeView,
+    c.ChangeLandscape,
+    c.Saved,
+)
 
 _HANDLERS = {
     c.Press: _press,
