@@ -196,7 +196,8 @@ def status_text(session: Session) -> str:
         return "Preparing the search ..."
     painting = session.painting
     if painting is None or painting.loss is None:
-        return painting.note if painting is not None and painting.note else "loss ..."
+        note = "" if painting is None else painting.note
+        return note or "Preparing the first picture ..."
     return f"**loss {painting.loss:.5f}** at this pose"
 
 

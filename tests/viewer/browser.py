@@ -103,8 +103,25 @@ class AppPage:
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.goto(url)
+        # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
+        self.page.goto(f"{url}?fixedDpr=1")
         self.page.wait_for_function(READY)
+        # viser says that there is no GPU, over the photo's corner: once.
+        notice = self.page.get_by_text("Software WebGL rendering detected")
+        if "SwiftShader" in self._graphics() or "llvmpipe" in self._graphics():
+            notice.wait_for()
+            self.page.locator(".mantine-Notification-closeButton").first.click()
+            notice.wait_for(state="hidden")
+
+    def _graphics(self) -> str:
+        """What draws the scene."""
+        return self.page.evaluate(
+            """() => {
+                const gl = document.createElement("canvas").getContext("webgl2");
+                const names = gl && gl.getExtension("WEBGL_debug_renderer_info");
+                return names ? gl.getParameter(names.UNMASKED_RENDERER_WEBGL) : "";
+            }"""
+        )
 
     def view(self) -> dict[str, Any]:
         """Zoom, centre and scale, and the canvas's box, as the page has them."""
@@ -151,12 +168,20 @@ class AppPage:
         image = Image.open(BytesIO(self.page.screenshot())).convert("RGB")
         return np.asarray(image)
 
+    def photo_picture(self) -> np.ndarray:
+        """The window as it looks, black beside the photo's part of it."""
+        left, top, width, height = (int(v) for v in self.view()["box"])
+        picture = np.zeros_like(whole := self.picture())
+        part = slice(top, top + height), slice(left + 1, left + width - 1)
+        picture[part] = whole[part]
+        return picture
+
     def settled_picture(self) -> np.ndarray:
-        """The window as it looks once nothing moves in it any more."""
-        before = self.picture()
+        """The photo's part of the window once nothing moves in it any more."""
+        before = self.photo_picture()
         for _ in range(40):
-            self.page.wait_for_timeout(250)
-            now = self.picture()
+            self.page.wait_for_timeout(150)
+            now = self.photo_picture()
             if np.array_equal(now, before):
                 return now
             before = now

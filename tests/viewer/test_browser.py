@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import trimesh
 from playwright.sync_api import Browser
-from scipy import ndimage
 
 from poseviewer.demo import demo_case
 from poseviewer.files.photo_file import load_photo, save_image
@@ -76,6 +75,20 @@ def centre_of(weights: np.ndarray, near: tuple[float, float], reach: float) -> n
     return np.array([(close * u).sum(), (close * v).sum()]) / close.sum()
 
 
+def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) -> np.ndarray:
+    """(2,): the centre of the circle through marked pixels, by least squares (Kasa's): a line of
+    two pixels is not as bright all around, so its mean place is no measure.
+    """
+    v, u = np.nonzero(weights)
+    close = np.hypot(u + 0.5 - near[0], v + 0.5 - near[1]) < reach
+    u, v = u[close] + 0.5 - near[0], v[close] + 0.5 - near[1]
+    assert len(u) > 8, f"no outline within {reach:.0f} px of {near}"
+    root = np.sqrt(weights[weights > 0][close])
+    rows = root[:, None] * np.column_stack([u, v, np.ones_like(u)])
+    found = np.linalg.lstsq(rows, root * (u * u + v * v), rcond=None)[0]
+    return found[:2] / 2.0 + near
+
+
 @pytest.mark.parametrize(
     "camera",
     [
@@ -91,6 +104,7 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
     )
     try:
         tab = AppPage(browser, app.url)
+        tab.wait_for_text("at this pose")
         for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})
             tab.page.wait_for_timeout(500)
@@ -115,11 +129,10 @@ def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
         scale = tab.view()["scale"]
         # The dot is white on grey, the outline around it cyan.
         dot = centre_of(np.clip(red - 90, 0, None), wanted, 6.5 * scale)
-        line = ndimage.binary_closing(blue > red + 25, iterations=2)
-        disc = np.asarray(ndimage.binary_fill_holes(line), float)
-        outline = centre_of(disc, wanted, 18.0 * scale)
+        outline = circle_centre(np.clip(blue - red - 20, 0, None), wanted, 18.0 * scale)
         assert np.abs(dot - wanted).max() < 0.5
-        assert np.abs(outline - wanted).max() < 0.5
+        # Outlines are found in three samples a photo px: what zoom shows of a photo px, it shows.
+        assert np.abs(outline - wanted).max() < max(0.5, 0.08 * scale)
 
 
 def test_the_page_opens_on_the_demo(page: AppPage):
