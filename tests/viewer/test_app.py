@@ -291,9 +291,9 @@ def test_pages_show_the_same(running: RunningApp) -> None:
 def test_page_that_comes_back_gets_what_is_there(running: RunningApp) -> None:
     with running.page() as page:
         drag_and_settle(page, (8.0, 4.0))
+        now = page.outline()
         page.set("Seed", 7)
         page.wait_until(lambda: running.app.session.document.settings.seed == 7)
-        now = page.outline()
     with running.page() as page:
         page.wait_until(lambda: np.array_equal(page.outline(), now))
         assert page.value("Seed") == 7
