@@ -58,7 +58,7 @@ class Perspective:
 
     def scaled(self, factor: float) -> Perspective:
         """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
-        width, height = _scaled_size(self.width, self.height, factor)
+        width, height = scaled_size(self.width, self.height, factor)
         kx, ky = width / self.width, height / self.height
         return Perspective(self.fx * kx, self.fy * ky, self.cx * kx, self.cy * ky, width, height)
 
@@ -81,7 +81,7 @@ class Parallel:
 
     def scaled(self, factor: float) -> Parallel:
         """The camera of the same picture, resized by ``factor``; pixels stay square."""
-        width, height = _scaled_size(self.width, self.height, factor)
+        width, height = scaled_size(self.width, self.height, factor)
         k = math.sqrt(width / self.width * height / self.height)
         return Parallel(
             self.scale * k,
@@ -111,5 +111,6 @@ class Pose:
         return replace(self, camera=self.camera.scaled(factor))
 
 
-def _scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
+def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
+    """(width, height) of a picture resized by ``factor``: rounded, at least 1."""
     return max(1, round(width * factor)), max(1, round(height * factor))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
@@ -33,7 +34,12 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
 
     A vehicle's axes are those of its wheels; any other model is taken to have z upwards and to
     look along -y.
+
+    Raises:
+        SettingsError: there is no such side.
     """
+    if side not in SIDES:
+        raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
     right, behind, up = model_axes(keypoints)
     stand = np.array(SIDES[side])
     from_camera = -(stand[0] * right + stand[1] * behind + stand[2] * up)
@@ -58,13 +64,13 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
 def model_axes(keypoints: VehicleKeypoints | None) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame."""
     if keypoints is None:
-        right, behind, up = np.eye(3)
-        return right, behind, up
+        left, behind, up = np.eye(3)  # as it looks along -y, its left is at +x
+        return -left, behind, up
     right = keypoints.right.axle
     behind = keypoints.left.rear_wheel - keypoints.left.front_wheel
     behind = behind - right * (behind @ right)
     behind = behind / np.linalg.norm(behind)
-    return right, behind, np.cross(right, behind)
+    return right, behind, np.cross(behind, right)
 
 
 def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None:
@@ -86,14 +92,14 @@ def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None
     one, other = b - a, c - a
     across = np.cross(direction, other)
     determinant = np.einsum("ij,ij->i", one, across)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / determinant
-        away = origin - a
-        u = np.einsum("ij,ij->i", away, across) * inverse
-        turned = np.cross(away, one)
-        v = turned @ direction * inverse
-        along = np.einsum("ij,ij->i", other, turned) * inverse
-    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0) & np.isfinite(along)
+    crossed = determinant != 0.0  # others are seen edge-on
+    inverse = np.divide(1.0, determinant, where=crossed, out=np.zeros_like(determinant))
+    away = origin - a
+    u = np.einsum("ij,ij->i", away, across) * inverse
+    turned = np.cross(away, one)
+    v = turned @ direction * inverse
+    along = np.einsum("ij,ij->i", other, turned) * inverse
+    hit = crossed & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0)
     if not hit.any():
         return None
     return origin + float(along[hit].min()) * direction

@@ -46,10 +46,11 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
     pieces = [np.zeros((0, 2, 2))]
     for line in contour_generator(z=soft).lines(0.5):
         points = np.asarray(line, np.float32)
-        if np.ptp(points, axis=0).max(initial=0.0) < shortest:
+        is_hole = cv2.contourArea(points, oriented=True) < 0.0
+        if is_hole and np.ptp(points, axis=0).max(initial=0.0) < shortest:
             continue
-        kept = cv2.approxPolyDP(points[:, None], TOLERANCE, closed=False)[:, 0]
-        pieces.append(np.stack([kept[:-1], kept[1:]], axis=1).astype(float))
+        kept = cv2.approxPolyDP(points[:-1, None], TOLERANCE, closed=True)[:, 0]
+        pieces.append(np.stack([kept, np.roll(kept, -1, axis=0)], axis=1).astype(float))
     samples = np.concatenate(pieces) - 0.5  # the rim, and centres at i + 0.5
     return samples / window.samples + np.array([window.left, window.top])
 

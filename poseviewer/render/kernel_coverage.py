@@ -1,7 +1,12 @@
 """The rasteriser's first half: which face each pixel shows. Arrays in, arrays out, without the GIL.
 
 Vertices are snapped to 1/256 px and edges tested in integers with the top-left rule, so that a
-pixel centre on a shared edge belongs to exactly one face.
+pixel centre on a shared edge belongs to exactly one face. Where two faces are equally near, the
+one that comes first in the list is seen: pictures do not depend on the order of drawing.
+
+Clusters of faces (see ``clusters``) that are likely to be seen are drawn first; the others only
+where they are not behind what is drawn, told by their boxes and the farthest depths of tiles of
+the picture (N. Greene, M. Kass and G. Miller, *Hierarchical Z-buffer visibility*, 1993).
 """
 
 from __future__ import annotations
@@ -15,57 +20,99 @@ from numba import njit
 SUBPIXELS = 256
 GUARD_PX = float(1 << 20)  # beyond it faces are clipped, so that edge functions fit into 64 bits
 OFF_SCREEN = np.int32(-(1 << 31))  # marks a vertex behind the near plane or beyond the guard band
-NO_FACE = np.int32(-1)
+TILE_BITS = 2  # a tile has 8 x 8 pixels
+CLUSTER_BITS = 5  # a cluster has 32 faces
+BLOCK = 8  # pixels of a row that are done at a time
+SMALL = 64 * SUBPIXELS  # in triangles of this size edge functions fit into 32 bits
+DEPTH_MARGIN = 1e-6  # depth values are rounded to float32
 
 _jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+# For loops over finite numbers that need not mind the order of sums: they vectorise.
+_jit_sums: Any = njit(
+    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "nnan"}
+)
 
 
-@_jit
-def project(vertices, rotation, translation, intrinsics, perspective, near, homogeneous, snapped):
-    """Vertices (V, 3) to ``homogeneous`` (V, 4) = (X, Y, W, d) and ``snapped`` (V, 2), 1/256 px.
+@_jit_sums
+def _project(begin, end, vertices, camera, homogeneous, snapped, bounds):
+    """Vertices ``begin`` to ``end`` of ``vertices`` (V, 3) to ``homogeneous`` and ``snapped``.
 
-    ``intrinsics`` is (fx, fy, cx, cy). Under perspective W is z and the depth value d is 1/z;
-    under parallel projection they are 1 and -z: d is linear in the picture, and the greater the
-    nearer. Returns the box (left, top, right, bottom) of the vertices in px, and whether any
-    needs clipping.
+    ``homogeneous`` (V, 4) is (X, Y, W, d): under perspective
+    W is z and the depth value d is 1/z; under parallel projection they are 1 and -z: d is linear
+    in the picture, and the greater the nearer. ``snapped`` (V, 2) is in 1/256 px. Widens
+    ``bounds`` (left, top, right, bottom), px; returns whether any vertex needs clipping.
     """
-    fx, fy, cx, cy = intrinsics
-    left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
-    any_off = False
-    for i in range(vertices.shape[0]):
+    r00, r01, r02, r10, r11 = camera[0], camera[1], camera[2], camera[3], camera[4]
+    r12, r20, r21, r22 = camera[5], camera[6], camera[7], camera[8]
+    tx, ty, tz = camera[9], camera[10], camera[11]
+    fx, fy, cx, cy, near = camera[12], camera[13], camera[14], camera[15], camera[16]
+    perspective = near > 0.0
+    left, top, right, bottom = bounds[0], bounds[1], bounds[2], bounds[3]
+    any_off = 0
+    for index in range(begin, end):
+        i = np.uint32(index)
         a, b, c = vertices[i, 0], vertices[i, 1], vertices[i, 2]
-        x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c + translation[0]
-        y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c + translation[1]
-        z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c + translation[2]
+        x = r00 * a + r01 * b + r02 * c + tx
+        y = r10 * a + r11 * b + r12 * c + ty
+        z = r20 * a + r21 * b + r22 * c + tz
         w = z if perspective else 1.0
-        homogeneous[i, 0] = fx * x + cx * w
-        homogeneous[i, 1] = fy * y + cy * w
-        homogeneous[i, 2] = w
-        inverse = 1.0 / w
+        # Behind the near plane any number does: it is not looked at.
+        inverse = 1.0 / (w if w > near or not perspective else near)
+        big_x, big_y = fx * x + cx * w, fy * y + cy * w
+        u, v = big_x * inverse, big_y * inverse
+        off = (w < near) & perspective | (abs(u) > GUARD_PX) | (abs(v) > GUARD_PX)
+        homogeneous[i, 0], homogeneous[i, 1], homogeneous[i, 2] = big_x, big_y, w
         homogeneous[i, 3] = inverse if perspective else -z
-        off = perspective and z < near
-        if not off:
-            u, v = homogeneous[i, 0] * inverse, homogeneous[i, 1] * inverse
-            off = abs(u) > GUARD_PX or abs(v) > GUARD_PX
-            if not off:
-                left, right = min(left, u), max(right, u)
-                top, bottom = min(top, v), max(bottom, v)
-                snapped[i, 0] = np.int32(math.floor(u * SUBPIXELS + 0.5))
-                snapped[i, 1] = np.int32(math.floor(v * SUBPIXELS + 0.5))
-        if off:
-            any_off = True
-            snapped[i, 0] = OFF_SCREEN
-    return left, top, right, bottom, any_off
+        any_off |= 1 if off else 0
+        u, v = 0.0 if off else u, 0.0 if off else v
+        left, right = min(left, u), max(right, u)
+        top, bottom = min(top, v), max(bottom, v)
+        snapped_u = np.int32(math.floor(u * SUBPIXELS + 0.5))
+        snapped[i, 0] = OFF_SCREEN if off else snapped_u
+        snapped[i, 1] = np.int32(math.floor(v * SUBPIXELS + 0.5))
+    bounds[0], bounds[1], bounds[2], bounds[3] = left, top, right, bottom
+    return any_off > 0
 
 
 @_jit
-def _edge_bias(dx, dy):
-    """0 for a top or left edge, whose points are inside; -1 for the others."""
-    return 0 if dy < 0 or (dy == 0 and dx > 0) else -1
+def _draw_row(row, first, count, edges, rights, d, slope, lo, hi, face, depth, ids):
+    """A row of a small triangle, ``count`` (a multiple of BLOCK) pixels from column ``first`` on.
+
+    It writes every pixel, most of them unchanged, so that a block is done at a time.
+    """
+    e0, e1, e2 = np.int32(edges[0]), np.int32(edges[1]), np.int32(edges[2])
+    right0, right1, right2 = np.int32(rights[0]), np.int32(rights[1]), np.int32(rights[2])
+    start, rise = np.float32(d), np.float32(slope)
+    for k in range(count):
+        column, step = np.uint32(first) + np.uint32(k), np.int32(k)
+        f0 = np.int32(e0 + step * right0)
+        f1 = np.int32(e1 + step * right1)
+        f2 = np.int32(e2 + step * right2)
+        value = min(max(start + np.float32(step) * rise, lo), hi)
+        before, shown = depth[row, column], ids[row, column]
+        nearer = (value > before) | ((value == before) & (face < shown))
+        wins = ((f0 | f1 | f2) >= np.int32(0)) & nearer
+        depth[row, column] = value if wins else before
+        ids[row, column] = face if wins else shown
 
 
 @_jit
-def _draw(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, depth, ids):
+def _span(start, first, last, e, right):
+    """The part of columns ``first`` to ``last`` where an edge may be inside, a pixel to spare.
+
+    The edge function is ``e`` at column ``start``, and grows by ``right`` a column.
+    """
+    if right > 0:
+        first = max(first, start - 1 + int(-e / right)) if e < 0 else first
+    elif e < 0:
+        last = start - 1
+    elif right < 0:
+        last = min(last, start + 1 + int(e / -right))
+    return first, last
+
+
+@_jit
+def _draw(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, width, depth, ids):
     """One triangle in 1/256 px, with depth values d (greater is nearer), linear in the picture."""
     x0, y0, x1, y1 = np.int64(x0), np.int64(y0), np.int64(x1), np.int64(y1)
     x2, y2 = np.int64(x2), np.int64(y2)
@@ -76,36 +123,60 @@ def _draw(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, depth, ids):
         x1, y1, d1, x2, y2, d2 = x2, y2, d2, x1, y1, d1
         area = -area
     half = SUBPIXELS // 2
-    first_column = max((min(x0, x1, x2) + half - 1) >> 8, 0)
-    last_column = min((max(x0, x1, x2) - half) >> 8, depth.shape[1] - 1)
-    first_row = max((min(y0, y1, y2) + half - 1) >> 8, 0)
-    last_row = min((max(y0, y1, y2) - half) >> 8, depth.shape[0] - 1)
+    least_x, most_x = min(x0, x1, x2), max(x0, x1, x2)
+    least_y, most_y = min(y0, y1, y2), max(y0, y1, y2)
+    first_column = max((least_x + half - 1) >> 8, 0)
+    last_column = min((most_x - half) >> 8, width - 1)
+    first_row = max((least_y + half - 1) >> 8, 0)
+    last_row = min((most_y - half) >> 8, depth.shape[0] - 1)
     if first_column > last_column or first_row > last_row:
         return
     px, py = first_column * SUBPIXELS + half, first_row * SUBPIXELS + half
     e0 = (x2 - x1) * (py - y1) - (y2 - y1) * (px - x1)
     e1 = (x0 - x2) * (py - y2) - (y0 - y2) * (px - x2)
     e2 = (x1 - x0) * (py - y0) - (y1 - y0) * (px - x0)
-    b0 = _edge_bias(x2 - x1, y2 - y1)
-    b1 = _edge_bias(x0 - x2, y0 - y2)
-    b2 = _edge_bias(x1 - x0, y1 - y0)
+    # Points on a top or left edge are inside, on the others outside.
+    b0 = 0 if y2 < y1 or (y2 == y1 and x2 > x1) else -1
+    b1 = 0 if y0 < y2 or (y0 == y2 and x0 > x2) else -1
+    b2 = 0 if y1 < y0 or (y1 == y0 and x1 > x0) else -1
     right0, right1, right2 = (y1 - y2) * SUBPIXELS, (y2 - y0) * SUBPIXELS, (y0 - y1) * SUBPIXELS
     down0, down1, down2 = (x2 - x1) * SUBPIXELS, (x0 - x2) * SUBPIXELS, (x1 - x0) * SUBPIXELS
-    s1, s2 = (d1 - d0) / area, (d2 - d0) / area
+    scale = 1.0 / area
+    s1, s2 = (d1 - d0) * scale, (d2 - d0) * scale
+    slope = right1 * s1 + right2 * s2
+    if max(most_x - least_x, most_y - least_y) <= SMALL:  # 32 bits suffice
+        lo, hi = np.float32(min(d0, d1, d2)), np.float32(max(d0, d1, d2))
+        # Whole blocks: a block that was just written can be read again without waiting for it.
+        rights = (right0, right1, right2)
+        start = first_column & -BLOCK
+        skip = start - first_column
+        e0, e1, e2 = e0 + skip * right0, e1 + skip * right1, e2 + skip * right2
+        count = (last_column - start + BLOCK) & -BLOCK
+        for row in range(first_row, last_row + 1):
+            edges, d = (e0 + b0, e1 + b1, e2 + b2), d0 + e1 * s1 + e2 * s2
+            at = np.uint32(row)
+            _draw_row(at, start, count, edges, rights, d, slope, lo, hi, face, depth, ids)
+            e0, e1, e2 = e0 + down0, e1 + down1, e2 + down2
+        return
     for row in range(first_row, last_row + 1):
-        f0, f1, f2 = e0, e1, e2
-        for column in range(first_column, last_column + 1):
-            if (f0 + b0) | (f1 + b1) | (f2 + b2) >= 0:
-                d = np.float32(d0 + f1 * s1 + f2 * s2)
-                if d > depth[row, column]:
-                    depth[row, column] = d
+        first, last = _span(first_column, first_column, last_column, e0, right0)
+        first, last = _span(first_column, first, last, e1, right1)
+        first, last = _span(first_column, first, last, e2, right2)
+        skip = first - first_column
+        f0, f1, f2 = e0 + b0 + skip * right0, e1 + b1 + skip * right1, e2 + b2 + skip * right2
+        d = d0 + (e1 + skip * right1) * s1 + (e2 + skip * right2) * s2
+        for column in range(first, last + 1):
+            value = np.float32(d)
+            d += slope
+            if f0 | f1 | f2 >= 0:
+                before = depth[row, column]
+                if value > before or (value == before and face < ids[row, column]):
+                    depth[row, column] = value
                     ids[row, column] = face
             f0 += right0
             f1 += right1
             f2 += right2
-        e0 += down0
-        e1 += down1
-        e2 += down2
+        e0, e1, e2 = e0 + down0, e1 + down1, e2 + down2
 
 
 @_jit
@@ -128,9 +199,9 @@ def _clip_plane(polygon, count, a, b, c, d, out):
 
 
 @_jit
-def _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, depth, ids):
+def _clip_and_draw(homogeneous, a, b, c, face, near, two_sided, width, depth, ids):
     """A face that crosses the near plane or the guard band: clip it, draw what is left as a fan."""
-    one, other = np.empty((8, 4)), np.empty((8, 4))
+    one, other, perspective = np.empty((8, 4)), np.empty((8, 4)), near > 0.0
     one[0], one[1], one[2] = homogeneous[a], homogeneous[b], homogeneous[c]
     count = 3
     if perspective:
@@ -148,37 +219,26 @@ def _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, dep
             x[k] = np.int64(math.floor(one[corner, 0] / one[corner, 2] * SUBPIXELS + 0.5))
             y[k] = np.int64(math.floor(one[corner, 1] / one[corner, 2] * SUBPIXELS + 0.5))
             d[k] = 1.0 / one[corner, 2] if perspective else one[corner, 3]
-        _draw(x[0], y[0], d[0], x[1], y[1], d[1], x[2], y[2], d[2], face, two_sided, depth, ids)
+        _draw(
+            x[0], y[0], d[0], x[1], y[1], d[1], x[2], y[2], d[2], face, two_sided, width, depth, ids
+        )
 
 
 @_jit
-def _is_hidden(left, top, right, bottom, nearest, depth):
-    """Whether what is drawn already is nearer, all over the box, than ``nearest``."""
-    for row in range(top, bottom + 1):
-        for column in range(left, right + 1):
-            if depth[row, column] < nearest:
-                return False
-    return True
-
-
-@_jit
-def _corners(faces, face):
-    """Vertex indices of a face; unsigned, which spares a test for negative ones at every use."""
-    return np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
-
-
-@_jit
-def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, ids):
-    """Draw all faces into ``depth`` (height, width) float32 and ``ids`` (height, width) int32.
-
-    Both must have been cleared (-inf, -1) where anything can be drawn.
-    """
-    height, width = depth.shape
-    for face in range(faces.shape[0]):
-        a, b, c = _corners(faces, face)
+def _draw_faces(
+    cluster, first, faces, near, two_sided, homogeneous, snapped, box, tiles, depth, ids, width
+):
+    """Draw a cluster's faces; after the ``first`` ones only those that ``tiles`` do not hide."""
+    height = depth.shape[0]
+    begin = cluster << CLUSTER_BITS
+    for index in range(begin, min(begin + (1 << CLUSTER_BITS), faces.shape[0])):
+        face = np.uint32(index)
+        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
         ax, bx, cx = snapped[a, 0], snapped[b, 0], snapped[c, 0]
         if ax == OFF_SCREEN or bx == OFF_SCREEN or cx == OFF_SCREEN:
-            _clip_and_draw(homogeneous, a, b, c, face, perspective, near, two_sided, depth, ids)
+            _clip_and_draw(
+                homogeneous, a, b, c, np.int32(index), near, two_sided, width, depth, ids
+            )
             continue
         # Most faces of a detailed model lie between pixel centres: leave them as early as can be.
         left, right = max((min(ax, bx, cx) + 127) >> 8, 0), (max(ax, bx, cx) - 128) >> 8
@@ -189,17 +249,152 @@ def rasterise(homogeneous, snapped, faces, perspective, near, two_sided, depth, 
         if top > min(bottom, height - 1):
             continue
         da, db, dc = homogeneous[a, 3], homogeneous[b, 3], homogeneous[c, 3]
-        right, bottom = min(right, width - 1), min(bottom, height - 1)
-        if _is_hidden(left, top, right, bottom, max(da, db, dc), depth):
-            continue
-        _draw(ax, ay, da, bx, by, db, cx, cy, dc, face, two_sided, depth, ids)
+        if not first:
+            nearest = max(da, db, dc)
+            nearest += DEPTH_MARGIN * abs(nearest)
+            if _is_behind(left, top, right, bottom, nearest, box, tiles):
+                continue
+        _draw(ax, ay, da, bx, by, db, cx, cy, dc, np.int32(index), two_sided, width, depth, ids)
 
 
 @_jit
-def clear(box, depth, ids):
-    """Empty the buffers inside ``box`` (left, top, right, bottom), in whole px, ends excluded."""
+def _is_behind(left, top, right, bottom, nearest, box, tiles):
+    """Whether all that ``tiles`` has on the pixels up to ``right``, ``bottom`` is nearer."""
+    if left < box[0] or top < box[1] or right >= box[2] or bottom >= box[3]:
+        return False
+    for row in range(top >> TILE_BITS, (bottom >> TILE_BITS) + 1):
+        for column in range(left >> TILE_BITS, (right >> TILE_BITS) + 1):
+            if tiles[np.uint32(row), np.uint32(column)] <= nearest:
+                return False
+    return True
+
+
+@_jit
+def _find_farthest(box, width, depth, tiles):
+    """The farthest depth value of each tile that meets ``box``, -inf where one is empty."""
+    height = depth.shape[0]
     left, top, right, bottom = box
-    for row in range(top, bottom):
-        for column in range(left, right):
-            depth[row, column] = -np.inf
-            ids[row, column] = NO_FACE
+    size = 1 << TILE_BITS
+    for tile_row in range(top >> TILE_BITS, (bottom + size - 1) >> TILE_BITS):
+        for tile_column in range(left >> TILE_BITS, (right + size - 1) >> TILE_BITS):
+            farthest = np.float32(np.inf)
+            first = tile_column * size
+            for row in range(tile_row * size, min((tile_row + 1) * size, height)):
+                for column in range(first, min(first + size, width)):
+                    farthest = min(farthest, depth[row, column])
+            tiles[tile_row, tile_column] = farthest
+
+
+@_jit
+def _extent(cluster, cluster_box, axis, camera):
+    """Least and greatest coordinate of a bounding box along one of the camera's axes."""
+    c, k = np.uint32(cluster), np.uint32(3 * axis)
+    r0, r1, r2 = camera[k], camera[k + 1], camera[k + 2]
+    x, y, z = cluster_box[c, 0], cluster_box[c, 1], cluster_box[c, 2]
+    middle = camera[9 + axis] + r0 * x + r1 * y + r2 * z
+    x, y, z = cluster_box[c, 3], cluster_box[c, 4], cluster_box[c, 5]
+    half = abs(r0) * x + abs(r1) * y + abs(r2) * z
+    return middle - half, middle + half
+
+
+@_jit
+def _may_be_seen(cluster, cluster_box, camera, box, width, height, tiles):
+    """False if no part of a cluster can be seen: outside the picture, or behind the tiles.
+
+    Outside ``box`` nothing is drawn yet. Bounding boxes are widened to the camera's axes.
+    """
+    low_x, high_x = _extent(cluster, cluster_box, 0, camera)
+    low_y, high_y = _extent(cluster, cluster_box, 1, camera)
+    low_z, high_z = _extent(cluster, cluster_box, 2, camera)
+    fx, fy, cx, cy, near = camera[12], camera[13], camera[14], camera[15], camera[16]
+    if near > 0.0:
+        if high_z < near:
+            return False
+        if low_z < near:
+            return True
+        one, other, nearest = 1.0 / low_z, 1.0 / high_z, 1.0 / low_z
+    else:
+        one, other, nearest = 1.0, 1.0, -low_z
+    left = fx * min(low_x * one, low_x * other) + cx - 1.0
+    right = fx * max(high_x * one, high_x * other) + cx + 1.0
+    top = fy * min(low_y * one, low_y * other) + cy - 1.0
+    bottom = fy * max(high_y * one, high_y * other) + cy + 1.0
+    if right < 0.0 or bottom < 0.0 or left > width or top > height:
+        return False
+    nearest += DEPTH_MARGIN * abs(nearest)
+    left, right = max(left, 0.0), min(right, width - 1.0)
+    top, bottom = max(top, 0.0), min(bottom, height - 1.0)
+    return not _is_behind(int(left), int(top), int(right), int(bottom), nearest, box, tiles)
+
+
+@_jit
+def draw(
+    vertices,
+    faces,
+    cluster_start,
+    cluster_box,
+    camera,
+    two_sided,
+    likely,
+    homogeneous,
+    snapped,
+    tiles,
+    depth,
+    ids,
+    width,
+):
+    """Draw all that is seen into ``depth`` float32 and ``ids`` int32.
+
+    Both are (height, ``width`` rounded up to whole BLOCKs) and must be clear (-inf, -1).
+    ``camera`` is (17,): camera_from_model's rotation, row by row, and translation; fx, fy, cx, cy;
+    the least z under perspective, 0 for parallel projection. ``likely`` (C,) is above 0 for the
+    clusters to draw first: it changes the time only. ``tiles`` has an entry for each tile of the
+    picture. Returns the box (left, top, right, bottom), whole px, ends excluded, outside which
+    nothing was drawn. ``homogeneous`` is filled for the faces that are seen, at least.
+    """
+    height, near, points = depth.shape[0], camera[16], homogeneous
+    bounds = np.array([np.inf, np.inf, -np.inf, -np.inf])
+    any_off = False
+    box = (0, 0, 0, 0)
+    for first in (True, False):
+        for cluster in range(cluster_box.shape[0]):
+            if (likely[cluster] > 0) != first:
+                continue
+            if not first and not _may_be_seen(
+                cluster, cluster_box, camera, box, width, height, tiles
+            ):
+                continue
+            begin, end = cluster_start[cluster], cluster_start[cluster + 1]
+            any_off |= _project(begin, end, vertices, camera, homogeneous, snapped, bounds)
+            _draw_faces(
+                cluster,
+                first,
+                faces,
+                near,
+                two_sided,
+                points,
+                snapped,
+                box,
+                tiles,
+                depth,
+                ids,
+                width,
+            )
+        box = _pixel_box(bounds, any_off, width, height)
+        if first:
+            _find_farthest(box, width, depth, tiles)
+    return box
+
+
+@_jit
+def _pixel_box(bounds, any_off, width, height):
+    """All pixels that the bounds touch, with a pixel to spare for snapping; empty if outside."""
+    if any_off:
+        return 0, 0, width, height
+    if bounds[0] > bounds[2]:
+        return 0, 0, 0, 0
+    left = min(max(math.floor(bounds[0]) - 1, 0), width)
+    top = min(max(math.floor(bounds[1]) - 1, 0), height)
+    right = max(min(math.ceil(bounds[2]) + 1, width), left)
+    bottom = max(min(math.ceil(bounds[3]) + 1, height), top)
+    return left, top, right, bottom

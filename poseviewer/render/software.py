@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
@@ -15,8 +15,9 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render import kernel_attributes, kernel_coverage
+from poseviewer.render import kernel_attributes, kernel_buffers, kernel_coverage
 from poseviewer.render.attributes import AttributeImage
+from poseviewer.render.clusters import make_clusters
 from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.texture import flatten_textures
 
@@ -40,56 +41,52 @@ class SoftwareRenderer:
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
         """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
-        texels, table = flatten_textures(mesh.textures)
         self.mesh = mesh
         self.two_sided = two_sided
         self._near = NEAR_PER_DIAMETER * mesh.diameter
-        self._order = np.arange(len(mesh.faces), dtype=np.int32)
-        vertex_data = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
-        self._surface = (
-            mesh.faces,
-            vertex_data.astype(np.float32),
-            mesh.face_texture,
-            texels,
-            table,
-        )
+        self._textures = flatten_textures(mesh.textures)
+        self._surface = make_clusters(mesh, np.ones(len(mesh.faces), bool))
         self._allocate()
-        self._draw_outside_first()
+        self._surface = make_clusters(mesh, self._seen_from_outside())
+        self._allocate()
 
     def _allocate(self) -> None:
-        count = len(self.mesh.vertices)
+        count = len(self._surface.vertices)
         self._homogeneous = np.empty((count, 4))
         self._snapped = np.empty((count, 2), np.int32)
-        self._depth = np.empty((0, 0), np.float32)
-        self._ids = np.empty((0, 0), np.int32)
+        self._likely = np.zeros(len(self._surface.cluster_box), np.int8)
+        self._where = np.empty(kernel_attributes.RUN, np.int64)
+        self._run = np.empty((0, kernel_attributes.RUN))
+        self._make_picture(0, 0)
 
-    def _draw_outside_first(self) -> None:
-        """Put the faces that are seen from outside before those that others hide.
+    def _make_picture(self, width: int, height: int) -> None:
+        self._depth = np.full((height, _padded(width)), -np.inf, np.float32)
+        self._ids = np.full((height, _padded(width)), -1, np.int32)
+        tile = 1 << kernel_coverage.TILE_BITS
+        self._tiles = np.empty((height // tile + 2, width // tile + 2), np.float32)
+        self._drawn: Box = (0, 0, 0, 0)
 
-        It changes no picture (but which of two faces at the same depth is seen), and lets the
-        rasteriser leave most of the inside of a car after one look at the depth buffer.
-        """
+    def _seen_from_outside(self) -> NDArray[np.bool_]:
+        """(F,): the mesh's faces that others do not hide all around."""
         seen = np.zeros(len(self.mesh.faces), bool)
         for pose in _views_around(self.mesh):
             left, top, right, bottom = self._rasterise(pose)
             ids = self._ids[top:bottom, left:right]
-            seen[ids[ids >= 0]] = True
-        self._order = np.argsort(~seen, kind="stable").astype(np.int32)
-        faces, vertex_data, face_texture, texels, table = self._surface
-        self._surface = (
-            np.ascontiguousarray(faces[self._order]),
-            vertex_data,
-            np.ascontiguousarray(face_texture[self._order]),
-            texels,
-            table,
-        )
+            seen[self._surface.order[ids[ids >= 0]]] = True
+        return seen
+
+    def _run_for(self, channels: int) -> FloatArray:
+        """Room for a run of pixels with n ``channels``."""
+        if len(self._run) < channels + 17:
+            self._run = np.empty((channels + 17, kernel_attributes.RUN))
+        return self._run
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
         other = object.__new__(SoftwareRenderer)
         other.mesh, other.two_sided = self.mesh, self.two_sided
         other._near, other._surface = self._near, self._surface
-        other._order = self._order
+        other._textures = self._textures
         other._allocate()
         return other
 
@@ -100,13 +97,23 @@ class SoftwareRenderer:
         reflectance = np.zeros((height, width, 3), np.float32)
         normals = np.zeros((height, width, 3), np.float32)
         rotation = pose.camera_from_model.rotation
+        surface = self._surface
         kernel_attributes.shade(
-            box, self._ids, self._homogeneous, rotation, *self._surface, reflectance, normals
+            box,
+            self._ids,
+            self._homogeneous,
+            rotation,
+            surface.faces,
+            surface.vertex_data,
+            surface.face_texture,
+            *self._textures,
+            reflectance,
+            normals,
         )
         face_ids = np.full((height, width), -1, np.int32)
         left, top, right, bottom = box
         ids = self._ids[top:bottom, left:right]
-        face_ids[top:bottom, left:right] = np.where(ids >= 0, self._order[ids], -1)
+        face_ids[top:bottom, left:right] = np.where(ids >= 0, surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
@@ -118,20 +125,25 @@ class SoftwareRenderer:
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
         box = self._rasterise(pose)
-        n = photo.channels.shape[2]
+        surface, n = self._surface, photo.channels.shape[2]
         size = n + photo.model_channels
         first, second = np.zeros(size), np.zeros((size, size))
         pixels, weight = kernel_attributes.accumulate(
             box,
             self._ids,
             self._homogeneous,
-            pose.camera_from_model.rotation,
-            *self._surface,
+            surface.faces,
+            surface.vertex_data,
+            surface.face_texture,
+            *self._textures,
+            surface.face_data,
             GREY_WEIGHTS,
             photo.channels,
             photo.weights,
             photo.origin,
             photo.model_channels,
+            self._where,
+            self._run_for(n),
             first,
             second,
         )
@@ -140,41 +152,40 @@ class SoftwareRenderer:
             weight = region.weight
             first[:n], second[:n, :n] = region.first, region.second
         second = np.tril(second) + np.tril(second, -1).T
+        turn = _turn(pose.camera_from_model.rotation, n, size)
+        first, second = turn @ first, turn @ second @ turn.T
         return Moments.from_sums(pixels, weight, first, second, photo.origin)
 
     def _rasterise(self, pose: Pose) -> Box:
-        """Fill the id buffer inside the box that it returns; outside it, the buffer is stale."""
-        camera = pose.camera
-        if self._ids.shape != (camera.height, camera.width):
-            self._depth = np.empty((camera.height, camera.width), np.float32)
-            self._ids = np.empty((camera.height, camera.width), np.int32)
-        perspective = isinstance(camera, Perspective)
-        transform = pose.camera_from_model
-        left, top, right, bottom, any_off = kernel_coverage.project(
-            self.mesh.vertices,
-            transform.rotation,
-            transform.translation,
-            _intrinsics(pose),
-            perspective,
-            self._near,
-            self._homogeneous,
-            self._snapped,
-        )
-        box = (0, 0, camera.width, camera.height)
-        if not any_off:
-            box = _pixel_box((left, top, right, bottom), camera.width, camera.height)
-        kernel_coverage.clear(box, self._depth, self._ids)
-        kernel_coverage.rasterise(
-            self._homogeneous,
-            self._snapped,
-            self._surface[0],
-            perspective,
-            self._near,
+        """Fill the id buffer; returns the box outside which it is empty."""
+        camera, surface = pose.camera, self._surface
+        if self._ids.shape != (camera.height, _padded(camera.width)):
+            self._make_picture(camera.width, camera.height)
+        else:
+            kernel_buffers.clear(
+                self._drawn, kernel_coverage.CLUSTER_BITS, self._depth, self._ids, self._likely
+            )
+        self._drawn = kernel_coverage.draw(
+            surface.vertices,
+            surface.faces,
+            surface.cluster_start,
+            surface.cluster_box,
+            _camera_numbers(pose, self._near),
             self.two_sided,
+            self._likely,
+            self._homogeneous,
+            self._snapped,
+            self._tiles,
             self._depth,
             self._ids,
+            camera.width,
         )
-        return box
+        return self._drawn
+
+
+def _padded(width: int) -> int:
+    """The columns of a buffer whose rows are whole blocks."""
+    return -(-width // kernel_coverage.BLOCK) * kernel_coverage.BLOCK
 
 
 def _views_around(mesh: Mesh) -> Iterator[Pose]:
@@ -188,17 +199,19 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
-def _intrinsics(pose: Pose) -> FloatArray:
-    camera = pose.camera
+def _turn(rotation: FloatArray, channels: int, size: int) -> FloatArray:
+    """(size, size): takes attributes with normals in the model's frame to the camera's."""
+    turn = np.eye(size)
+    for at in range(channels + 1, size - 2, 4):
+        turn[at : at + 3, at : at + 3] = rotation
+    return turn
+
+
+def _camera_numbers(pose: Pose, near: float) -> FloatArray:
+    """(17,): the pose as ``kernel_coverage.draw`` takes it."""
+    camera, transform = pose.camera, pose.camera_from_model
     if isinstance(camera, Perspective):
-        return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    return np.array([camera.scale, camera.scale, camera.cx, camera.cy])
-
-
-def _pixel_box(bounds: tuple[float, float, float, float], width: int, height: int) -> Box:
-    """All pixels that the bounds touch, with a pixel to spare for snapping; empty if outside."""
-    left = min(max(math.floor(bounds[0]) - 1, 0), width)
-    top = min(max(math.floor(bounds[1]) - 1, 0), height)
-    right = max(min(math.ceil(bounds[2]) + 1, width), left)
-    bottom = max(min(math.ceil(bounds[3]) + 1, height), top)
-    return left, top, right, bottom
+        numbers = (camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300))
+    else:
+        numbers = (camera.scale, camera.scale, camera.cx, camera.cy, 0.0)
+    return np.array([*transform.rotation.flat, *transform.translation, *numbers])

@@ -68,7 +68,7 @@ class SavePanel:
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
-        text = "● unsaved changes" if session.unsaved else "✓ saved"
+        text = "● unsaved changes" if session.unsaved else "no unsaved changes"
         set_property(self._state, "content", f"{text}  \n{escape(where)}")
 
 

@@ -15,23 +15,42 @@ from poseviewer.session.jobs import LandscapeNews
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, set_property
 from poseviewer.viewer.landscape_grid import GridOptions, landscape_grid
+from poseviewer.viewer.landscape_large import contour_figure, surface_figure
 from poseviewer.viewer.landscape_marks import Marks
 from poseviewer.viewer.requests import Download, Export
 
-PERIOD_S = 0.2
-"""The maps are sent no oftener."""
+PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
+"""The maps, and the large one, are sent no oftener."""
+ORDER = -10.0
+"""The maps come first; what is made later would come last by itself."""
 
 
 class LandscapePanel:
     """The panel's content."""
 
-    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
-        self._gui = gui
+    def __init__(self, gui: viser.GuiApi, post: Post, container: Any) -> None:
+        """``container``: the tab that the panel is made in."""
+        self._gui, self._container = gui, container
         self._shown: tuple[Any, ...] = ()
         self._next = 0.0
         self._late = True
-        self._maps = gui.add_html("")
-        self._note = gui.add_markdown("", visible=False)
+        self._maps = gui.add_html("", order=ORDER)
+        self._note = gui.add_markdown("", visible=False, order=ORDER + 1)
+        self._large: viser.GuiPlotlyHandle | None = None
+        self._large_next = 0.0
+        self._surface = Field(
+            gui.add_checkbox("As a surface", False, visible=False),
+            post,
+            lambda on: c.ChangeLandscape(surface=bool(on)),
+        )
+        self._close = button(
+            gui,
+            "Close the large map",
+            post,
+            lambda _: c.ChangeLandscape(close_large=True),
+            color="gray",
+            visible=False,
+        )
         self._range = Field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
             post,
@@ -66,6 +85,37 @@ class LandscapePanel:
             return False
         self._shown, self._next = key, now + PERIOD_S
         self._maps.content = self._grid(session, news)
+        return self._show_large(session, news)
+
+    def _show_large(self, session: Session, news: LandscapeNews) -> bool:
+        """The large map, if one is open; False if it is to be drawn soon."""
+        pieces = {(piece.first, piece.second): piece for piece in news.slices}
+        piece = None if session.maps.large is None else pieces.get(session.maps.large)
+        is_open = piece is not None
+        set_property(self._close, "visible", is_open)
+        self._surface.show(session.maps.surface, visible=is_open)
+        if piece is None:
+            if self._large is not None:
+                set_property(self._large, "visible", False)
+            return True
+        if time.monotonic() < self._large_next:
+            self._shown = ()
+            return False
+        self._large_next = time.monotonic() + LARGE_PERIOD_S
+        names, marks = news.problem.chart.names, marks_of(session, news)
+        if session.maps.surface:
+            figure = surface_figure(piece, names, marks)
+        else:
+            spans = news.problem.chart.spans(news.numbers)
+            figure = contour_figure(piece, names, marks, spans, news.numbers)
+        if self._large is None:  # plotly's script is large: sent to pages when first wanted
+            with self._container:
+                self._large = self._gui.add_plotly(
+                    figure, config={"displayModeBar": False}, aspect=1.0, order=ORDER + 2
+                )
+            return True
+        self._large.figure = figure
+        set_property(self._large, "visible", True)
         return True
 
     def note(self, text: str) -> None:

@@ -53,8 +53,9 @@ class Page:
         self._look = LookPanel(gui, post)
         self._save = SavePanel(gui, post)
         right = gui.add_panel()
-        with right.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
-            self._landscape = LandscapePanel(gui, post)
+        tab = right.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
+        with tab:
+            self._landscape = LandscapePanel(gui, post, tab)
         right.dock_right()
         right.set_width(420)
         self._next_panels = 0.0

@@ -1,0 +1,98 @@
+"""The surface laid out for the rasteriser: faces that are near one another lie together.
+
+Faces stand in clusters of ``CLUSTER_FACES``, each with its own copy of its vertices: a cluster
+that is hidden or outside the picture is left without looking at what is in it, and what is seen
+lies close together in memory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.kernel_coverage import CLUSTER_BITS
+
+CLUSTER_FACES = 1 << CLUSTER_BITS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClusteredSurface:
+    """A mesh's triangles in another order: face f here is face ``order[f]`` of the mesh.
+
+    Cluster c has the faces from ``c * CLUSTER_FACES`` on; the last one may have fewer.
+    """
+
+    order: NDArray[np.int32]
+    """(F,): the mesh's index of each face."""
+    vertices: FloatArray
+    """(V, 3) in the model's frame; those shared by clusters stand once in each."""
+    faces: NDArray[np.int32]
+    """(F, 3) indices into ``vertices``."""
+    cluster_start: NDArray[np.int32]
+    """(C + 1,): where the vertices of each cluster begin."""
+    cluster_box: FloatArray
+    """(C, 6): middle and half extent of each cluster's bounding box."""
+    vertex_data: NDArray[np.float32]
+    """(V, 8): normal, RGB, UV."""
+    face_texture: NDArray[np.int32]
+    """(F,): index of the texture, -1 for none."""
+    face_data: NDArray[np.float32]
+    """(F, 16): the normals at the three corners, RGB at the first one, and 1 where that is the
+    colour of the whole face; one line of the processor's cache."""
+
+
+def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
+    """Cluster the mesh; the faces ``seen`` (F,) come first and do not mix with the others."""
+    place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
+    order = np.lexsort((place, ~seen)).astype(np.int32)
+    faces = mesh.faces[order]
+    cluster = np.repeat(np.arange(len(faces)) >> CLUSTER_BITS, 3)
+    key = cluster * len(mesh.vertices) + faces.reshape(-1)
+    unique, local = np.unique(key, return_inverse=True)
+    source = unique % max(len(mesh.vertices), 1)
+    count = -(-len(faces) // CLUSTER_FACES)
+    start = np.searchsorted(unique, np.arange(count + 1) * len(mesh.vertices))
+    vertices = np.ascontiguousarray(mesh.vertices[source])
+    low = np.minimum.reduceat(vertices, start[:-1]) if count else np.zeros((0, 3))
+    high = np.maximum.reduceat(vertices, start[:-1]) if count else np.zeros((0, 3))
+    data: Any = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
+    return ClusteredSurface(
+        order,
+        vertices,
+        local.reshape(-1, 3).astype(np.int32),
+        start.astype(np.int32),
+        np.concatenate([0.5 * (low + high), 0.5 * (high - low)], axis=1),
+        data[source].astype(np.float32),
+        np.ascontiguousarray(mesh.face_texture[order]),
+        _face_data(mesh, order),
+    )
+
+
+def _face_data(mesh: Mesh, order: NDArray[np.int32]) -> NDArray[np.float32]:
+    faces = mesh.faces[order]
+    colours = mesh.colours[faces]
+    data = np.zeros((len(faces), 16), np.float32)
+    data[:, :9] = mesh.normals[faces].reshape(-1, 9)
+    data[:, 9:12] = colours[:, 0]
+    data[:, 12] = np.all(colours == colours[:, :1], axis=(1, 2)) & (mesh.face_texture[order] < 0)
+    return data
+
+
+def _along_curve(points: FloatArray) -> NDArray[np.int64]:
+    """(N,): places of points (N, 3) along Morton's curve (10 bits an axis), which keeps what is
+    near together (G. M. Morton, 1966).
+    """
+    if len(points) == 0:
+        return np.zeros(0, np.int64)
+    low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
+    cells = ((points - low) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
+    place = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            place |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return place

@@ -1,0 +1,177 @@
+"""A real Chromium on the real app, for tests and for the README's pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+REPOSITORY = Path(__file__).resolve().parent.parent.parent
+FLAGS = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--ignore-gpu-blocklist",
+    "--use-gl=angle",
+    "--use-angle=gl-egl",
+)
+PATIENCE_MS = 120_000
+READY = (
+    "window.__viserMutable && window.__viserMutable.cameraControl && window.poseviewer && "
+    "document.documentElement.dataset.poseviewerView"
+)
+
+
+@contextmanager
+def open_browser() -> Iterator[Browser]:
+    """Debian's Chromium, headless; a machine without one skips the test, but CI fails."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        reason = "no chromium on this machine: apt-get install chromium"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@dataclass
+class RunningApp:
+    """The app in a process of its own."""
+
+    process: subprocess.Popen[str]
+    url: str
+    folder: Path
+
+    def kill(self) -> None:
+        """As a crash would."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> int:
+        """As Ctrl-C would; the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(timeout=60)
+
+
+def start_app(folder: Path, *arguments: str | Path) -> RunningApp:
+    """The app on a free port, its state and what it saves in ``folder``."""
+    environment = {
+        **os.environ,
+        "POSEVIEWER_STATE": str(folder / "state"),
+        "PYTHONPATH": str(REPOSITORY),
+    }
+    command = [sys.executable, "-m", "poseviewer.cli", *map(str, arguments)]
+    process = subprocess.Popen(
+        [*command, "--no-browser", "--port", "0"],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("poseviewer is at "):
+            return RunningApp(process, line.split()[-1], folder)
+    raise AssertionError(f"the app ended with {process.wait()} before it was ready")
+
+
+class AppPage:
+    """One tab; places are px of the photo, pixel centres at i + 0.5."""
+
+    def __init__(self, browser: Browser, url: str, size: tuple[int, int] = (1400, 900)) -> None:
+        self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.goto(url)
+        self.page.wait_for_function(READY)
+
+    def view(self) -> dict[str, Any]:
+        """Zoom, centre and scale, and the canvas's box, as the page has them."""
+        return self.page.evaluate(
+            """() => {
+                const box = window.__viserMutable.canvas.getBoundingClientRect();
+                return {
+                    ...JSON.parse(document.documentElement.dataset.poseviewerView),
+                    box: [box.left, box.top, box.width, box.height],
+                };
+            }"""
+        )
+
+    def on_screen(self, point: Sequence[float], photo: tuple[int, int]) -> tuple[float, float]:
+        """Where a photo point lies in the window, worked out here from zoom and centre alone."""
+        view = self.view()
+        left, top, width, height = view["box"]
+        scale = min(width / photo[0], height / photo[1]) * view["zoom"]
+        centre = view["centre"]
+        return (
+            left + width / 2 + (point[0] - centre[0] * photo[0]) * scale,
+            top + height / 2 + (point[1] - centre[1] * photo[1]) * scale,
+        )
+
+    def drag(
+        self,
+        start: Sequence[float],
+        end: Sequence[float],
+        photo: tuple[int, int],
+        keys: Sequence[str] = (),
+    ) -> None:
+        """Press at one photo point, move to another, let go."""
+        for key in keys:
+            self.page.keyboard.down(key)
+        self.page.mouse.move(*self.on_screen(start, photo))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.on_screen(end, photo), steps=6)
+        self.page.mouse.up()
+        for key in keys:
+            self.page.keyboard.up(key)
+
+    def picture(self) -> np.ndarray:
+        """The window as it looks, (height, width, 3) RGB."""
+        image = Image.open(BytesIO(self.page.screenshot())).convert("RGB")
+        return np.asarray(image)
+
+    def settled_picture(self) -> np.ndarray:
+        """The window as it looks once nothing moves in it any more."""
+        before = self.picture()
+        for _ in range(40):
+            self.page.wait_for_timeout(250)
+            now = self.picture()
+            if np.array_equal(now, before):
+                return now
+            before = now
+        return before
+
+    def wait_for_text(self, text: str) -> None:
+        """Until the page says so."""
+        self.page.get_by_text(text).first.wait_for()
+
+    def saved_pose(self, path: Path) -> dict[str, Any]:
+        """Press S, and read the pose file that appears."""
+        before = path.stat().st_mtime_ns if path.exists() else 0
+        self.page.keyboard.press("s")
+        for _ in range(600):
+            if path.exists() and path.stat().st_mtime_ns != before:
+                return json.loads(path.read_text())
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"{path.name} was not written")

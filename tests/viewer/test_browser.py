@@ -1,0 +1,293 @@
+"""The app as a person sees it: real Chromium on the real app."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from playwright.sync_api import Browser
+from scipy import ndimage
+
+from poseviewer.demo import demo_case
+from poseviewer.files.photo_file import load_photo, save_image
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.pose_fit import fit_pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.registration import FitSettings, load_registration, make_problem
+from poseviewer.render.software import SoftwareRenderer
+from tests.scene import Scene
+from tests.viewer.browser import AppPage, RunningApp, open_browser, start_app
+
+SIZES = ((1400, 900), (1150, 1000), (1900, 640))
+ZOOMS = (1.0, 3.3, 9.0)
+PHOTO = (640, 400)
+DEMO_PHOTO = (960, 720)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with open_browser() as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
+    app = start_app(tmp_path_factory.mktemp("demo"))
+    yield app
+    assert app.stop() == 0
+
+
+@pytest.fixture
+def page(browser: Browser, demo: RunningApp) -> Iterator[AppPage]:
+    tab = AppPage(browser, demo.url)
+    yield tab
+    assert tab.errors == []
+    tab.page.close()
+
+
+def make_dots(folder: Path, camera: Camera) -> np.ndarray:
+    """A model of small balls, and a photo with a white dot wherever numpy projects one; (k, 2)."""
+    places = np.array([[-1.6, -0.8, 0.2], [1.5, -0.7, -0.3], [0.1, 0.1, 0.5], [1.2, 0.9, 0.0]])
+    balls = [trimesh.creation.icosphere(4, 0.1).apply_translation(place) for place in places]
+    trimesh.util.concatenate(balls).export(str(folder / "dots.ply"))
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0.2, -0.1, 0.1], [0.0, 0.0, 8.0]))
+    save_pose(folder / "dots.json", PoseRecord(pose))
+    seen = pose.project(places)
+    v, u = np.mgrid[0 : PHOTO[1], 0 : PHOTO[0]] + 0.5
+    fine = np.full((PHOTO[1], PHOTO[0], 3), (70.0, 70.0, 70.0))
+    for x, y in seen:
+        share = np.clip(4.0 - np.hypot(u - x, v - y), 0.0, 1.0)[..., None]
+        fine = fine * (1.0 - share) + share * 235.0
+    save_image(folder / "dots.png", np.rint(fine).astype(np.uint8))
+    return seen
+
+
+def centre_of(weights: np.ndarray, near: tuple[float, float], reach: float) -> np.ndarray:
+    """(2,): the weighted mean place near another, pixel centres at i + 0.5."""
+    v, u = np.mgrid[0 : weights.shape[0], 0 : weights.shape[1]] + 0.5
+    close = weights * (np.hypot(u - near[0], v - near[1]) < reach)
+    assert close.any(), f"nothing marked within {reach:.0f} px of {near}"
+    return np.array([(close * u).sum(), (close * v).sum()]) / close.sum()
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Perspective(900.0, 900.0, 290.3, 231.7, *PHOTO),
+        Parallel(112.0, 331.2, 190.9, *PHOTO),
+    ],
+    ids=["perspective", "parallel"],
+)
+def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Camera):
+    seen = make_dots(tmp_path, camera)
+    app = start_app(
+        tmp_path, tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json"
+    )
+    try:
+        tab = AppPage(browser, app.url)
+        for size in SIZES:
+            tab.page.set_viewport_size({"width": size[0], "height": size[1]})
+            tab.page.wait_for_timeout(500)
+            for zoom in ZOOMS:
+                assert_coincident(tab, seen, zoom)
+        assert tab.errors == []
+    finally:
+        app.stop()
+
+
+def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
+    for point in seen if zoom == 1.0 else seen[:2]:
+        tab.page.evaluate("window.poseviewer.showAll()")
+        x, y = tab.on_screen(point, PHOTO)
+        left, top = tab.view()["box"][:2]
+        # What lies under the cursor stays there: only points inside the window can be looked at.
+        tab.page.evaluate(f"window.poseviewer.zoomAt({x - left}, {y - top}, {zoom})")
+        picture = tab.settled_picture().astype(int)
+        wanted = tab.on_screen(point, PHOTO)
+        np.testing.assert_allclose(wanted, (x, y), atol=1e-6)
+        red, blue = picture[..., 0], picture[..., 2]
+        scale = tab.view()["scale"]
+        # The dot is white on grey, the outline around it cyan.
+        dot = centre_of(np.clip(red - 90, 0, None), wanted, 6.5 * scale)
+        line = ndimage.binary_closing(blue > red + 25, iterations=2)
+        disc = np.asarray(ndimage.binary_fill_holes(line), float)
+        outline = centre_of(disc, wanted, 18.0 * scale)
+        assert np.abs(dot - wanted).max() < 0.5
+        assert np.abs(outline - wanted).max() < 0.5
+
+
+def test_the_page_opens_on_the_demo(page: AppPage):
+    assert page.page.title() == "poseviewer"
+    assert page.page.locator("link[rel~=icon]").get_attribute("href", timeout=5000)
+    page.wait_for_text("demo_photo.jpg")
+    page.wait_for_text("89,728 triangles")
+    page.wait_for_text("at this pose")
+
+
+def test_the_camera_cannot_be_knocked_off_the_photo(page: AppPage):
+    before = page.view()
+    corner = (30.0, 700.0)  # beside the model
+    for keys in ((), ("Shift",), ("Control",)):
+        page.drag(corner, (300.0, 650.0), DEMO_PHOTO, keys)
+    for key in ("w", "a", "d", "q", "e"):
+        page.page.keyboard.press(key, delay=80)
+    page.page.wait_for_timeout(300)
+    assert page.view() == before
+    camera = page.page.evaluate("window.__viserMutable.camera.position.toArray()")
+    np.testing.assert_allclose(camera, 0.0, atol=1e-6)
+
+
+def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
+    place = page.on_screen((700.0, 300.0), DEMO_PHOTO)
+    page.page.mouse.move(*place)
+    page.page.mouse.wheel(0, -700)
+    page.page.wait_for_function(
+        "JSON.parse(document.documentElement.dataset.poseviewerView).zoom > 2"
+    )
+    np.testing.assert_allclose(page.on_screen((700.0, 300.0), DEMO_PHOTO), place, atol=0.01)
+    page.page.mouse.down(button="right")
+    page.page.mouse.move(place[0] + 40, place[1] - 25, steps=4)
+    page.page.mouse.up(button="right")
+    moved = page.on_screen((700.0, 300.0), DEMO_PHOTO)
+    np.testing.assert_allclose(moved, (place[0] + 40, place[1] - 25), atol=0.01)
+    page.page.keyboard.press("f")
+    page.page.wait_for_function(
+        "JSON.parse(document.documentElement.dataset.poseviewerView).zoom === 1"
+    )
+
+
+def demo_pins(numbers: list[float]) -> np.ndarray:
+    """(3, 2): where the paper's numbers put the pins, by hand."""
+    mu, delta, psi = np.array(numbers).reshape(3, 2)
+    size = np.array(DEMO_PHOTO)
+    return np.array([mu * size, (mu + delta) * size, mu * size + 0.25 * min(DEMO_PHOTO) * psi])
+
+
+def test_each_pin_is_its_two_numbers(page: AppPage, demo: RunningApp):
+    path = demo.folder / "demo_photo.pose.json"
+    page.page.keyboard.press("r")
+    for pin, shift in ((0, (9.0, -7.0)), (1, (-12.0, 5.0)), (2, (6.0, 8.0))):
+        before = page.saved_pose(path)["chart"]["numbers"]
+        pins = demo_pins(before)
+        page.drag(pins[pin], pins[pin] + np.array(shift), DEMO_PHOTO)
+        page.page.wait_for_timeout(300)
+        after = page.saved_pose(path)["chart"]["numbers"]
+        moved = demo_pins(after)
+        others = [i for i in range(3) if i != pin]
+        np.testing.assert_allclose(moved[pin], pins[pin] + np.array(shift), atol=0.8)
+        np.testing.assert_allclose(moved[others], pins[others], atol=1e-6)
+        changed = np.abs(np.array(after) - before) > 1e-9
+        if pin:
+            own = [2, 3] if pin == 1 else [4, 5]
+            assert list(np.flatnonzero(changed)) == own
+    for _ in range(3):
+        page.page.keyboard.press("z")
+
+
+def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: RunningApp):
+    path = demo.folder / "demo_photo.pose.json"
+    before = page.saved_pose(path)["chart"]["numbers"]
+    page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
+    box = page.page.locator(".pv-cell").first.bounding_box()
+    assert box is not None
+    page.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.25 * box["height"])
+    page.page.wait_for_timeout(500)
+    after = page.saved_pose(path)["chart"]["numbers"]
+    changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
+    assert list(changed) == [0, 1]
+    assert after[0] > before[0]
+    assert after[1] > before[1]  # upwards on the map is more
+    page.page.keyboard.press("z")
+    page.page.wait_for_timeout(300)
+    assert page.saved_pose(path)["chart"]["numbers"] == before
+
+
+def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: RunningApp, tmp_path: Path):
+    path = demo.folder / "demo_photo.pose.json"
+    page.page.keyboard.press("ArrowRight")
+    page.page.keyboard.press("Shift+J")
+    saved = page.saved_pose(path)
+    kept = tmp_path / "kept.json"
+    kept.write_text(json.dumps(saved))
+    page.page.keyboard.press("ArrowDown")
+    page.page.wait_for_timeout(200)
+    assert page.saved_pose(path)["camera_from_model"] != saved["camera_from_model"]
+    page.page.reload()
+    page.page.wait_for_function("window.poseviewer")
+    with page.page.expect_file_chooser() as chooser:
+        page.page.get_by_role("button", name="Pose file ...").click()
+    chooser.value.set_files(str(kept))
+    page.page.wait_for_timeout(1500)
+    again = page.saved_pose(path)
+    assert again["camera_from_model"] == saved["camera_from_model"]
+    assert again["camera"] == saved["camera"]
+
+
+def test_two_tabs_agree(page: AppPage, browser: Browser, demo: RunningApp):
+    other = AppPage(browser, demo.url)
+    try:
+        for tab in (page, other):
+            tab.page.get_by_text("Numbers", exact=True).click()
+        page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
+        page.page.wait_for_timeout(1500)
+        shown = [
+            [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
+            for tab in (page, other)
+        ]
+        assert shown[0] == shown[1]
+        assert len(shown[0]) >= 6
+        page.page.keyboard.press("z")
+    finally:
+        other.page.close()
+
+
+def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningApp):
+    page.page.keyboard.press("r")
+    page.page.wait_for_timeout(300)
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Converged")
+    found = page.saved_pose(demo.folder / "demo_photo.pose.json")
+    case = demo_case("perspective")
+    registration = load_registration(case.photo, case.model, case.start)
+    problem, _ = make_problem(registration, FitSettings())
+    (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
+    assert found["chart"]["numbers"] == list(last.numbers)
+    assert found["loss"] == last.loss
+    page.page.get_by_role("button", name="Go back").click()
+
+
+def test_a_session_that_was_killed_is_offered_again(browser: Browser, tmp_path: Path, scene: Scene):
+    arguments = (scene.photo, scene.model, "--pose", scene.start)
+    app = start_app(tmp_path, *arguments)
+    tab = AppPage(browser, app.url)
+    tab.page.keyboard.press("Shift+ArrowRight")
+    tab.page.keyboard.press("Space")
+    sessions = tmp_path / "state" / "sessions"
+    for _ in range(400):
+        if sessions.is_dir() and any(sessions.iterdir()):
+            break
+        tab.page.wait_for_timeout(50)
+    app.kill()
+    tab.page.close()
+    again = start_app(tmp_path, *arguments)
+    try:
+        tab = AppPage(browser, again.url)
+        tab.page.get_by_role("button", name="Open it again").click()
+        tab.wait_for_text("unsaved changes")
+    finally:
+        again.stop()
+
+
+def test_the_saved_file_is_a_pose_of_the_photo(page: AppPage, demo: RunningApp):
+    path = demo.folder / "demo_photo.pose.json"
+    page.saved_pose(path)
+    photo = load_photo(demo_case("perspective").photo)
+    record = load_pose(path, photo.width, photo.height)
+    assert record.photo is not None
+    assert record.photo.sha256 == photo.sha256
