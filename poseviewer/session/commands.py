@@ -138,6 +138,8 @@ class Open:
 
     document: Document
     undoable: bool = True
+    unsaved: bool = False
+    """Whether its pose stands in no file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,7 +235,7 @@ def _open(session: Session, command: c.Open) -> Session:
         painting=None,
         grip=None,
         tool="pose",
-        saved=command.document.pose,
+        saved=None if command.unsaved else command.document.pose,
     )
     return opened if command.undoable else replace(opened, history=session.history)
 

@@ -92,4 +92,3 @@ class AppProcess:
                 self.url = found.group(0)
                 self._found.set()
         self._found.set()
-
