@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -113,6 +114,13 @@ class ChangeSettings:
     """Other settings of the search."""
 
     settings: FitSettings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlterSettings:
+    """Some of the settings, as they are by then: what was changed just before stays changed."""
+
+    alter: Callable[[FitSettings], FitSettings]
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +262,7 @@ Command = (
     | Undo
     | Redo
     | ChangeSettings
+    | AlterSettings
     | SetProjection
     | SetCamera
     | Open

@@ -65,15 +65,12 @@ class AppProcess:
     def kill(self) -> None:
         """End it as a crash would."""
         self._process.kill()
-        self._process.wait(PATIENCE_S)
-        self._reader.join(PATIENCE_S)
+        self._end()
 
     def terminate(self) -> int:
         """Ask it to end; gives its exit code."""
         self._process.send_signal(signal.SIGTERM)
-        code = self._process.wait(PATIENCE_S)
-        self._reader.join(PATIENCE_S)
-        return code
+        return self._end()
 
     def leaves_nothing(self) -> bool:
         """Whether no process of its group is left."""
@@ -82,6 +79,13 @@ class AppProcess:
         except ProcessLookupError:
             return True
         return False
+
+    def _end(self) -> int:
+        code = self._process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return code
 
     def _read(self) -> None:
         assert self._process.stdout is not None

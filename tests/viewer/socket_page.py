@@ -98,7 +98,7 @@ class SocketPage:
         self.outlines: list[tuple[float, NDArray[np.float32]]] = []
         """When each outline came (``time.perf_counter``), and its points (N, 2, 3)."""
         self._change = threading.Condition()
-        self._sequence = 0
+        self._sequence = time.time_ns() // 1_000_000
         self.closed = False
         address = url.rstrip("/").replace("http://", "ws://")
         self._socket = connect(address, subprotocols=[PROTOCOL], max_size=None, compression=None)
@@ -166,8 +166,10 @@ class SocketPage:
         self.change(self.uuid(label), True)
 
     def set(self, label: str, value: Any) -> None:
-        """Another value of an input, by its label."""
-        self.change(self.uuid(label), value)
+        """Another value of an input, by its label; the server does not send it back."""
+        where = self.uuid(label)
+        self.shown.fields[where]["value"] = value
+        self.change(where, value)
 
     def change(self, where: str, value: Any) -> None:
         """Another value of an input, by its uuid."""

@@ -132,7 +132,7 @@ def test_drag_moves_the_outline_and_undo_brings_it_back(running: RunningApp) -> 
             running.pose.project(centre) - pose.project(centre), [-12.0, 7.0], atol=1e-9
         )
         after = page.outline()
-        assert page.text_with("unsaved changes")
+        assert page.text_with("● unsaved")
         page.key("KeyZ")
         page.wait_until(lambda: np.array_equal(page.outline(), before))
         assert running.pose is pose
@@ -212,7 +212,7 @@ def test_saved_pose_loads_to_the_last_digit(running: RunningApp) -> None:
         drag_and_settle(page, (5.3, -3.1))
         kept = running.pose
         page.key("KeyS")
-        page.wait_until(lambda: page.text_with("✓ saved"))
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
         assert same_pose(load_pose(saved, WIDTH, HEIGHT).pose, kept)
         drag_and_settle(page, (-9.0, 2.0))
         assert not same_pose(running.pose, kept)
@@ -272,7 +272,7 @@ def test_upload_writes_in_the_state_folder_alone(running: RunningApp, tmp_path: 
         assert page.text_with("**x.png**")
         drag_and_settle(page, (3.0, 0.0))
         page.key("KeyS")
-        page.wait_until(lambda: page.text_with("✓ saved"))
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
     new = files_below(tmp_path, running.state) - before
     assert [p.parent for p in new] == [tmp_path]  # the pose, where the app was started
     assert all(p.name.startswith("photo-") and p.name.endswith(".pose.json") for p in new)
@@ -299,7 +299,7 @@ def test_page_that_comes_back_gets_what_is_there(running: RunningApp) -> None:
     with running.page() as page:
         page.wait_until(lambda: np.array_equal(page.outline(), now))
         assert page.value("Seed") == 7
-        assert page.text_with("unsaved changes")
+        assert page.text_with("● unsaved")
 
 
 def test_nonsense_changes_nothing(running: RunningApp) -> None:

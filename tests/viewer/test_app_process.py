@@ -43,7 +43,6 @@ def crash_in_search(scene: Scene, tmp_path: Path) -> AutosavedSession:
         settle(page)
         page.set("Seed", SEED)
         page.set("Pixels", "whole photo")
-        page.wait_until(lambda: page.value("Seed") == SEED)
         page.press(86.0, 60.0)
         page.drag(80.3, 63.7)
         page.release()
@@ -67,15 +66,15 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
         page.wait_until(lambda: page.value("Seed") == SEED)
         assert page.value("Pixels") == "whole photo"
         assert not page.shown.modals
-        assert page.text_with("unsaved changes")
+        assert page.text_with("● unsaved")
         page.key("KeyS")
-        page.wait_until(lambda: page.text_with("✓ saved"))
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
         found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
         assert same_pose(found.pose, left.pose.pose)
         page.key("KeyR")  # back to the start, which is not the pose that was kept
-        page.wait_until(lambda: page.text_with("unsaved changes"))
+        page.wait_until(lambda: page.text_with("● unsaved"))
         page.key("KeyS")
-        page.wait_until(lambda: page.text_with("✓ saved"))
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
         found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
         assert same_pose(found.pose, left.start.pose)
         assert app.terminate() == 0
