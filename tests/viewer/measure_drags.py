@@ -118,8 +118,7 @@ def main() -> None:
                 _measure(page, case.photo, options.seconds)
             if options.soak > 0.0:
                 _soak(app, page, make_scene(folder), options.soak * 60.0)
-            for _line in app.lines[2:]:
-                pass
+            _say(f"exit code {app.terminate()}", *app.lines[2:])
 
 
 def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
@@ -127,12 +126,13 @@ def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
     width, height = opened.width, opened.height
     unit = SIDE / max(width, height) * OUTLINE_DEPTH
     stops: list[float] = []
+    _say(f"{'drags at 30 Hz':34}{'median':>10}{'95 %':>10}{'drags':>8}{'lost':>6}")
     loads: tuple[tuple[str, Callable[[], object]], ...] = (
         ("maps at rest", lambda: _quiet(page)),
         ("maps being drawn", lambda: None),
         ("search just stopped, maps drawn", lambda: _search(page, stops)),
     )
-    for _label, prepare in loads:
+    for label, prepare in loads:
         drive = Drive(page, unit, (width, height), [])
         end, way = time.monotonic() + seconds, 1
         while time.monotonic() < end:
@@ -140,9 +140,13 @@ def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
             drive.stroke(way)
             way = -way
         times = np.array(drive.latencies) * 1e3
-        _median, _high = np.percentile(times, [50, 95]) if len(times) else (np.nan, np.nan)
+        median, high = np.percentile(times, [50, 95]) if len(times) else (np.nan, np.nan)
+        _say(f"{label:34}{median:7.1f} ms{high:7.1f} ms{len(times):8d}{drive.lost:6d}")
     if stops:
-        pass
+        _say(
+            f"stop of a search to its last news: median {1e3 * np.median(stops):.0f} ms, "
+            f"most {1e3 * max(stops):.0f} ms, {len(stops)} stops"
+        )
 
 
 def _quiet(page: SocketPage, still_s: float = 3.0, most_s: float = 60.0) -> None:
@@ -181,12 +185,19 @@ def _soak(app: AppProcess, page: SocketPage, other: Scene, seconds: float) -> No
         if now >= next_sample:
             next_sample += SAMPLE_S
             samples.append((now - begun, *_memory(app.pid)))
+            seconds_in, size, threads = samples[-1]
+            _say(f"{seconds_in:6.0f} s {size:8.1f} MiB {threads:3d} threads, {actions} actions")
         _act(page, chance, (other, (case.photo, case.model)))
         actions += 1
     _quiet(page, most_s=20.0)
     samples.append((time.monotonic() - begun, *_memory(app.pid)))
-    next(s for s in samples if s[0] >= WARM_SHARE * seconds)
-    samples[-1]
+    warm = next(s for s in samples if s[0] >= WARM_SHARE * seconds)
+    last = samples[-1]
+    _say(
+        f"{actions} actions in {last[0]:.0f} s; RSS {warm[1]:.1f} MiB at {warm[0]:.0f} s, "
+        f"{last[1]:.1f} MiB at the end: {100.0 * (last[1] / warm[1] - 1.0):+.1f} %; "
+        f"threads {samples[0][2]} at first, {last[2]} at the end"
+    )
 
 
 def _act(page: SocketPage, chance: random.Random, files: tuple[Scene, tuple[Path, Path]]) -> None:
@@ -247,6 +258,10 @@ def _memory(pid: int) -> tuple[float, int]:
 
 def _wait_until(moment: float) -> None:
     time.sleep(max(0.0, moment - time.perf_counter()))
+
+
+def _say(*lines: str) -> None:
+    print(*lines, sep="\n", flush=True)  # noqa: T201 - a script's report
 
 
 if __name__ == "__main__":
