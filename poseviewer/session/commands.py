@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -115,6 +116,13 @@ class ChangeSettings:
     settings: FitSettings
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AlterSettings:
+    """Some of the settings, as they are by then: what was changed just before stays changed."""
+
+    alter: Callable[[FitSettings], FitSettings]
+
+
 @dataclass(frozen=True, slots=True)
 class SetProjection:
     """Perspective or parallel; the model stays where it is and as large."""
@@ -138,6 +146,8 @@ class Open:
 
     document: Document
     undoable: bool = True
+    unsaved: bool = False
+    """Whether its pose stands in no file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +262,7 @@ Command = (
     | Undo
     | Redo
     | ChangeSettings
+    | AlterSettings
     | SetProjection
     | SetCamera
     | Open

@@ -201,10 +201,12 @@ def _redo(session: Session, command: c.Redo) -> Session:
     return _at(session, *session.history.redo(session.document))
 
 
-def _change_settings(session: Session, command: c.ChangeSettings) -> Session:
-    if command.settings == session.document.settings:
+def _change_settings(session: Session, command: c.ChangeSettings | c.AlterSettings) -> Session:
+    now = session.document.settings
+    wanted = command.alter(now) if isinstance(command, c.AlterSettings) else command.settings
+    if wanted == now:
         return session
-    return _with_document(session, replace(session.document, settings=command.settings))
+    return _with_document(session, replace(session.document, settings=wanted))
 
 
 def _set_projection(session: Session, command: c.SetProjection) -> Session:
@@ -241,7 +243,7 @@ def _open(session: Session, command: c.Open) -> Session:
         painting=None,
         grip=None,
         tool="pose",
-        saved=command.document.pose,
+        saved=None if command.unsaved else command.document.pose,
     )
     return opened if command.undoable else replace(opened, history=session.history)
 
@@ -378,6 +380,7 @@ _HANDLERS = {
     c.Undo: _undo,
     c.Redo: _redo,
     c.ChangeSettings: _change_settings,
+    c.AlterSettings: _change_settings,
     c.SetProjection: _set_projection,
     c.SetCamera: _set_camera,
     c.Open: _open,

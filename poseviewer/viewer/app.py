@@ -135,7 +135,7 @@ class App:
             case Greet():
                 self._page.greet(request.client, self._autosaver.offer())
             case Restore():
-                kept = self._autosaver.take_offer()
+                kept = self._autosaver.take_offer(request.wanted)
                 self._page.close_offer()
                 if request.wanted and kept is not None:
                     self._tasks.add_restore(kept)
@@ -209,7 +209,9 @@ class App:
                 self._command(c.SetPose(opened.document.pose, as_start=True))
             else:
                 self._renderer = opened.renderer
-                self._command(c.Open(opened.document))
+                self._command(c.Open(opened.document, unsaved=opened.restored))
+            if opened.restored:
+                self._autosaver.adopt(self.session)
             self._page.tell_all(opened.warnings)
         elif isinstance(done.result, Exported):
             self._page.send(done.result)

@@ -38,12 +38,20 @@ class Autosaver:
         """What an earlier session left unsaved, until it is taken or refused."""
         return self._offer
 
-    def take_offer(self) -> AutosavedSession | None:
-        """The offer, for the last time."""
+    def take_offer(self, wanted: bool) -> AutosavedSession | None:
+        """The offer, for the last time. One that is ``wanted`` stays on disk until ``adopt``: it
+        may turn out that it cannot be opened.
+        """
         offer, self._offer = self._offer, None
-        if self._offered is not None:
-            discard(self._offered)
+        if not wanted:
+            self._discard_offered()
         return offer
+
+    def adopt(self, session: Session) -> None:
+        """The offer has been opened: keep it as this session's own."""
+        self.save_now(session)
+        if self._saved is session.document:
+            self._discard_offered()
 
     def tick(self, session: Session) -> None:
         """Write the session, if it changed, every few seconds."""
@@ -116,6 +124,11 @@ class Autosaver:
         if not os.access(folder, os.W_OK) or folder.name in ("demo_files", "assets"):
             folder = Path.cwd()
         return folder / f"{path.stem}.pose.json"
+
+    def _discard_offered(self) -> None:
+        if self._offered is not None:
+            discard(self._offered)
+            self._offered = None
 
     def _find(self) -> tuple[AutosavedSession | None, Path | None]:
         for path in left_behind(self._folder):

@@ -15,7 +15,7 @@ const state = {
   pointer: null, // "drag" or "pan" while a button is down
   last: [0, 0],
   pending: null,
-  sequence: 0,
+  sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   hint: "",
   modifiers: "",
 };

@@ -86,10 +86,10 @@ def _run_on(client: viser.ClientHandle, source: str) -> None:
     client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source))
 
 
-def _parsed(text: str) -> Report | None:
+def _parsed(text: object) -> Report | None:
     """What a page reported; None for what is no report (any page of ours may send anything)."""
     try:
-        report = json.loads(text)
+        report = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
         return None
     return report if isinstance(report, dict) and isinstance(report.get("kind"), str) else None

@@ -28,7 +28,6 @@ class FitPanel:
 
     def __init__(self, gui: viser.GuiApi, post: Post) -> None:
         self._shown: dict[str, object] = {}
-        self._settings = FitSettings()
         self._names: tuple[str, ...] = ()
         self._running = False
         self._before = False
@@ -68,7 +67,6 @@ class FitPanel:
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
-        self._settings = session.document.settings
         self._running = session.searching
         self._before = session.look.before
         set_property(self._blink, "label", "Show after" if self._before else "Show before")
@@ -98,7 +96,7 @@ class FitPanel:
     def _add_settings(self, gui: viser.GuiApi, post: Post) -> None:
         def setting(handle: Any, change: Callable[[FitSettings, Any], FitSettings]) -> Field:
             def asked(value: Any) -> Request:
-                return c.ChangeSettings(change(self._settings, value))
+                return c.AlterSettings(lambda settings: change(settings, value))
 
             return Field(handle, post, asked)
 
@@ -117,7 +115,7 @@ class FitPanel:
             gui,
             "Clear the region",
             post,
-            lambda _: c.ChangeSettings(replace(self._settings, region=None)),
+            lambda _: c.AlterSettings(lambda settings: replace(settings, region=None)),
             color="gray",
         )
         self._grey = setting(
@@ -146,10 +144,13 @@ class FitPanel:
         def asked(on: bool) -> Request | None:
             if index >= len(self._names):
                 return None
-            held = set(self._settings.lock) - {self._names[index]}
-            if on:
-                held.add(self._names[index])
-            return c.ChangeSettings(replace(self._settings, lock=tuple(sorted(held))))
+            name = self._names[index]
+
+            def hold(settings: FitSettings) -> FitSettings:
+                held = {*settings.lock, name} if on else set(settings.lock) - {name}
+                return replace(settings, lock=tuple(sorted(held)))
+
+            return c.AlterSettings(hold)
 
         return Field(gui.add_checkbox("", False), post, asked)
 

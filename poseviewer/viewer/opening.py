@@ -34,6 +34,8 @@ class Opened:
     warnings: tuple[str, ...]
     pose_alone: bool = False
     """A pose file was read; photo and model are the ones at hand."""
+    restored: bool = False
+    """It is what an earlier session left, unsaved."""
 
 
 def open_files(photo: Path, model: Path, pose: Path | None) -> Opened:
@@ -131,7 +133,7 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     document = replace(
         opened.document, registration=registration, pose=kept.pose.pose, settings=settings
     )
-    yield replace(opened, document=document)
+    yield replace(opened, document=document, restored=True)
 
 
 def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:

@@ -18,7 +18,7 @@ def command_of(report: Report, session: Session) -> Request | None:
     """The request that a report means; None for one that makes no sense."""
     try:
         return _command_of(report, session)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, OverflowError, TypeError, ValueError):
         return None  # not from our script: nothing to do, and nobody to tell
 
 

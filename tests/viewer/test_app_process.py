@@ -1,0 +1,133 @@
+"""The app as a program: how it ends, what a crash leaves, and whom it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from poseviewer.files.autosave_file import AutosavedSession, load_autosave
+from poseviewer.files.pose_file import load_pose
+from tests.scene import Scene, make_scene
+from tests.viewer.app_process import AppProcess
+from tests.viewer.running_app import same_pose, settle
+from tests.viewer.socket_page import PROTOCOL, SocketPage
+
+OFFER = "An earlier session ended without saving"
+SEED = 7
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    (tmp_path / "files").mkdir()
+    return make_scene(tmp_path / "files")
+
+
+def start(scene: Scene, tmp_path: Path) -> AppProcess:
+    files = [scene.photo, scene.model, "--pose", scene.start]
+    return AppProcess(files, tmp_path / "state", tmp_path)
+
+
+def kept(tmp_path: Path) -> AutosavedSession | None:
+    """The session on disk."""
+    found = list((tmp_path / "state" / "sessions").glob("*.json"))
+    return load_autosave(found[0]) if found else None
+
+
+def crash_in_search(scene: Scene, tmp_path: Path) -> AutosavedSession:
+    """Change pose and settings, search, and kill the app; gives what it left on disk."""
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.set("Seed", SEED)
+        page.set("Pixels", "whole photo")
+        page.press(86.0, 60.0)
+        page.drag(80.3, 63.7)
+        page.release()
+        page.wait_until(lambda: kept(tmp_path))
+        page.key("Space")
+        page.wait_until(lambda: "Stop (space)" in page.labels() and page.text_with("evaluations"))
+        app.kill()
+        page.wait_until(lambda: page.closed)
+    left = kept(tmp_path)
+    assert left is not None
+    return left
+
+
+def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
+    left = crash_in_search(scene, tmp_path)
+    assert left.settings["seed"] == SEED
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        assert page.value("Seed") == 0
+        page.click("Open it again")
+        page.wait_until(lambda: page.value("Seed") == SEED)
+        assert page.value("Pixels") == "whole photo"
+        assert not page.shown.modals
+        assert page.text_with("● unsaved")
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
+        found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
+        assert same_pose(found.pose, left.pose.pose)
+        page.key("KeyR")  # back to the start, which is not the pose that was kept
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
+        found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
+        assert same_pose(found.pose, left.start.pose)
+        assert app.terminate() == 0
+    assert kept(tmp_path) is None
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        assert not page.shown.modals
+
+
+def test_restored_session_outlives_another_crash(scene: Scene, tmp_path: Path) -> None:
+    left = crash_in_search(scene, tmp_path)
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        page.click("Open it again")
+        page.wait_until(lambda: page.value("Seed") == SEED)
+        page.wait_until(lambda: kept(tmp_path))
+        app.kill()
+    again = kept(tmp_path)
+    assert again is not None
+    assert same_pose(again.pose.pose, left.pose.pose)
+    assert again.settings == left.settings
+
+
+def test_forgotten_session_is_not_offered_again(scene: Scene, tmp_path: Path) -> None:
+    crash_in_search(scene, tmp_path)
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        page.click("Forget it")
+        page.wait_until(lambda: not page.shown.modals)
+        page.wait_until(lambda: kept(tmp_path) is None)
+        assert page.value("Seed") == 0
+        assert app.terminate() == 0
+
+
+def test_sigterm_in_a_search_ends_cleanly(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.key("Space")
+        page.wait_until(lambda: page.text_with("evaluations"))
+        assert app.terminate() == 0
+        page.wait_until(lambda: page.closed)
+    assert app.leaves_nothing()
+    assert not [line for line in app.lines if "Traceback" in line or "Error" in line]
+    assert kept(tmp_path) is not None  # found, and not saved: offered the next time
+
+
+def test_pages_of_others_are_refused(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app:
+        address = app.url.replace("http://", "ws://")
+        for origin in ("http://example.org", "null", app.url.rstrip("/").replace("http", "ftp")):
+            with pytest.raises(InvalidStatus) as refused:
+                connect(address, subprotocols=[PROTOCOL], origin=Origin(origin))
+            assert refused.value.response.status_code == 403
+        own = Origin(app.url.rstrip("/"))
+        with connect(address, subprotocols=[PROTOCOL], origin=own, max_size=None) as welcome:
+            assert welcome.recv(timeout=60)
