@@ -36,6 +36,10 @@ class Renderer(Protocol):
         """Visibility, reflectance and normals at every pixel centre."""
         ...
 
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
+        ...
+
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments of the photo's and the model's attributes."""
         ...

@@ -34,7 +34,7 @@ def quick_silhouette(mesh: Mesh, renderer: Renderer, pose: Pose) -> FloatArray:
     window = model_window(mesh, pose, margin=4, most_samples=QUICK_SAMPLES)
     if window is None:
         return np.zeros((0, 2, 2))
-    return silhouette(renderer.render(window.pose(pose)).mask, window)
+    return silhouette(renderer.covers(window.pose(pose)), window)
 
 
 def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:

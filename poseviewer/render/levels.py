@@ -60,6 +60,10 @@ class LevelRenderer:
         """Visibility, reflectance and normals at the centres of the level's pixels."""
         return self._renderer.render(pose.scaled(self._scale))
 
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """Where the model is seen, at the level."""
+        return self._renderer.covers(pose.scaled(self._scale))
+
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments at ``pose``, a pose of the full photo; ``photo`` is the coarse one.
 

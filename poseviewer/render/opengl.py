@@ -46,6 +46,10 @@ class OpenGLRenderer:
         """
         return self._interpolator.attributes(pose, self.face_ids(pose))
 
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen."""
+        return self.face_ids(pose) >= 0
+
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments of the photo's and the model's attributes, from pictures of both."""
         return moments_of_images(self.render(pose), photo)

@@ -116,6 +116,14 @@ class SoftwareRenderer:
         face_ids[top:bottom, left:right] = np.where(ids >= 0, surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen, and nothing about it: what is quickest."""
+        covered = np.zeros((pose.camera.height, pose.camera.width), bool)
+        left, top, right, bottom = self._rasterise(pose)
+        part = slice(top, bottom), slice(left, right)
+        covered[part] = self._ids[part] >= 0
+        return covered
+
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments, added up in the kernel: no picture of the attributes is made.
 

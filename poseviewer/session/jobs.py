@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.landscape import Slice, landscape
+from poseviewer.fit.landscape import Slice, landscape, strides
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, fit_pose
@@ -202,15 +202,25 @@ class LandscapeNews:
 
 
 def maps(
-    problem: FitProblem, centre: Pose, renderer: Renderer, half_width: float, size: int
+    problem: FitProblem,
+    centre: Pose,
+    renderer: Renderer,
+    half_width: float,
+    size: int,
+    shown: tuple[Slice, ...] = (),
 ) -> Iterator[LandscapeNews]:
     """News of the maps about ``centre``, coarse to fine, whenever a row of one is known.
+
+    Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
+    one is known.
 
     Raises:
         PoseViewerError: there are fewer than two free numbers.
     """
     numbers = problem.chart.from_pose(centre)
     newest: dict[tuple[int, int], Slice] = {}
+    seen = {(piece.first, piece.second): piece for piece in shown}
+    first = strides(size)[0]
     known = 0
     count = int(np.sum(problem.free))
     total = count * (count - 1) // 2 * size * size
@@ -218,8 +228,10 @@ def maps(
         pair = piece.first, piece.second
         known += _known(piece) - (_known(newest[pair]) if pair in newest else 0)
         newest[pair] = piece
+        if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
+            seen[pair] = piece
         yield LandscapeNews(
-            centre, problem, numbers, half_width, tuple(newest.values()), known / total
+            centre, problem, numbers, half_width, tuple(seen.values()), known / total
         )
 
 

@@ -110,6 +110,10 @@ class App:
                 self._handle(request)
             except PoseViewerError as error:
                 self._page.complain(str(error))
+            except Exception:  # noqa: BLE001 - the loop must not end
+                # Whatever it is, the session goes on, and nothing of the user's is lost.
+                _log.exception("request %r", request)
+                self._page.complain("Something went wrong inside; nothing was changed.")
         self._collect()
         self._start_jobs()
         self._page.show(self.session, self._autosaver.where(self.session))

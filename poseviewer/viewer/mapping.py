@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
-from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import LevelRenderer, coarser
+from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.jobs import LandscapeNews, landscape_problem, maps
 from poseviewer.session.session import Session
 
 SIZE = 41
 QUICK_SIZE = 9
 """Points along a side of maps that are made while the pose moves."""
+QUICK_SIDE, MOST_FACTOR = 240, 4
+"""px of the longer side that the photo is brought down to for the first maps, at most so many
+times smaller: they are to be there at once."""
+
+
+def level_of(problem: FitProblem) -> int:
+    """How many times smaller the photo is for the first maps."""
+    height, width = problem.photo.weights.shape
+    return int(min(max(max(width, height) // QUICK_SIDE, 1), MOST_FACTOR))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +75,10 @@ class MapJob:
 class Mapper:
     """Makes maps, one job after another, in one thread."""
 
-    def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
+    def __init__(self, renderer: SoftwareRenderer) -> None:
+        # One for each level: buffers are made for a size.
+        self._renderer, self._fine = renderer, renderer.clone()
+        self._coarse: tuple[FitProblem, FitProblem] | None = None
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
         self._problem: FitProblem | None = None
@@ -78,8 +90,28 @@ class Mapper:
             PoseViewerError: there are none with these settings at this pose.
         """
         problem = job.problem or self._problem_about(job)
-        size = QUICK_SIZE if job.moving else SIZE
-        return maps(problem, job.centre, self._renderer, job.half_width, size)
+        quick = self._quick_problem(problem)
+        factor = level_of(problem)
+        shown = ()
+        for news in maps(
+            quick,
+            job.centre,
+            LevelRenderer(self._renderer, factor),
+            job.half_width,
+            QUICK_SIZE,
+        ):
+            shown = news.slices
+            yield replace(news, problem=problem, known=0.0)
+        if not job.moving:
+            yield from maps(problem, job.centre, self._fine, job.half_width, SIZE, shown)
+
+    def _quick_problem(self, problem: FitProblem) -> FitProblem:
+        """The problem on a coarser level of the photo; made once."""
+        if self._coarse is None or self._coarse[0] is not problem:
+            factor = level_of(problem)
+            photo = problem.photo if factor == 1 else coarser(problem.photo, factor)
+            self._coarse = problem, replace(problem, photo=photo)
+        return self._coarse[1]
 
     def _problem_about(self, job: MapJob) -> FitProblem:
         same = job.anchor is self._anchor and job.settings == self._settings

@@ -48,6 +48,9 @@ class CountingRenderer:
     def render(self, pose):
         raise NotImplementedError
 
+    def covers(self, pose):
+        raise NotImplementedError
+
     def moments(self, pose, photo) -> Moments:
         transform = pose.camera_from_model
         vector = np.concatenate([transform.translation, transform.as_rotation_vector() * 10.0])

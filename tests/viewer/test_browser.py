@@ -116,7 +116,7 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
 
 
 def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
-    for point in seen if zoom == 1.0 else seen[:2]:
+    for point in seen[:2] if zoom == 1.0 else seen[2:3]:
         tab.page.evaluate("window.poseviewer.showAll()")
         x, y = tab.on_screen(point, PHOTO)
         left, top = tab.view()["box"][:2]
