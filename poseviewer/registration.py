@@ -29,6 +29,7 @@ from poseviewer.fit.pose_fit import FitProblem, Limits
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.chart_choice import ChartName, choose_chart
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.attributes import Renderer
@@ -289,7 +290,7 @@ def _inside(
 def _box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:
     """Left, top, right, bottom in px of the model at the start, with a margin around it."""
     size = np.array([start.camera.width, start.camera.height])
-    seen = start.project(mesh.vertices)
+    seen = start.project(hull_points(mesh))
     seen = seen[np.all(np.isfinite(seen), axis=1)]
     if not len(seen):
         return 0.0, 0.0, 0.0, 0.0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.window import Window, model_window
@@ -57,7 +58,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
 
 def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
     """Whether a point (2,) of the photo lies on the model's convex outline, or ``reach`` px off."""
-    seen = pose.project(mesh.vertices)
+    seen = pose.project(hull_points(mesh))
     seen = seen[np.isfinite(seen).all(axis=1)].astype(np.float32)
     if len(seen) < 3:
         return False

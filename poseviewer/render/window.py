@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 
 
@@ -83,7 +84,7 @@ def _model_box(mesh: Mesh, pose: Pose) -> tuple[int, int, int, int] | None:
     the camera; None if empty.
     """
     size = [pose.camera.width, pose.camera.height]
-    points = pose.project(mesh.vertices)
+    points = pose.project(hull_points(mesh))
     in_front = np.isfinite(points).all(axis=1)
     if not in_front.any():
         return None

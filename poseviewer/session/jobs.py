@@ -27,6 +27,7 @@ from poseviewer.render.contour import quick_silhouette, silhouette
 from poseviewer.render.edges import find_lines
 from poseviewer.render.moments import PhotoAttributes, model_attributes
 from poseviewer.render.overlay import Relight, View, draw_look, edge_layer, line_scale
+from poseviewer.render.software import SoftwareRenderer
 
 LARGEST_PICTURE = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""
@@ -63,13 +64,17 @@ class Painting:
     """At the pose; None where it cannot be told."""
     note: str = ""
     """Why there is no loss, or no such look."""
+    weighed: bool = True
+    """False: the loss is still that of the pose before, its own will follow."""
 
 
 class Painter:
     """Draws one model after another, for one thread; keeps what takes time to make."""
 
-    def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
+    def __init__(self, renderer: SoftwareRenderer) -> None:
+        # A renderer keeps what helps with the next picture of the same size: one for each size.
+        self._renderer, self._close, self._weigher = renderer, renderer.clone(), renderer.clone()
+        self._last_loss: float | None = None
         self._anchored: tuple[object, ...] = ()
         self._attributes: PhotoAttributes | None = None
         self._note = ""
@@ -77,15 +82,18 @@ class Painter:
         self._photo = np.zeros((0, 0, 3), np.uint8)
 
     def paint(self, request: PaintRequest) -> Iterator[Painting]:
-        """A quick drawing, and, unless the model is moving, the fine one."""
-        loss = self._loss(request)
-        if request.look == "none":
-            yield self._painting(request, loss)
-        elif request.look in ("outline", "edges"):
+        """A quick drawing, the same with the loss, and, unless the model is moving, a fine one."""
+        quick = self._painting(request, self._last_loss)
+        if request.look in ("outline", "edges"):
             mesh, pose = request.registration.mesh, request.pose
-            segments = quick_silhouette(mesh, self._renderer, pose)
-            yield self._painting(request, loss, outline=segments)
-            if not request.moving:
+            quick = replace(quick, outline=quick_silhouette(mesh, self._renderer, pose))
+            if request.moving:
+                yield replace(quick, weighed=False)
+        loss = self._last_loss = self._loss(request)
+        quick = replace(quick, loss=loss, note=self._note)
+        if request.look in ("outline", "edges", "none"):
+            yield quick
+            if request.look != "none" and not request.moving:
                 yield self._fine_lines(request, loss)
         else:
             yield self._picture(request, loss)
@@ -117,12 +125,12 @@ class Painter:
                 self._note = str(error)
         if self._attributes is None:
             return None
-        return lighting_loss(self._renderer.moments(request.pose, self._attributes))
+        return lighting_loss(self._weigher.moments(request.pose, self._attributes))
 
     def _fine_lines(self, request: PaintRequest, loss: float | None) -> Painting:
         camera = request.pose.camera
         scale = line_scale(camera.width, camera.height)
-        lines = find_lines(request.registration.mesh, self._renderer, request.pose, scale)
+        lines = find_lines(request.registration.mesh, self._close, request.pose, scale)
         if lines is None:
             return self._painting(request, loss)
         window = lines.window
@@ -147,7 +155,7 @@ class Painter:
             if self._attributes is None:
                 return self._painting(request, loss)
             attributes = shown_attributes(self._attributes)
-            lighting = recover_lighting(self._renderer.moments(request.pose, attributes))
+            lighting = recover_lighting(self._weigher.moments(request.pose, attributes))
 
             def relit(image: AttributeImage) -> FloatArray:
                 return lighting.apply(model_attributes(image, attributes))
@@ -155,7 +163,7 @@ class Painter:
             relight = relit
 
         mesh = request.registration.mesh
-        view = View(self._photo, mesh, self._renderer, pose, relight, request.opacity)
+        view = View(self._photo, mesh, self._close, pose, relight, request.opacity)
         place = (0.0, 0.0, float(photo.width), float(photo.height))
         return self._painting(request, loss, None, draw_look(request.look, view), place)
 

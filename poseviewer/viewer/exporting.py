@@ -50,7 +50,12 @@ def record_of(session: Session) -> PoseRecord:
         problem = landscape_problem(registration, document.pose, settings)
         painting = session.painting
         loss = None if painting is None else painting.loss
-        if painting is None or loss is None or painting.request.pose is not document.pose:
+        if (
+            painting is None
+            or loss is None
+            or not painting.weighed
+            or painting.request.pose is not document.pose
+        ):
             return _plain_record(session)
         return make_record(registration, settings, problem, document.pose, loss)
     except PoseViewerError:

@@ -52,9 +52,12 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
 
 
 def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
-    (quick,) = Painter(renderer).paint(request_of(registration, moving=True))
-    assert quick.picture is None
-    assert len(quick.outline) > 10
+    first, weighed = Painter(renderer).paint(request_of(registration, moving=True))
+    assert (first.weighed, weighed.weighed) == (False, True)
+    assert weighed.loss is not None
+    for painting in (first, weighed):
+        assert painting.picture is None
+        assert len(painting.outline) > 10
 
 
 def test_the_loss_is_that_of_the_search(registration, renderer):

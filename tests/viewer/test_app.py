@@ -269,7 +269,7 @@ def test_upload_writes_in_the_state_folder_alone(running: RunningApp, tmp_path: 
         for number, name in enumerate(("../../x.png", "/tmp/x.png", "..\\..\\x.png"), start=1):
             page.upload("Photo ...", name, picture)
             page.wait_until(lambda n=number: len(running.app.session.history.past) == n)
-        assert page.text_with("**x.png**")
+        page.wait_until(lambda: page.text_with("**x.png**"))
         drag_and_settle(page, (3.0, 0.0))
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))

@@ -15,7 +15,7 @@ from playwright.sync_api import Browser
 from poseviewer.demo import demo_case
 from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
-from poseviewer.fit.pose_fit import fit_pose
+from poseviewer.fit.pose_fit import Limits, fit_pose
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.registration import FitSettings, load_registration, make_problem
@@ -27,6 +27,8 @@ SIZES = ((1400, 900), (1150, 1000), (1900, 640))
 ZOOMS = (1.0, 3.3, 9.0)
 PHOTO = (640, 400)
 DEMO_PHOTO = (960, 720)
+EVALUATIONS = 300
+"""Of the demo's search in the browser: a browser without a GPU leaves little time for it."""
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +113,7 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
             for zoom in ZOOMS:
                 assert_coincident(tab, seen, zoom)
         assert tab.errors == []
+        tab.page.close()
     finally:
         app.stop()
 
@@ -263,12 +266,18 @@ def test_two_tabs_agree(page: AppPage, browser: Browser, demo: RunningApp):
 def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningApp):
     page.page.keyboard.press("r")
     page.page.wait_for_timeout(300)
+    page.page.get_by_text("Settings", exact=True).click()
+    limit = page.page.get_by_label("Most evaluations")
+    limit.fill(str(EVALUATIONS))
+    limit.press("Enter")
+    page.page.wait_for_timeout(500)
+    page.page.locator("canvas").first.focus()
     page.page.keyboard.press("Space")
-    page.wait_for_text("Converged")
+    page.wait_for_text("Stopped at the limit of evaluations")
     found = page.saved_pose(demo.folder / "demo_photo.pose.json")
     case = demo_case("perspective")
     registration = load_registration(case.photo, case.model, case.start)
-    problem, _ = make_problem(registration, FitSettings())
+    problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
     (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
     assert found["chart"]["numbers"] == list(last.numbers)
     assert found["loss"] == last.loss

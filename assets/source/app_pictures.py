@@ -1,0 +1,125 @@
+"""The README's pictures of the app, from the real app in a real browser.
+
+Run from the repository's root: ``python -m assets.source.app_pictures`` (needs chromium).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from io import BytesIO
+from pathlib import Path
+
+from PIL import Image
+
+from tests.viewer.browser import AppPage, open_browser, start_app
+
+FOLDER = Path(__file__).resolve().parent.parent / "readme"
+SIZE = (1500, 860)
+PHOTO = (960, 720)
+QUALITY = 84
+FRAMES, FRAME_MS, ANIMATION_WIDTH = 60, 350, 800
+
+
+def main() -> None:
+    """Make all pictures anew."""
+    with tempfile.TemporaryDirectory() as name, open_browser() as browser:
+        app = start_app(Path(name))
+        try:
+            make_pictures(AppPage(browser, app.url, SIZE))
+        finally:
+            app.stop()
+
+
+def make_pictures(tab: AppPage) -> None:
+    """One after another, in one session."""
+    tab.wait_for_text("at this pose")
+    wait_for_maps(tab)
+    save(tab, "app_start")
+    drag_a_pin(tab)
+    frames = watch_a_search(tab)
+    save_animation(frames)
+    tab.wait_for_text("Converged")
+    tab.page.wait_for_timeout(20_000)  # the maps, about the pose found
+    save(tab, "app_found")
+    tab.page.keyboard.press("3")
+    tab.page.wait_for_timeout(2500)
+    save(tab, "app_relit")
+    tab.page.keyboard.press("5")
+    tab.page.wait_for_timeout(2500)
+    save(tab, "app_residual")
+    tab.page.keyboard.press("1")
+    box = tab.page.locator(".pv-cell").first.bounding_box()
+    assert box is not None
+    tab.page.mouse.click(box["x"] + box["width"] - 8, box["y"] + 8)
+    tab.page.wait_for_timeout(8000)
+    save(tab, "app_large_map")
+
+
+def wait_for_maps(tab: AppPage) -> None:
+    """Until all fifteen are there."""
+    tab.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
+    tab.page.wait_for_timeout(4000)
+
+
+def drag_a_pin(tab: AppPage) -> None:
+    """The front wheel's pin in the middle of a drag, and let go back."""
+    start = tab.page.evaluate(
+        """() => {
+            const pin = window.__viserMutable.nodePoseData["/handles/pin1"].position;
+            return pin;
+        }"""
+    )
+    unit = 10.0 / max(PHOTO) * 0.995
+    pin = (start[0] / unit + PHOTO[0] / 2, start[1] / unit + PHOTO[1] / 2)
+    tab.page.mouse.move(*tab.on_screen(pin, PHOTO))
+    tab.page.mouse.down()
+    tab.page.mouse.move(*tab.on_screen((pin[0] + 40, pin[1] + 40), PHOTO), steps=8)
+    tab.page.wait_for_timeout(2000)
+    save(tab, "app_pins")
+    tab.page.keyboard.press("Escape")
+    tab.page.mouse.up()
+
+
+def watch_a_search(tab: AppPage) -> list[Image.Image]:
+    """Pictures of the photo while the simplex moves, and one of the whole page."""
+    frames = []
+    tab.page.keyboard.press("r")
+    tab.page.keyboard.press("Space")
+    for index in range(FRAMES):
+        left, top, width, height = tab.view()["box"]
+        shot = tab.page.screenshot()
+        frames.append(
+            Image.open(BytesIO(shot))
+            .convert("RGB")
+            .crop((int(left), int(top), int(left + width), int(top + height)))
+        )
+        if index == 12:
+            save(tab, "app_search")
+        if tab.page.get_by_text("Converged").count():
+            break
+        tab.page.wait_for_timeout(FRAME_MS)
+    return frames
+
+
+def save(tab: AppPage, name: str) -> None:
+    """A screenshot as JPEG."""
+    picture = Image.open(BytesIO(tab.page.screenshot())).convert("RGB")
+    picture.save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
+
+
+def save_animation(frames: list[Image.Image]) -> None:
+    """The frames as an animated WebP."""
+    height = round(frames[0].height * ANIMATION_WIDTH / frames[0].width)
+    small = [frame.resize((ANIMATION_WIDTH, height)) for frame in frames]
+    small[0].save(
+        FOLDER / "search.webp",
+        save_all=True,
+        append_images=[*small[1:], small[-1], small[-1]],
+        duration=160,
+        loop=0,
+        quality=72,
+    )
+
+
+if __name__ == "__main__":
+    main()
