@@ -241,6 +241,13 @@ class Painted:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Weighed:
+    """A worker knows the loss of a pose that is, or a moment ago was, drawn."""
+
+    painting: Painting
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Saved:
     """``pose`` stands in a file."""
 
@@ -278,5 +285,6 @@ Command = (
     | SearchFailed
     | LandscapeAdvanced
     | Painted
+    | Weighed
     | Saved
 )

@@ -18,6 +18,7 @@ from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
+from poseviewer.session import news
 from poseviewer.session.checks import require_in_sight, require_sane, sentence
 from poseviewer.session.document import Document, History, with_camera, with_projection
 from poseviewer.session.gestures import PIN_REACH, RegionGrip, pins_in_photo, take_hold
@@ -341,19 +342,7 @@ def _search_failed(session: Session, command: c.SearchFailed) -> Session:
     return replace(_revert(session, c.RevertSearch()), complaint=sentence(command.reason))
 
 
-def _landscape_advanced(session: Session, command: c.LandscapeAdvanced) -> Session:
-    return replace(session, landscape=command.news)
-
-
-def _painted(session: Session, command: c.Painted) -> Session:
-    return replace(session, painting=command.painting)
-
-
-def _saved(session: Session, command: c.Saved) -> Session:
-    return replace(session, saved=command.pose)
-
-
-_NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted)
+_NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted, c.Weighed)
 _DURING_A_DRAG = (
     *_NEWS,
     c.DragTo,
@@ -394,7 +383,8 @@ _HANDLERS = {
     c.RevertSearch: _revert,
     c.SearchAdvanced: _search_advanced,
     c.SearchFailed: _search_failed,
-    c.LandscapeAdvanced: _landscape_advanced,
-    c.Painted: _painted,
-    c.Saved: _saved,
+    c.LandscapeAdvanced: news.landscape_advanced,
+    c.Painted: news.painted,
+    c.Weighed: news.weighed,
+    c.Saved: news.saved,
 }

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,7 @@ class App:
         )
         self._renderer = opened.renderer
         self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
+        self._weigher: Worker[Painting] = Worker("weigher", self._mailbox.ring)
         self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring, patient=True)
         self._searcher: Worker[SearchNews] = Worker("searcher")
         self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
@@ -93,7 +95,14 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
-            for worker in (self._painter, self._finisher, self._searcher, self._mapper):
+            workers = (
+                self._painter,
+                self._weigher,
+                self._finisher,
+                self._searcher,
+                self._mapper,
+            )
+            for worker in workers:
                 worker.close()
             self._tasks.close()
 
@@ -181,6 +190,9 @@ class App:
                 self._page.complain(f"The model could not be drawn: {news.error}")
             elif news.item is not None and self._is_current(news.item):
                 self._command(c.Painted(news.item))
+        news = self._weigher.take()
+        if news is not None and news.item is not None and self._is_current(news.item):
+            self._command(c.Weighed(news.item))
         self._collect_search()
         news = self._mapper.take()
         if news is not None and news.error is not None:
@@ -241,6 +253,8 @@ class App:
             session.look.opacity,
         )
         if self._painted is None or not _same_picture(request, self._painted):
+            if not self._weighed and self._painted is not None and not self._weigher.busy:
+                self._weigh(self._painted)
             # One at a time: a drawing that is displaced before it is shown helps nobody.
             if self._painter.busy:
                 return
@@ -249,12 +263,21 @@ class App:
             self._painted, self._moved_at = request, time.monotonic()
             quick = self._quick
             self._finisher.stop()
-            self._painter.start(lambda: quick.paint(replace(request, moving=True)))
+            self._painter.start(lambda: islice(quick.paint(replace(request, moving=True)), 1))
+            self._weighed = False
             return
+        if not self._weighed and not self._weigher.busy:
+            self._weigh(request)
         if self._unfinished() and time.monotonic() - self._moved_at > SETTLED_S:
             self._moved_at = 0.0
             fine = self._fine
             self._finisher.start(lambda: _last(fine.paint(request)))
+
+    def _weigh(self, request: PaintRequest) -> None:
+        """Find the loss of what is drawn, apart from the drawing: it takes longer."""
+        self._weighed = True
+        scales = self._scales
+        self._weigher.start(lambda: _last(scales.paint(replace(request, moving=True))))
 
     def _start_search(self) -> None:
         search = self.session.search
@@ -291,6 +314,7 @@ class App:
 
         self._quick = Painter(self._renderer.clone())
         self._fine = Painter(self._renderer.clone())
+        self._scales = Painter(self._renderer.clone())
         self._map_maker = Mapper(self._renderer.clone())
         searching = self._renderer.clone()
 
@@ -299,6 +323,7 @@ class App:
 
         self._search_maker: Callable[..., Iterator[SearchNews]] = run
         self._painted = None
+        self._weighed = True
         self._mapped = None
 
 

@@ -160,17 +160,21 @@ def test_the_camera_cannot_be_knocked_off_the_photo(page: AppPage):
 
 
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
-    place = page.on_screen((700.0, 300.0), DEMO_PHOTO)
+    place = tuple(round(v) for v in page.on_screen((700.0, 300.0), DEMO_PHOTO))
+    left, top = page.view()["box"][:2]
+    under = page.page.evaluate(
+        f"window.poseviewer.photoFromCanvas({place[0] - left}, {place[1] - top})"
+    )
     page.page.mouse.move(*place)
     page.page.mouse.wheel(0, -700)
     page.page.wait_for_function(
         "JSON.parse(document.documentElement.dataset.poseviewerView).zoom > 2"
     )
-    np.testing.assert_allclose(page.on_screen((700.0, 300.0), DEMO_PHOTO), place, atol=0.01)
+    np.testing.assert_allclose(page.on_screen(under, DEMO_PHOTO), place, atol=0.01)
     page.page.mouse.down(button="right")
     page.page.mouse.move(place[0] + 40, place[1] - 25, steps=4)
     page.page.mouse.up(button="right")
-    moved = page.on_screen((700.0, 300.0), DEMO_PHOTO)
+    moved = page.on_screen(under, DEMO_PHOTO)
     np.testing.assert_allclose(moved, (place[0] + 40, place[1] - 25), atol=0.01)
     page.page.keyboard.press("f")
     page.page.wait_for_function(
@@ -271,7 +275,7 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningA
     limit.fill(str(EVALUATIONS))
     limit.press("Enter")
     page.page.wait_for_timeout(500)
-    page.page.locator("canvas").first.focus()
+    page.page.evaluate("document.activeElement.blur()")
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped at the limit of evaluations")
     found = page.saved_pose(demo.folder / "demo_photo.pose.json")
@@ -279,7 +283,8 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningA
     registration = load_registration(case.photo, case.model, case.start)
     problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
     (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
-    assert found["chart"]["numbers"] == list(last.numbers)
+    # The file's numbers are worked out from the pose: they may differ in the last digit.
+    np.testing.assert_allclose(found["chart"]["numbers"], last.numbers, rtol=1e-12)
     assert found["loss"] == last.loss
     page.page.get_by_role("button", name="Go back").click()
 
