@@ -39,7 +39,7 @@ def make_pictures(tab: AppPage) -> None:
     frames = watch_a_search(tab)
     save_animation(frames)
     tab.wait_for_text("Converged")
-    tab.page.wait_for_timeout(20_000)  # the maps, about the pose found
+    tab.page.wait_for_timeout(45_000)  # the maps, about the pose found
     save(tab, "app_found")
     tab.page.keyboard.press("3")
     tab.page.wait_for_timeout(2500)
@@ -48,10 +48,8 @@ def make_pictures(tab: AppPage) -> None:
     tab.page.wait_for_timeout(2500)
     save(tab, "app_residual")
     tab.page.keyboard.press("1")
-    box = tab.page.locator(".pv-cell").first.bounding_box()
-    assert box is not None
-    tab.page.mouse.click(box["x"] + box["width"] - 8, box["y"] + 8)
-    tab.page.wait_for_timeout(8000)
+    tab.page.evaluate("window.poseviewerOpen(0, 2)")
+    tab.page.wait_for_timeout(12_000)
     save(tab, "app_large_map")
 
 

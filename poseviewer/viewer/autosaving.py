@@ -92,8 +92,8 @@ class Autosaver:
             discard(self._file)
 
     def where(self, session: Session) -> str:
-        """The pose file of the session, as it is shown."""
-        return str(self._pose_path(session))
+        """The pose file's name, as it is shown; its folder is told when it is written."""
+        return self._pose_path(session).name
 
     def save_pose(self, session: Session, record: PoseRecord) -> Path:
         """Write the pose beside its photo. A file that another session wrote is kept as ``.bak``.
