@@ -84,12 +84,12 @@ def watch_a_search(tab: AppPage) -> list[Image.Image]:
     tab.page.keyboard.press("r")
     tab.page.keyboard.press("Space")
     for index in range(FRAMES):
-        left, top, width, height = tab.view()["box"]
+        (left, top), (right, bottom) = (tab.on_screen(corner, PHOTO) for corner in ((0, 0), PHOTO))
         shot = tab.page.screenshot()
         frames.append(
             Image.open(BytesIO(shot))
             .convert("RGB")
-            .crop((int(left), int(top), int(left + width), int(top + height)))
+            .crop((int(left), int(top), int(right), int(bottom)))
         )
         if index == 12:
             save(tab, "app_search")
