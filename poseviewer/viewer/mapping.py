@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from poseviewer.fit.landscape import Slice
 from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
@@ -14,8 +15,8 @@ from poseviewer.session.jobs import LandscapeNews, landscape_problem, maps
 from poseviewer.session.session import Session
 
 SIZE = 41
-QUICK_SIZE = 9
-"""Points along a side of maps that are made while the pose moves."""
+QUICK_SIZES = (3, 9)
+"""Points along a side of the first maps, which are all there are while the pose moves."""
 QUICK_SIDE, MOST_FACTOR = 240, 4
 """px of the longer side that the photo is brought down to for the first maps, at most so many
 times smaller: they are to be there at once."""
@@ -91,17 +92,13 @@ class Mapper:
         """
         problem = job.problem or self._problem_about(job)
         quick = self._quick_problem(problem)
-        factor = level_of(problem)
-        shown = ()
-        for news in maps(
-            quick,
-            job.centre,
-            LevelRenderer(self._renderer, factor),
-            job.half_width,
-            QUICK_SIZE,
-        ):
-            shown = news.slices
-            yield replace(news, problem=problem, known=0.0)
+        level = LevelRenderer(self._renderer, level_of(problem))
+        shown: tuple[Slice, ...] = ()
+        for size in QUICK_SIZES:
+            before = shown
+            for news in maps(quick, job.centre, level, job.half_width, size, before):
+                shown = news.slices
+                yield replace(news, problem=problem, known=0.0)
         if not job.moving:
             yield from maps(problem, job.centre, self._fine, job.half_width, SIZE, shown)
 
