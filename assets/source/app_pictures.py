@@ -11,7 +11,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.viewer.browser import AppPage, open_browser, start_app
+from tests.viewer.app_process import AppProcess
+from tests.viewer.browser import AppPage, open_browser
 
 FOLDER = Path(__file__).resolve().parent.parent / "readme"
 SIZE = (1500, 860)
@@ -22,12 +23,12 @@ FRAMES, FRAME_MS, ANIMATION_WIDTH = 60, 350, 800
 
 def main() -> None:
     """Make all pictures anew."""
-    with tempfile.TemporaryDirectory() as name, open_browser() as browser:
-        app = start_app(Path(name))
-        try:
-            make_pictures(AppPage(browser, app.url, SIZE))
-        finally:
-            app.stop()
+    with (
+        tempfile.TemporaryDirectory() as name,
+        open_browser() as browser,
+        AppProcess(Path(name)) as app,
+    ):
+        make_pictures(AppPage(browser, app.url, SIZE))
 
 
 def make_pictures(tab: AppPage) -> None:

@@ -8,23 +8,26 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
+REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PATIENCE_S = 120.0
 ADDRESS = re.compile(r"http://\S+")
 
 
 class AppProcess:
-    """``poseviewer ... --no-browser --port 0``, started with its state in ``state``."""
+    """``poseviewer ... --no-browser``; its state and what it saves are in ``folder``."""
 
-    def __init__(self, arguments: Sequence[object], state: Path, folder: Path) -> None:
+    def __init__(self, folder: Path, *arguments: str | Path, port: int = 0) -> None:
+        """``port`` 0: any free one."""
         command = [sys.executable, "-m", "poseviewer.cli", *map(str, arguments)]
+        state = str(folder / "state")
+        self.folder = folder
         self._process = subprocess.Popen(
-            [*command, "--no-browser", "--port", "0"],
+            [*command, "--no-browser", "--port", str(port)],
             cwd=folder,
-            env={**os.environ, "POSEVIEWER_STATE": str(state)},
+            env={**os.environ, "POSEVIEWER_STATE": state, "PYTHONPATH": str(REPOSITORY)},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -64,13 +67,15 @@ class AppProcess:
 
     def kill(self) -> None:
         """End it as a crash would."""
-        self._process.kill()
-        self._end()
+        self._signal(signal.SIGKILL)
+
+    def interrupt(self) -> int:
+        """End it as Ctrl-C would; gives its exit code."""
+        return self._signal(signal.SIGINT)
 
     def terminate(self) -> int:
         """Ask it to end; gives its exit code."""
-        self._process.send_signal(signal.SIGTERM)
-        return self._end()
+        return self._signal(signal.SIGTERM)
 
     def leaves_nothing(self) -> bool:
         """Whether no process of its group is left."""
@@ -80,7 +85,8 @@ class AppProcess:
             return True
         return False
 
-    def _end(self) -> int:
+    def _signal(self, number: signal.Signals) -> int:
+        self._process.send_signal(number)
         code = self._process.wait(PATIENCE_S)
         self._reader.join(PATIENCE_S)
         if self._process.stdout is not None:

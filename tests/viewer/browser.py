@@ -5,12 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,7 +16,6 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-REPOSITORY = Path(__file__).resolve().parent.parent.parent
 FLAGS = (
     "--no-sandbox",
     "--disable-quic",
@@ -52,52 +47,6 @@ def open_browser() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
         yield browser
         browser.close()
-
-
-@dataclass
-class RunningApp:
-    """The app in a process of its own."""
-
-    process: subprocess.Popen[str]
-    url: str
-    folder: Path
-
-    def kill(self) -> None:
-        """As a crash would."""
-        self._end(signal.SIGKILL)
-
-    def stop(self) -> int:
-        """As Ctrl-C would; the exit code."""
-        return self._end(signal.SIGINT)
-
-    def _end(self, how: signal.Signals) -> int:
-        self.process.send_signal(how)
-        code = self.process.wait(timeout=60)
-        if self.process.stdout is not None:
-            self.process.stdout.close()
-        return code
-
-
-def start_app(folder: Path, *arguments: str | Path) -> RunningApp:
-    """The app on a free port, its state and what it saves in ``folder``."""
-    environment = {
-        **os.environ,
-        "POSEVIEWER_STATE": str(folder / "state"),
-        "PYTHONPATH": str(REPOSITORY),
-    }
-    command = [sys.executable, "-m", "poseviewer.cli", *map(str, arguments)]
-    process = subprocess.Popen(
-        [*command, "--no-browser", "--port", "0"],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("poseviewer is at "):
-            return RunningApp(process, line.split()[-1], folder)
-    raise AssertionError(f"the app ended with {process.wait()} before it was ready")
 
 
 class AppPage:

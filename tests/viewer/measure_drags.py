@@ -109,10 +109,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = [case.photo, case.model, "--pose", case.start]
-        with (
-            AppProcess(files, folder / "state", folder) as app,
-            SocketPage(app.url) as page,
-        ):
+        with AppProcess(folder, *files) as app, SocketPage(app.url) as page:
             page.wait_until(lambda: page.maps() >= 10 and len(page.outline()))
             if options.seconds > 0.0:
                 _measure(page, case.photo, options.seconds)

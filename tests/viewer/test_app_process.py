@@ -27,8 +27,7 @@ def scene(tmp_path: Path) -> Scene:
 
 
 def start(scene: Scene, tmp_path: Path) -> AppProcess:
-    files = [scene.photo, scene.model, "--pose", scene.start]
-    return AppProcess(files, tmp_path / "state", tmp_path)
+    return AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start)
 
 
 def kept(tmp_path: Path) -> AutosavedSession | None:

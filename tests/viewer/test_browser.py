@@ -21,7 +21,8 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.registration import FitSettings, load_registration, make_problem
 from poseviewer.render.software import SoftwareRenderer
 from tests.scene import Scene
-from tests.viewer.browser import AppPage, RunningApp, open_browser, start_app
+from tests.viewer.app_process import AppProcess
+from tests.viewer.browser import AppPage, open_browser
 
 SIZES = ((1400, 900), (1150, 1000), (1900, 640))
 ZOOMS = (1.0, 3.3, 9.0)
@@ -38,14 +39,14 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
-    app = start_app(tmp_path_factory.mktemp("demo"))
-    yield app
-    assert app.stop() == 0
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
+    with AppProcess(tmp_path_factory.mktemp("demo")) as app:
+        yield app
+        assert app.interrupt() == 0
 
 
 @pytest.fixture
-def page(browser: Browser, demo: RunningApp) -> Iterator[AppPage]:
+def page(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
     tab = AppPage(browser, demo.url)
     yield tab
     assert tab.errors == []
@@ -101,10 +102,8 @@ def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) 
 )
 def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Camera):
     seen = make_dots(tmp_path, camera)
-    app = start_app(
-        tmp_path, tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json"
-    )
-    try:
+    files = (tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json")
+    with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
         tab.wait_for_text("at this pose")
         for size in SIZES:
@@ -114,8 +113,6 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
                 assert_coincident(tab, seen, zoom)
         assert tab.errors == []
         tab.page.close()
-    finally:
-        app.stop()
 
 
 def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
@@ -189,7 +186,7 @@ def demo_pins(numbers: list[float]) -> np.ndarray:
     return np.array([mu * size, (mu + delta) * size, mu * size + 0.25 * min(DEMO_PHOTO) * psi])
 
 
-def test_each_pin_is_its_two_numbers(page: AppPage, demo: RunningApp):
+def test_each_pin_is_its_two_numbers(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     page.page.keyboard.press("r")
     for pin, shift in ((0, (9.0, -7.0)), (1, (-12.0, 5.0)), (2, (6.0, 8.0))):
@@ -210,7 +207,7 @@ def test_each_pin_is_its_two_numbers(page: AppPage, demo: RunningApp):
         page.page.keyboard.press("z")
 
 
-def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: RunningApp):
+def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     before = page.saved_pose(path)["chart"]["numbers"]
     page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
@@ -228,7 +225,7 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     assert page.saved_pose(path)["chart"]["numbers"] == before
 
 
-def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: RunningApp, tmp_path: Path):
+def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: AppProcess, tmp_path: Path):
     path = demo.folder / "demo_photo.pose.json"
     page.page.keyboard.press("ArrowRight")
     page.page.keyboard.press("Shift+J")
@@ -249,7 +246,7 @@ def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: RunningApp, t
     assert again["camera"] == saved["camera"]
 
 
-def test_two_tabs_agree(page: AppPage, browser: Browser, demo: RunningApp):
+def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     other = AppPage(browser, demo.url)
     try:
         for tab in (page, other):
@@ -267,7 +264,7 @@ def test_two_tabs_agree(page: AppPage, browser: Browser, demo: RunningApp):
         other.page.close()
 
 
-def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningApp):
+def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProcess):
     with page.page.expect_file_chooser() as chooser:  # another test may have set the start
         page.page.get_by_role("button", name="Pose file ...").click()
     chooser.value.set_files(str(demo_case("perspective").start))
@@ -291,29 +288,60 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: RunningA
     page.page.get_by_role("button", name="Go back").click()
 
 
-def test_a_session_that_was_killed_is_offered_again(browser: Browser, tmp_path: Path, scene: Scene):
-    arguments = (scene.photo, scene.model, "--pose", scene.start)
-    app = start_app(tmp_path, *arguments)
-    tab = AppPage(browser, app.url)
+OFFER = "An earlier session ended without saving"
+
+
+def change_and_crash(tab: AppPage, app: AppProcess) -> None:
+    """Change the pose, search, and kill the app once it has kept the session."""
     tab.page.keyboard.press("Shift+ArrowRight")
     tab.page.keyboard.press("Space")
-    sessions = tmp_path / "state" / "sessions"
+    sessions = app.folder / "state" / "sessions"
     for _ in range(400):
         if sessions.is_dir() and any(sessions.iterdir()):
             break
         tab.page.wait_for_timeout(50)
+    assert any(sessions.iterdir())
     app.kill()
-    tab.page.close()
-    again = start_app(tmp_path, *arguments)
-    try:
+
+
+def test_a_session_that_was_killed_is_offered_again(browser: Browser, tmp_path: Path, scene: Scene):
+    files = (scene.photo, scene.model, "--pose", scene.start)
+    with AppProcess(tmp_path, *files) as app:
+        tab = AppPage(browser, app.url)
+        change_and_crash(tab, app)
+        tab.page.close()
+    with AppProcess(tmp_path, *files) as again:
         tab = AppPage(browser, again.url)
         tab.page.get_by_role("button", name="Open it again").click()
         tab.wait_for_text("unsaved changes")
-    finally:
-        again.stop()
+        tab.page.close()
 
 
-def test_the_saved_file_is_a_pose_of_the_photo(page: AppPage, demo: RunningApp):
+def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path, scene: Scene):
+    files = (scene.photo, scene.model, "--pose", scene.start)
+    with AppProcess(tmp_path, *files) as app:
+        tab = AppPage(browser, app.url)
+        tab.wait_for_text("at this pose")
+        change_and_crash(tab, app)
+    port = int(app.url.rstrip("/").rpartition(":")[2])
+    with AppProcess(tmp_path, *files, port=port) as again:
+        assert again.url == app.url
+        tab.page.get_by_text(OFFER).wait_for()
+        tab.page.get_by_role("button", name="Forget it").click()
+        tab.page.get_by_text(OFFER).wait_for(state="hidden")
+        tab.wait_for_text("at this pose")
+        # The new server's page: what is done on it comes through, and it draws what comes back.
+        tab.page.get_by_text("no unsaved changes").wait_for()
+        picture = tab.settled_picture()
+        tab.page.keyboard.press("ArrowRight")
+        tab.page.get_by_text("● unsaved changes").wait_for()
+        tab.page.wait_for_timeout(500)
+        assert not np.array_equal(tab.settled_picture(), picture)
+        assert tab.errors == []
+        tab.page.close()
+
+
+def test_the_saved_file_is_a_pose_of_the_photo(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     page.saved_pose(path)
     photo = load_photo(demo_case("perspective").photo)
