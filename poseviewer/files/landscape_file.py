@@ -21,13 +21,12 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from poseviewer.errors import SettingsError
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 
-KEYS = ("names", "centre", "spans", "pairs", "first_values", "second_values", "losses")
 CSV_COLUMNS = (
     "first_name",
     "second_name",
@@ -73,25 +72,10 @@ def save_landscape(
     write_whole(Path(path), landscape_npz_bytes(names, centre, spans, slices), SettingsError)
 
 
-def save_landscape_csv(
-    path: str | Path,
-    names: Sequence[str],
-    centre: ArrayLike,
-    spans: ArrayLike,
-    slices: Sequence[LossSlice],
-) -> None:
-    """Write the slices, of any sizes, to a .csv file, whole or not at all.
-
-    Raises:
-        SettingsError: the folder is missing or not to be written to.
-    """
-    write_whole(Path(path), landscape_csv_bytes(names, centre, spans, slices), SettingsError)
-
-
 def landscape_npz_bytes(
     names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
 ) -> bytes:
-    """What ``save_landscape`` writes; ``centre`` and ``spans`` (d,), slices of one size."""
+    """An archive: ``centre`` and ``spans`` (d,), slices of one size."""
     memory = BytesIO()
     np.savez_compressed(
         memory,
@@ -109,7 +93,7 @@ def landscape_npz_bytes(
 def landscape_csv_bytes(
     names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
 ) -> bytes:
-    """What ``save_landscape_csv`` writes, in UTF-8: ``centre`` and ``spans`` (d,)."""
+    """A table in UTF-8: ``centre`` and ``spans`` (d,), slices of any sizes."""
     middle, span = np.asarray(centre, dtype=float), np.asarray(spans, dtype=float)
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -122,14 +106,3 @@ def landscape_csv_bytes(
             numbers = (x, y, piece.losses[row, column], *offsets)
             writer.writerow([names[i], names[j], *(repr(float(number)) for number in numbers)])
     return text.getvalue().encode()
-
-
-def load_landscape(path: str | Path) -> dict[str, NDArray]:
-    """The arrays of a file of ``save_landscape``, by their keys.
-
-    Raises:
-        OSError: the file cannot be read.
-        KeyError: it is an archive of something else.
-    """
-    with np.load(Path(path), allow_pickle=False) as archive:
-        return {key: archive[key] for key in KEYS}
