@@ -56,18 +56,19 @@ def restarted_simplex(
 
     The same objective, start (d,), spans (d,), rules and seed give the same search. The first
     simplex has its edges along the axes; later ones along random orthogonal directions, since a
-    descent that got stuck did so in a simplex that had gone flat.
+    descent that got stuck did so in a simplex that had gone flat. Yields after every evaluation,
+    and once more at the end.
     """
     random = np.random.default_rng(seed)
     start = np.array(start, dtype=float)
     steps = rules.step * spans
     best, value, failures, restart = start, np.inf, 0, 0
+    state: SearchState | None = None
     while failures < rules.patience:
         scouting = restart < rules.scouts
         centre = start if scouting else best
         simplex = axis_simplex(start, steps) if not restart else _turned(centre, steps, random)
         before = value
-        state: SearchState | None = None
         for inner in downhill_simplex(
             objective,
             simplex,
@@ -79,11 +80,11 @@ def restarted_simplex(
             state = SearchState(best, value, inner, restart)
             if not inner.converged:
                 yield state
-        assert state is not None  # a descent evaluates its corners at least
         if not scouting:
             failures = 0 if before - value > rules.least_gain else failures + 1
-        yield replace(state, finished=failures >= rules.patience)
         restart += 1
+    assert state is not None  # patience is at least one descent
+    yield replace(state, finished=True)
 
 
 def _turned(centre: FloatArray, steps: FloatArray, random: np.random.Generator) -> FloatArray:

@@ -127,3 +127,19 @@ def test_restarts_are_deterministic_and_end_finished():
     assert len(first) == len(second)
     assert np.array_equal(first[-1].best, second[-1].best)
     assert len(other) != len(first) or not np.array_equal(other[-1].best, first[-1].best)
+
+
+def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
+    valley, counts, seen = random_valley(3), [], []
+
+    def objective(x):
+        seen.append(x)
+        return valley(x)
+
+    search = restarted_simplex(objective, np.zeros(6), np.ones(6), RestartRules(), seed=5)
+    restarts = []
+    for state in search:
+        counts.append(len(seen))
+        restarts.append(state.restart)
+    assert counts == [*range(1, len(seen) + 1), len(seen)]
+    assert max(restarts) > RestartRules().scouts  # some were tried
