@@ -72,7 +72,7 @@ class FreeBodyChart:
 
     def to_pose(self, numbers: FloatArray) -> Pose:
         """The pose that lies ``numbers`` away from the start."""
-        numbers = np.asarray(numbers, dtype=float)
+        numbers = np.array(numbers, dtype=float)  # scipy takes no read-only rotation vector
         logarithms = numbers[5:] * np.array([1.0, self._focal_gain()])[: len(numbers) - 5]
         if not (np.all(np.isfinite(numbers)) and np.all(np.abs(logarithms) <= LARGEST_LOGARITHM)):
             raise OutsideChartError(f"numbers {numbers} out of all proportion")

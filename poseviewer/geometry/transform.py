@@ -32,7 +32,7 @@ class RigidTransform:
     @classmethod
     def from_rotation_vector(cls, vector: ArrayLike, translation: ArrayLike) -> RigidTransform:
         """From an axis times an angle in radians (3,) and a translation (3,)."""
-        rotation = Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix()
+        rotation = Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix()
         return cls(rotation, np.asarray(translation, dtype=float))
 
     def as_rotation_vector(self) -> FloatArray:
