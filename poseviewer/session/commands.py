@@ -109,13 +109,6 @@ class Redo:
     """One step on again."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChangeSettings:
-    """Other settings of the search."""
-
-    settings: FitSettings
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class AlterSettings:
     """Some of the settings, as they are by then: what was changed just before stays changed."""
@@ -145,7 +138,6 @@ class Open:
     """Another photo, model or both, read and ready."""
 
     document: Document
-    undoable: bool = True
     unsaved: bool = False
     """Whether its pose stands in no file."""
 
@@ -268,7 +260,6 @@ Command = (
     | LookFrom
     | Undo
     | Redo
-    | ChangeSettings
     | AlterSettings
     | SetProjection
     | SetCamera

@@ -67,6 +67,11 @@ class Document:
         """(d,): the pose in ``chart``."""
         return self.chart.from_pose(self.pose)
 
+    @property
+    def paths(self) -> frozenset[Path]:
+        """The files of photo and model, as far as they have one."""
+        return frozenset(path for path in (self.photo_path, self.model_path) if path is not None)
+
     def started_from(self, pose: Pose) -> Document:
         """The same with another start pose, which is the pose as well."""
         start = replace(self.registration.start, pose=pose, loss=None, chart=None)

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from poseviewer.fit.landscape import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.motions import (
     moved,
@@ -207,3 +208,17 @@ def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingGrip | N
     if speed < least:
         tangent = tangent / max(speed, 1e-9) * least
     return RingGrip(document, int(axis), point, tangent)
+
+
+def picked_numbers(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
+    """(d,): the numbers at a press on a map through ``centre`` (d,).
+
+    ``u`` and ``v`` are the place from the map's left and lower border as a share of its side;
+    beyond 0 and 1 the border is meant. Nothing snaps to the grid.
+    """
+    numbers = np.array(centre, dtype=float)
+    u, v = (min(max(float(share), 0.0), 1.0) for share in (u, v))
+    x, y = piece.first_values, piece.second_values
+    numbers[piece.first] = x[0] + u * (x[-1] - x[0])
+    numbers[piece.second] = y[0] + v * (y[-1] - y[0])
+    return numbers

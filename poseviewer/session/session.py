@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from poseviewer.geometry.camera import Pose
 from poseviewer.session.document import Document, History
@@ -84,6 +85,14 @@ class Session:
         if self.look.before and search is not None and not search.running:
             return search.before.pose
         return self.document.pose
+
+    @property
+    def paths(self) -> frozenset[Path]:
+        """The files of all photos and models that undo and redo can bring back, and of those at
+        hand.
+        """
+        documents = (*self.history.past, self.document, *self.history.future)
+        return frozenset[Path]().union(*(document.paths for document in documents))
 
     @property
     def searching(self) -> bool:

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_from_integer_centres
@@ -21,7 +20,13 @@ from poseviewer.session import commands as c
 from poseviewer.session import news
 from poseviewer.session.checks import require_in_sight, require_sane, sentence
 from poseviewer.session.document import Document, History, with_camera, with_projection
-from poseviewer.session.gestures import PIN_REACH, RegionGrip, pins_in_photo, take_hold
+from poseviewer.session.gestures import (
+    PIN_REACH,
+    RegionGrip,
+    picked_numbers,
+    pins_in_photo,
+    take_hold,
+)
 from poseviewer.session.session import NO_COMPLAINT, Search, Session
 
 MOST_PINS = 3
@@ -202,9 +207,9 @@ def _redo(session: Session, command: c.Redo) -> Session:
     return _at(session, *session.history.redo(session.document))
 
 
-def _change_settings(session: Session, command: c.ChangeSettings | c.AlterSettings) -> Session:
+def _alter_settings(session: Session, command: c.AlterSettings) -> Session:
     now = session.document.settings
-    wanted = command.alter(now) if isinstance(command, c.AlterSettings) else command.settings
+    wanted = command.alter(now)
     if wanted == now:
         return session
     return _with_document(session, replace(session.document, settings=wanted))
@@ -238,7 +243,7 @@ def _set_camera(session: Session, command: c.SetCamera) -> Session:
 
 
 def _open(session: Session, command: c.Open) -> Session:
-    opened = replace(
+    return replace(
         _with_document(session, command.document),
         landscape=None,
         painting=None,
@@ -246,7 +251,6 @@ def _open(session: Session, command: c.Open) -> Session:
         tool="pose",
         saved=None if command.unsaved else command.document.pose,
     )
-    return opened if command.undoable else replace(opened, history=session.history)
 
 
 def _set_tool(session: Session, command: c.SetTool) -> Session:
@@ -277,13 +281,7 @@ def _pick(session: Session, command: c.PickInLandscape) -> Session:
     piece = pairs.get((command.first, command.second))
     if piece is None:
         return session
-    numbers: FloatArray = np.array(news.numbers)
-    for index, values, share in (
-        (piece.first, piece.first_values, command.u),
-        (piece.second, piece.second_values, command.v),
-    ):
-        share = min(max(share, 0.0), 1.0)
-        numbers[index] = values[0] + share * (values[-1] - values[0])
+    numbers = picked_numbers(piece, news.numbers, command.u, command.v)
     return _with_pose(session, news.problem.chart.to_pose(numbers))
 
 
@@ -368,8 +366,7 @@ _HANDLERS = {
     c.LookFrom: _look_from,
     c.Undo: _undo,
     c.Redo: _redo,
-    c.ChangeSettings: _change_settings,
-    c.AlterSettings: _change_settings,
+    c.AlterSettings: _alter_settings,
     c.SetProjection: _set_projection,
     c.SetCamera: _set_camera,
     c.Open: _open,

@@ -20,11 +20,11 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.viewer.landscape_marks import (
     Marks,
     on_map,
-    readable,
     short_trail,
     simplex_outline,
 )
 from poseviewer.viewer.landscape_style import STYLE
+from poseviewer.viewer.names import short_name
 from poseviewer.viewer.palette import LossRange, css_gradient, loss_png, loss_range
 
 FEWEST_COLUMNS = 4
@@ -82,26 +82,12 @@ def landscape_grid(
     )
 
 
-def picked_numbers(slice_: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): the numbers at a press on a map through ``centre`` (d,).
-
-    ``u`` and ``v`` are the place from the map's left and lower border as a share of its side;
-    beyond 0 and 1 the border is meant. Nothing snaps to the grid.
-    """
-    numbers = np.array(centre, dtype=float)
-    u, v = (min(max(float(share), 0.0), 1.0) for share in (u, v))
-    x, y = slice_.first_values, slice_.second_values
-    numbers[slice_.first] = x[0] + u * (x[-1] - x[0])
-    numbers[slice_.second] = y[0] + v * (y[-1] - y[0])
-    return numbers
-
-
 def _labels(numbers: Sequence[int], names: Sequence[str]) -> str:
     """The second numbers left of their rows, the first ones below their columns."""
     last = len(numbers)
     labels = []
     for i, number in enumerate(numbers):
-        name = readable(names[number])
+        name = short_name(names[number])
         turned = " pv-turned" if len(name) > 3 else ""
         if i > 0:
             labels.append(
@@ -127,7 +113,7 @@ def _cell(
     scale = shared or loss_range([piece.losses]) or LossRange(0.0, 1.0)
     first, second = pair
     pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
-    what = escape(f"{readable(names[first])}, {readable(names[second])}")
+    what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
     return (
         f'<div class="pv-cell" style="{place}">'
         f'<svg viewBox="0 0 100 100" onpointerdown="{pick}"><title>{what}{_least(piece)}</title>'

@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 
 from poseviewer.fit.landscape import Slice, slice_minimum, strides
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.viewer.landscape_marks import Marks, readable, short_trail, simplex_outline
+from poseviewer.viewer.landscape_marks import Marks, short_trail, simplex_outline
+from poseviewer.viewer.names import short_name
 from poseviewer.viewer.palette import colour_scale
 
 PAPER, TEXT, GRID = "#1a1b1e", "#d7dae0", "#2f333c"
@@ -37,8 +38,8 @@ def contour_figure(
         axis=-1,
     )
     hover = (
-        f"{readable(names[piece.first])} %{{x:.5f}} (%{{customdata[0]:+.1f}} %)<br>"
-        f"{readable(names[piece.second])} %{{y:.5f}} (%{{customdata[1]:+.1f}} %)<br>"
+        f"{short_name(names[piece.first])} %{{x:.5f}} (%{{customdata[0]:+.1f}} %)<br>"
+        f"{short_name(names[piece.second])} %{{y:.5f}} (%{{customdata[1]:+.1f}} %)<br>"
         "loss %{z:.5f}<extra></extra>"
     )
     figure = go.Figure(
@@ -63,8 +64,8 @@ def contour_figure(
         place = {"x": [least.first_value], "y": [least.second_value]}
         figure.add_trace(_marker(place, f"least: {least.loss:.5f}", _LEAST))
     figure.update_layout(
-        xaxis=_axis(readable(names[piece.first]), x),
-        yaxis=_axis(readable(names[piece.second]), y),
+        xaxis=_axis(short_name(names[piece.first]), x),
+        yaxis=_axis(short_name(names[piece.second]), y),
         **_layout(),
     )
     return figure
@@ -100,8 +101,8 @@ def surface_figure(piece: Slice, names: Sequence[str], marks: Marks) -> go.Figur
     axis = {"gridcolor": GRID, "backgroundcolor": PAPER, "color": TEXT}
     figure.update_layout(
         scene={
-            "xaxis": {**axis, "title": readable(names[piece.first])},
-            "yaxis": {**axis, "title": readable(names[piece.second])},
+            "xaxis": {**axis, "title": short_name(names[piece.first])},
+            "yaxis": {**axis, "title": short_name(names[piece.second])},
             "zaxis": {**axis, "title": "loss"},
             "camera": {"eye": {"x": -1.3, "y": -1.5, "z": 1.1}},
         },

@@ -12,11 +12,6 @@ from poseviewer.geometry.arrays import FloatArray, frozen_array
 
 LONGEST_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
-_GREEK = {"mu": "μ", "delta": "δ", "psi": "ψ"}
-_SHORT = {
-    "rotation": "rot",
-    "width_per_focal": "width/focal",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,16 +31,6 @@ class Marks:
             points = getattr(self, name)
             if points is not None:
                 object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
-
-
-def readable(name: str) -> str:
-    """A chart's name for a number as people write it: ``mu_x`` is μx, ``rotation_x`` rot x."""
-    if name in _SHORT:
-        return _SHORT[name]
-    symbol, _, index = name.rpartition("_")
-    if symbol in _GREEK:
-        return _GREEK[symbol] + index
-    return " ".join(_SHORT.get(word, word) for word in name.split("_"))
 
 
 def on_map(piece: Slice, numbers: FloatArray) -> FloatArray:

@@ -201,7 +201,7 @@ def random_command(random, session: Session, news, landscape, others) -> c.Comma
         c.LookFrom(sides[pick(len(sides))]),
         c.Undo(),
         c.Redo(),
-        c.ChangeSettings(settings),
+        c.AlterSettings(lambda _: settings),
         c.SetProjection("parallel" if flip[0] else "perspective"),
         c.SetCamera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
         c.Open(others[pick(len(others))]),

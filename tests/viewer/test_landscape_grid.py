@@ -14,7 +14,8 @@ from lxml import html
 from PIL import Image
 
 from poseviewer.fit.landscape import Slice, slice_minimum
-from poseviewer.viewer.landscape_grid import GridOptions, landscape_grid, picked_numbers
+from poseviewer.session.gestures import picked_numbers
+from poseviewer.viewer.landscape_grid import GridOptions, landscape_grid
 from poseviewer.viewer.landscape_large import contour_figure, known_part, surface_figure
 from poseviewer.viewer.landscape_marks import Marks, on_map
 from poseviewer.viewer.palette import PALETTE
