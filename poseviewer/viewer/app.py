@@ -201,7 +201,7 @@ class App:
             self._command(c.LandscapeAdvanced(news.item))
         for done in self._tasks.collect():
             self._finish(done)
-        self._tasks.start_next(self.session.document, self._renderer)
+        self._tasks.start_next(self.session, self._renderer)
 
     def _collect_search(self) -> None:
         news = self._searcher.take()

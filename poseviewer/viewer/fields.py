@@ -9,7 +9,7 @@ from typing import Any
 
 import viser
 
-from poseviewer.viewer.requests import Request
+from poseviewer.viewer.requests import Download, Export, Request
 
 Post = Callable[[Request], None]
 
@@ -49,6 +49,13 @@ def button(
             post(asked(event.client.client_id))
 
     return handle
+
+
+def download_button(
+    gui: viser.GuiApi, label: str, post: Post, what: Export, icon: Any = "download"
+) -> Any:
+    """A button that sends ``what`` to the page on which it is pressed."""
+    return button(gui, label, post, lambda client: Download(what, client), icon=icon, color="gray")
 
 
 def choices(gui: viser.GuiApi, label: str, post: Post, asked: Mapping[str, Request]) -> Any:

@@ -7,12 +7,10 @@ from typing import Any
 
 import viser
 
+from poseviewer.files.uploads import ENDINGS, Kind
 from poseviewer.session.session import Session
-from poseviewer.viewer.fields import Post, button, set_property
-from poseviewer.viewer.requests import Download, Kind, SavePose, ShowHelp, Upload
-
-PHOTO_ENDINGS = ".jpg,.jpeg,.png,.tif,.tiff,.webp,.bmp"
-MODEL_ENDINGS = ".glb,.gltf,.obj,.ply,.stl,.off,.3ds"
+from poseviewer.viewer.fields import Post, button, download_button, set_property
+from poseviewer.viewer.requests import SavePose, ShowHelp, Upload
 
 
 class OpenPanel:
@@ -22,9 +20,9 @@ class OpenPanel:
         with gui.add_folder("1 · Open"):
             self._what = gui.add_markdown("")
             self._uploads = [
-                _upload(gui, post, "photo", "Photo ...", PHOTO_ENDINGS, "photo"),
-                _upload(gui, post, "model", "Model ...", MODEL_ENDINGS, "cube"),
-                _upload(gui, post, "pose", "Pose file ...", ".json", "file-import"),
+                _upload(gui, post, "photo", "Photo ...", "photo"),
+                _upload(gui, post, "model", "Model ...", "cube"),
+                _upload(gui, post, "pose", "Pose file ...", "file-import"),
             ]
             button(gui, "Keys and mouse (?)", post, ShowHelp, icon="help", color="gray")
 
@@ -49,22 +47,8 @@ class SavePanel:
             button(
                 gui, "Save pose (S)", post, lambda _: SavePose(), icon="device-floppy", color="cyan"
             )
-            button(
-                gui,
-                "Download pose",
-                post,
-                lambda client: Download("pose", client),
-                icon="download",
-                color="gray",
-            )
-            button(
-                gui,
-                "Download overlay",
-                post,
-                lambda client: Download("overlay", client),
-                icon="photo-down",
-                color="gray",
-            )
+            download_button(gui, "Download pose", post, "pose")
+            download_button(gui, "Download overlay", post, "overlay", icon="photo-down")
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
@@ -72,8 +56,8 @@ class SavePanel:
         set_property(self._state, "content", f"{text}  \n{escape(where)}")
 
 
-def _upload(gui: viser.GuiApi, post: Post, kind: Kind, text: str, endings: str, icon: Any) -> Any:
-    handle = gui.add_upload_button(text, mime_type=endings, icon=icon, color="gray")
+def _upload(gui: viser.GuiApi, post: Post, kind: Kind, text: str, icon: Any) -> Any:
+    handle = gui.add_upload_button(text, mime_type=",".join(ENDINGS[kind]), icon=icon, color="gray")
 
     @handle.on_upload
     async def _(event: viser.GuiEvent) -> None:

@@ -13,11 +13,10 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.session import commands as c
 from poseviewer.session.jobs import LandscapeNews
 from poseviewer.session.session import Session
-from poseviewer.viewer.fields import Field, Post, button, set_property
+from poseviewer.viewer.fields import Field, Post, button, download_button, set_property
 from poseviewer.viewer.landscape_grid import GridOptions, landscape_grid
 from poseviewer.viewer.landscape_large import contour_figure, surface_figure
 from poseviewer.viewer.landscape_marks import Marks
-from poseviewer.viewer.requests import Download, Export
 
 PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""
@@ -62,9 +61,9 @@ class LandscapePanel:
             lambda on: c.ChangeLandscape(shared_scale=bool(on)),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):
-            _download(gui, post, "sheet", "Sheet (PNG)")
-            _download(gui, post, "maps-npz", "Numbers (NPZ)")
-            _download(gui, post, "maps-csv", "Numbers (CSV)")
+            download_button(gui, "Sheet (PNG)", post, "sheet")
+            download_button(gui, "Numbers (NPZ)", post, "maps-npz")
+            download_button(gui, "Numbers (CSV)", post, "maps-csv")
 
     def show(self, session: Session) -> bool:
         """Bring the panel to the session; False if it is to be asked again soon."""
@@ -134,10 +133,6 @@ class LandscapePanel:
             half_width=news.half_width,
         )
         return landscape_grid(news.slices, problem.chart.names, marks_of(session, news), options)
-
-
-def _download(gui: viser.GuiApi, post: Post, what: Export, text: str) -> None:
-    button(gui, text, post, lambda client: Download(what, client), icon="download", color="gray")
 
 
 def marks_of(session: Session, news: LandscapeNews) -> Marks:

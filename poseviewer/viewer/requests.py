@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from poseviewer.files.uploads import Kind
 from poseviewer.session.commands import Command
 
-Kind = Literal["photo", "model", "pose"]
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from poseviewer.errors import PoseViewerError
 from poseviewer.files.autosave_file import AutosavedSession
 from poseviewer.files.uploads import display_name, keep_upload
 from poseviewer.render.software import SoftwareRenderer
-from poseviewer.session.document import Document
+from poseviewer.session.session import Session
 from poseviewer.viewer.opening import Opened, open_model, open_photo, open_pose, restore
 from poseviewer.viewer.requests import Download, Upload
 from poseviewer.worker import Worker
@@ -33,7 +34,7 @@ class Done:
     error: Exception | None = None
 
 
-Task = Callable[[Document, SoftwareRenderer], Iterator[Opened | Exported]]
+Task = Callable[[Session, SoftwareRenderer], Iterator[Opened | Exported]]
 
 
 class Tasks:
@@ -47,14 +48,18 @@ class Tasks:
     def add_upload(self, upload: Upload) -> None:
         """Keep an uploaded file, and open it on what is open by then."""
 
-        def run(now: Document, renderer: SoftwareRenderer) -> Iterator[Opened]:
-            path = keep_upload(self._uploads, upload.name, upload.data, upload.kind)
-            name = display_name(upload.name)
+        def run(session: Session, renderer: SoftwareRenderer) -> Iterator[Opened]:
+            path = keep_upload(
+                self._uploads, upload.name, upload.data, upload.kind, in_use=session.paths
+            )
+            now, name = session.document, display_name(upload.name)
             if upload.kind == "photo":
-                return open_photo(now, renderer, path, name)
-            if upload.kind == "model":
-                return open_model(now, path, name)
-            return open_pose(now, renderer, path)
+                opened = open_photo(now, renderer, path, name)
+            elif upload.kind == "model":
+                opened = open_model(now, path, name)
+            else:
+                opened = open_pose(now, renderer, path)
+            return _under_its_name(opened, path.name, name)
 
         self._waiting.append(run)
 
@@ -78,7 +83,7 @@ class Tasks:
             return []
         return [Done(news.item, news.error)]
 
-    def start_next(self, now: Document, renderer: SoftwareRenderer) -> None:
+    def start_next(self, now: Session, renderer: SoftwareRenderer) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
         if self._waiting and not self._worker.busy:
             task = self._waiting.popleft()
@@ -88,3 +93,13 @@ class Tasks:
         """End the thread."""
         self._waiting.clear()
         self._worker.close()
+
+
+def _under_its_name(opened: Iterator[Opened], kept: str, name: str) -> Iterator[Opened]:
+    """What is said of an uploaded file calls it as its user does, not as it was ``kept``."""
+    try:
+        for item in opened:
+            warnings = tuple(warning.replace(kept, name, 1) for warning in item.warnings)
+            yield replace(item, warnings=warnings)
+    except PoseViewerError as error:
+        raise type(error)(str(error).replace(kept, name, 1)) from error

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from poseviewer.cli import main
 from poseviewer.files.photo_file import save_image
 from poseviewer.files.pose_file import load_pose
+from poseviewer.files.uploads import KEPT
 from poseviewer.viewer.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.viewer.scene import SIDE
 from tests.scene import Scene, make_scene
@@ -233,7 +234,7 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
             seen = len(page.shown.notices)
             page.upload(label, name, data)
             text = page.wait_until(lambda seen=seen: failure(page, seen))
-            assert name.partition(".")[0] in text or name.rpartition(".")[2] in text
+            assert text.startswith(f"{name}: ")
             assert "\n" not in text
             assert "Traceback" not in text
             assert running.app.session.document is document
@@ -277,6 +278,25 @@ def test_upload_writes_in_the_state_folder_alone(running: RunningApp, tmp_path: 
     assert [p.parent for p in new] == [tmp_path]  # the pose, where the app was started
     assert all(p.name.startswith("photo-") and p.name.endswith(".pose.json") for p in new)
     assert [p.name for p in (running.state / "uploads").glob("*/*")] == ["photo.png"]
+
+
+def test_uploads_that_undo_can_bring_back_stay(running: RunningApp) -> None:
+    uploads = running.state / "uploads"
+    with running.page() as page:
+        page.upload("Photo ...", "first.png", running.scene.photo.read_bytes())
+        page.wait_until(lambda: page.text_with("first.png"))
+        page.key("KeyZ")
+        page.wait_until(lambda: page.text_with("p.png"))
+        for number in range(KEPT + 2):
+            page.upload("Pose file ...", f"{number}.json", b"[%d]" % number)
+            page.wait_until(lambda n=number: any(f"{n}.json" in t for _, t in page.shown.notices))
+        kept = [path.name for path in uploads.glob("*/*")]
+        assert sorted(kept) == ["photo.png", *["pose.json"] * KEPT]
+        page.key("KeyZ", shift=True)
+        page.wait_until(lambda: page.text_with("first.png"))
+        path = running.app.session.document.photo_path
+        assert path is not None
+        assert path.read_bytes() == running.scene.photo.read_bytes()
 
 
 def test_pages_show_the_same(running: RunningApp) -> None:
