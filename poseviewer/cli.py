@@ -168,29 +168,36 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--renderer", choices=("software", "opengl"), default="software")
 
 
+def _number(text: str, kind: type[int] | type[float], wanted: str) -> float:
+    try:
+        return kind(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not {wanted}") from None
+
+
 def _positive(text: str) -> float:
-    value = float(text)
+    value = _number(text, float, "a number above 0")
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
     return value
 
 
 def _whole(text: str) -> int:
-    value = int(text)
+    value = int(_number(text, int, "a whole number above 0"))
     if value < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
     return value
 
 
 def _port(text: str) -> int:
-    value = int(text)
+    value = int(_number(text, int, "a port, from 0 to 65535"))
     if not 0 <= value <= 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port, from 0 to 65535")
     return value
 
 
 def _map_size(text: str) -> int:
-    value = int(text)
+    value = int(_number(text, int, "an odd number from 3 to 401"))
     if not 3 <= value <= 401 or value % 2 == 0:
         raise argparse.ArgumentTypeError(f"{text} is not an odd number from 3 to 401")
     return value

@@ -190,7 +190,7 @@ def test_info_refuses_broken_inputs_as_well(broken_inputs, capsys):
         (["--region", "500,500,10,10"], "no pixel"),
         (["--region", "1,2,3"], "left,top,width,height"),
         (["--seconds", "-1"], "above 0"),
-        (["--evaluations", "many"], "--evaluations"),
+        (["--evaluations", "many"], "many is not a whole number above 0"),
         (["--lock", "rotation_x,rotation_y,rotation_z,shift_x,shift_y,log_depth"], "leave one"),
         (["--overlay", "/no/such/folder/x.png"], "no folder"),
         (["--look", "fancy"], "outline"),

@@ -2,15 +2,18 @@
 
 viser 1.1.1 checks neither Host nor Origin and has no login. Its web server is made deep inside its
 constructor, in its own thread, by ``websockets.asyncio.server.serve``; that call alone is
-intercepted, so that the check is in place before the first connection. Nothing else in poseviewer
-uses what viser keeps private; ``tests/viewer/test_guard.py`` fails when viser changes it.
+intercepted, so that the check is in place before the first connection. Of what viser keeps private
+poseviewer uses this, in ``client_script`` what runs a script, and in ``upload_limits`` what takes
+uploads; their tests fail when viser changes it.
 """
 
 from __future__ import annotations
 
+import errno
 import http
 import io
 import logging
+import os
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -167,10 +170,16 @@ def _listen(host: str, port: int | None) -> socket.socket:
         try:
             return socket.create_server((address, candidate), family=family)
         except OSError as error:
+            if error.errno == errno.EADDRNOTAVAIL:
+                raise SettingsError(
+                    f"Host {host!r}: not an address of this machine; wanted 127.0.0.1, or one that "
+                    "is."
+                ) from error
             problem = error
     where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
+    why = "" if problem is None or problem.errno is None else os.strerror(problem.errno)
     raise SettingsError(
-        f"{where} of {host!r}: cannot be listened on ({problem.strerror if problem else ''}); "
+        f"{where} of {host!r}: cannot be listened on ({why}); "
         "stop the other program, or choose another port (0 for any free one)."
     ) from problem
 

@@ -29,9 +29,10 @@ def serve_app(
     Raises:
         PoseViewerError: a file cannot be used, or the address is taken.
     """
+    state = state_folder()
     opened = open_files(photo, model, pose)
     guarded = serve(host, port, "poseviewer")
-    app = App(guarded.server, opened, state_folder())
+    app = App(guarded.server, opened, state)
 
     def end(*_: Any) -> None:
         app.stop()
