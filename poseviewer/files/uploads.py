@@ -59,11 +59,9 @@ def keep_upload(
         raise error(f"{shown}: not the name of a {kind} file; wanted one that ends in {known}.")
     if not data:
         raise error(f"{shown}: an empty file; wanted a {kind}, choose another file.")
-    if len(data) > largest_bytes:
-        raise error(
-            f"{shown}: {len(data):,} bytes; up to {largest_bytes:,} can be uploaded, make it "
-            "smaller or start poseviewer with its path."
-        )
+    problem = too_large(shown, len(data), largest_bytes)
+    if problem:
+        raise error(problem)
     place = folder / hashlib.sha256(data).hexdigest()[:16]
     path = place / f"{kind}{ending}"
     try:
@@ -71,12 +69,32 @@ def keep_upload(
         write_whole(path, data, error)
         place.touch()
         _remove_old(folder, kept, {place.name, *(used.parent.name for used in in_use)})
-    except OSError as problem:
+    except OSError as failed:
         raise error(
-            f"{shown}: cannot be kept in {folder} ({problem.strerror}); check that the folder is "
+            f"{shown}: cannot be kept in {folder} ({failed.strerror}); check that the folder is "
             "yours to write to."
-        ) from problem
+        ) from failed
     return path
+
+
+def too_large(name: str, size: int, largest: int = LARGEST_UPLOAD) -> str:
+    """Why ``size`` bytes of a file, shown as ``name``, are too many; "" where they are not."""
+    if size <= largest:
+        return ""
+    return (
+        f"{name}: {size:,} bytes; up to {largest:,} can be uploaded, make it smaller or start "
+        "poseviewer with its path."
+    )
+
+
+def why_unfit(name: str, size: int) -> str:
+    """Why a page's file, with the name and size (bytes) that the browser gives, is not taken."""
+    known = ", ".join(ending for endings in ENDINGS.values() for ending in endings)
+    shown = display_name(name)
+    return too_large(shown, size) or (
+        f"{shown}: not the name of a photo, a model or a pose file; wanted one that "
+        f"ends in {known}."
+    )
 
 
 def display_name(name: str) -> str:

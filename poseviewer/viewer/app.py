@@ -45,6 +45,7 @@ from poseviewer.viewer.requests import (
     Restore,
     SavePose,
     ShowHelp,
+    Unfit,
     Upload,
 )
 from poseviewer.viewer.tasks import Done, Exported, Tasks
@@ -139,6 +140,8 @@ class App:
             case Upload():
                 self._tasks.add_upload(request)
                 self._page.working(f"Reading {request.name[:60]} ...")
+            case Unfit():
+                self._page.complain_to(request.client, request.why)
             case SavePose():
                 self._save()
             case Download():

@@ -21,6 +21,16 @@ const state = {
 };
 const old = window.poseviewer;
 if (old && old.dispose) old.dispose();
+// Where the page has come back from a lost connection, what the user looks at stays.
+const kept = old && old.view ? old.view() : null;
+resume();
+
+function resume() {
+  if (!kept || String(kept.photo) !== String(state.photo)) return false;
+  Object.assign(state, kept);
+  return true;
+}
+
 const cleanups = [];
 const vm = () => window.__viserMutable;
 
@@ -272,6 +282,39 @@ function noteModifiers(event) {
   showHint();
 }
 
+// --- files --------------------------------------------------------------------------------------
+
+function isTaken(file) {
+  if (file.size <= CONFIG.largest) return true;
+  send({ kind: "unfit", name: file.name, size: file.size });
+  return false;
+}
+
+// Before viser reads them: it would send all of a file that the server refuses.
+listen(window, "change", (event) => {
+  const input = event.target;
+  if (input.type === "file" && input.files.length && !isTaken(input.files[0])) taken(event);
+}, true);
+
+// A file dropped anywhere goes to the button that takes its kind; else the browser would open it.
+listen(window, "dragover", (event) => {
+  if (event.dataTransfer && event.dataTransfer.types.includes("Files")) event.preventDefault();
+}, true);
+listen(window, "drop", (event) => {
+  const files = event.dataTransfer ? [...event.dataTransfer.files] : [];
+  if (!files.length) return;
+  taken(event);
+  for (const file of files) {
+    const takes = (input) => input.accept.split(",").some((e) => file.name.toLowerCase().endsWith(e));
+    const input = [...document.querySelectorAll("input[type=file]")].find(takes);
+    if (!input) { send({ kind: "unfit", name: file.name, size: file.size }); continue; }
+    const held = new DataTransfer();
+    held.items.add(file);
+    input.files = held.files;
+    input.dispatchEvent(new Event("change", { bubbles: true }));
+  }
+}, true);
+
 // --- what lies over the photo -------------------------------------------------------------------
 
 const bar = document.createElement("div");
@@ -316,10 +359,15 @@ cleanups.push(() => cancelAnimationFrame(timer));
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
 window.poseviewer = {
-  setPhoto(width, height) { state.photo = [width, height]; showAll(); },
+  setPhoto(width, height) {
+    state.photo = [width, height];
+    if (resume()) applyView();
+    else showAll();
+  },
   setHint(text) { state.hint = text; showHint(); },
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll,
+  view() { return { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
   dispose() { cleanups.forEach((undo) => undo()); },
 };
 document.title = CONFIG.title;

@@ -1,5 +1,5 @@
-"""The page's own few lines of script, and what they report: the only private use of viser but for
-the guard. ``test_client_script`` fails when viser changes what is used here.
+"""The page's own few lines of script, and what they report, by a part of viser that it keeps
+private; ``tests/viewer/test_app.py`` fails when viser changes it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import viser
 from viser import _messages
 
+from poseviewer.files.uploads import LARGEST_UPLOAD
 from poseviewer.viewer.keys import FORWARDED, LEFT_TO_BROWSER
 
 TITLE = "poseviewer"
@@ -69,6 +70,7 @@ class ClientScript:
             "plane": {"depth": self._plane[0], "side": self._plane[1]},
             "keys": FORWARDED,
             "leave": LEFT_TO_BROWSER,
+            "largest": LARGEST_UPLOAD,
             "title": TITLE,
             "icon": f"data:image/svg+xml;base64,{icon}",
         }

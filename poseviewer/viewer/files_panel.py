@@ -11,6 +11,7 @@ from poseviewer.files.uploads import ENDINGS, Kind
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Post, button, download_button, set_property
 from poseviewer.viewer.requests import SavePose, ShowHelp, Upload
+from poseviewer.viewer.upload_limits import take_upload
 
 
 class OpenPanel:
@@ -62,7 +63,7 @@ def _upload(gui: viser.GuiApi, post: Post, kind: Kind, text: str, icon: Any) -> 
     @handle.on_upload
     async def _(event: viser.GuiEvent) -> None:
         if event.client is not None:
-            file = handle.value
+            file = take_upload(handle)
             post(Upload(kind, file.name, file.content))
 
     return handle

@@ -21,6 +21,7 @@ from poseviewer.viewer.place_panel import PlacePanel
 from poseviewer.viewer.requests import Greet, Report, Restore
 from poseviewer.viewer.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.viewer.tasks import Exported
+from poseviewer.viewer.upload_limits import bound_uploads
 
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
@@ -64,6 +65,8 @@ class Page:
         self._working: list[viser.NotificationHandle] = []
         self._offers: list[Any] = []
 
+        bound_uploads(server, self.complain_to)
+
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             post(Greet(client.client_id))
@@ -92,8 +95,14 @@ class Page:
 
     def complain(self, sentence: str) -> None:
         """Tell all pages what could not be done, and why."""
-        for client in self._server.get_clients().values():
-            client.add_notification(
+        for client in self._server.get_clients():
+            self.complain_to(client, sentence)
+
+    def complain_to(self, client: int, sentence: str) -> None:
+        """Tell one page what could not be done, and why; from any thread."""
+        handle = self._server.get_clients().get(client)
+        if handle is not None:
+            handle.add_notification(
                 "That did not work", sentence, color="orange", auto_close_seconds=12.0
             )
 
@@ -155,7 +164,7 @@ class Page:
                 f"**{offer.photo_name}** with **{offer.model_name}**, last kept on {when}."
             )
             again = handle.gui.add_button("Open it again", color="cyan")
-            forget = handle.gui.add_button("Forget it")
+            forget = handle.gui.add_button("Forget it", color="gray")
 
             @again.on_click
             async def _(_: viser.GuiEvent) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from poseviewer.files.uploads import why_unfit
 from poseviewer.session import commands as c
 from poseviewer.session.session import Session
 from poseviewer.viewer.keys import command_for
-from poseviewer.viewer.requests import Report, Request, SavePose, ShowHelp
+from poseviewer.viewer.requests import Report, Request, SavePose, ShowHelp, Unfit
 
 LARGEST = 1e6
 """No pointer is farther than so many px from the photo's corner."""
@@ -46,6 +47,9 @@ def _command_of(report: Report, session: Session) -> Request | None:
             if meant == "save":
                 return SavePose()
             return ShowHelp(report.client) if meant == "help" else meant
+        case "unfit":
+            why = why_unfit(str(content["name"]), int(content["size"]))
+            return Unfit(report.client, why)
     return None
 
 

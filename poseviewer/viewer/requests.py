@@ -21,6 +21,14 @@ class Upload:
 
 
 @dataclass(frozen=True, slots=True)
+class Unfit:
+    """A page has a file that cannot be uploaded."""
+
+    client: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class SavePose:
     """Write the pose beside the photo."""
 
@@ -62,4 +70,4 @@ class Greet:
     client: int
 
 
-Request = Command | Upload | SavePose | Download | ShowHelp | Restore | Report | Greet
+Request = Command | Upload | Unfit | SavePose | Download | ShowHelp | Restore | Report | Greet

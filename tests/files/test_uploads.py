@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError, PoseViewerError
 from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.uploads import ENDINGS, Kind, display_name, keep_upload
+from poseviewer.files.uploads import (
+    ENDINGS,
+    LARGEST_UPLOAD,
+    Kind,
+    display_name,
+    keep_upload,
+    why_unfit,
+)
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -76,6 +83,13 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(
     assert text in str(caught.value)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_unfit_is_said_before_it_is_sent() -> None:
+    assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
+    assert why_unfit("notes.txt", 5).startswith("notes.txt: not the name of a photo, a model or")
+    for ending in (".jpg", ".glb", ".json"):
+        assert ending in why_unfit("notes.txt", 5)
 
 
 def test_the_largest_size_itself_is_kept(tmp_path: Path) -> None:

@@ -49,6 +49,8 @@ class Shown:
     """Titles of the open modals, by uuid."""
     notices: list[tuple[str, str]] = field(default_factory=list)
     """Title and text of every notice so far."""
+    progress: list[tuple[int, int]] = field(default_factory=list)
+    """Bytes of uploads that have arrived, and all of them, whenever the page was told."""
     downloads: dict[str, bytes] = field(default_factory=dict)
     channel: str = ""
     _files: dict[str, str] = field(default_factory=dict)
@@ -78,6 +80,8 @@ class Shown:
         elif kind == "RunJavascriptMessage":
             found = CHANNEL.search(message["source"])
             self.channel = found.group(1) if found else self.channel
+        elif kind == "FileTransferPartAck":
+            self.progress.append((message["transferred_bytes"], message["total_bytes"]))
         elif kind == "FileTransferStartDownload":
             self._files[message["transfer_uuid"]] = message["filename"]
             self.downloads[message["filename"]] = b""
@@ -175,18 +179,18 @@ class SocketPage:
         """Another value of an input, by its uuid."""
         self._send(type="GuiUpdateMessage", uuid=where, updates={"value": value})
 
-    def upload(self, label: str, name: str, data: bytes) -> None:
-        """A file through an upload button."""
+    def upload(self, label: str, name: str, data: bytes, **announced: Any) -> None:
+        """A file through an upload button; what is ``announced`` of it may be untrue."""
         source, transfer = self.uuid(label), str(uuid.uuid4())
         parts = [data[i : i + PART] for i in range(0, len(data), PART)]
+        truth = {"part_count": len(parts), "size_bytes": len(data)}
         self._send(
             type="FileTransferStartUpload",
             source_component_uuid=source,
             transfer_uuid=transfer,
             filename=name,
             mime_type="",
-            part_count=len(parts),
-            size_bytes=len(data),
+            **{**truth, **announced},
         )
         for index, part in enumerate(parts):
             self._send(

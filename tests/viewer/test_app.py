@@ -48,6 +48,8 @@ NOT_REPORTS = (
     '{"kind": "key"}',
     '{"kind": "key", "code": ["Space"]}',
     '{"kind": "key", "code": "NoSuchKey"}',
+    '{"kind": "unfit"}',
+    '{"kind": "unfit", "name": "a", "size": "many"}',
     '{"kind": "no such kind"}',
     200_000 * "[",
     7,

@@ -246,6 +246,40 @@ def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: AppProcess, t
     assert again["camera"] == saved["camera"]
 
 
+DROP = """(files) => {
+    const held = new DataTransfer();
+    for (const [name, text] of files) held.items.add(new File([text], name));
+    const event = { dataTransfer: held, bubbles: true, cancelable: true };
+    const canvas = window.__viserMutable.canvas;
+    const over = canvas.dispatchEvent(new DragEvent("dragover", event));
+    return [over, canvas.dispatchEvent(new DragEvent("drop", event))];
+}"""
+
+
+def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.pose.json"
+    saved = page.saved_pose(path)
+    page.page.keyboard.press("ArrowDown")
+    page.wait_for_text("● unsaved changes")
+    # "false": the browser is kept from opening the files itself.
+    dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
+    assert page.page.evaluate(DROP, dropped) == [False, False]
+    page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
+    page.page.wait_for_timeout(1000)
+    assert page.saved_pose(path)["camera_from_model"] == saved["camera_from_model"]
+
+
+def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):
+    huge = tmp_path / "huge.ply"
+    with huge.open("wb") as file:
+        file.truncate(200_000_001)
+    with page.page.expect_file_chooser() as chooser:
+        page.page.get_by_role("button", name="Model ...").click()
+    chooser.value.set_files(str(huge))
+    page.wait_for_text("huge.ply: 200,000,001 bytes; up to 200,000,000 can be uploaded")
+    assert page.page.get_by_text("Uploading").count() == 0
+
+
 def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     other = AppPage(browser, demo.url)
     try:
@@ -322,6 +356,8 @@ def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path,
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
         tab.wait_for_text("at this pose")
+        tab.page.evaluate("window.poseviewer.zoomAt(200, 300, 1.7)")
+        view = tab.view()
         change_and_crash(tab, app)
     port = int(app.url.rstrip("/").rpartition(":")[2])
     with AppProcess(tmp_path, *files, port=port) as again:
@@ -332,6 +368,8 @@ def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path,
         tab.wait_for_text("at this pose")
         # The new server's page: what is done on it comes through, and it draws what comes back.
         tab.page.get_by_text("no unsaved changes").wait_for()
+        now = tab.view()
+        assert (now["zoom"], now["centre"]) == (view["zoom"], view["centre"])
         picture = tab.settled_picture()
         tab.page.keyboard.press("ArrowRight")
         tab.page.get_by_text("● unsaved changes").wait_for()
