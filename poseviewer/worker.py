@@ -126,7 +126,7 @@ class Worker(Generic[T]):
 
     def _run(self) -> None:
         if self._patient:
-            _yield_to_others()
+            yield_to_others()
         while True:
             with self._change:
                 self._change.wait_for(lambda: self._closed or self._job is not None)
@@ -169,7 +169,7 @@ class Worker(Generic[T]):
         return True
 
 
-def _yield_to_others() -> None:
+def yield_to_others() -> None:
     """Give this thread a lower priority: on Linux, threads have one of their own."""
     if hasattr(os, "setpriority") and os.uname().sysname == "Linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

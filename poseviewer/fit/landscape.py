@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -13,11 +13,14 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.pose_fit import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.many import RendererPool
 
 COARSEST = 4
 """The first grid of a slice has at least so many steps along each side."""
 
 Pair = tuple[int, int]
+Place = frozenset[tuple[int, int]]
+"""A point of the grid: (number, step) of those numbers that are not at the centre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +86,7 @@ def free_pairs(problem: FitProblem) -> tuple[Pair, ...]:
 
 def landscape(
     problem: FitProblem,
-    renderer: Renderer,
+    renderer: Renderer | RendererPool,
     centre: FloatArray,
     *,
     half_width: float = 0.2,
@@ -95,7 +98,8 @@ def landscape(
     All pairs (default: of all free numbers) are first seen on a coarse grid, then on finer ones
     down to ``size`` x ``size`` points; no point is evaluated twice, also where slices cross.
     Yields a pair's slice whenever one more row of its grid is known: the last one of each pair is
-    complete. To stop, stop asking. The default is the paper's +-20 % about the true pose.
+    complete. To stop, stop asking. A pool spreads the poses over its threads, and gives the same
+    values in the same order. The default is the paper's +-20 % about the true pose.
 
     Raises:
         SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
@@ -114,17 +118,64 @@ def landscape(
     steps[size // 2] = 0.0
     # Column i: the values that number i takes along its axis.
     values = centre + steps[:, None] * problem.chart.spans(centre)
-    loss_at = _remembered(lambda numbers: pose_loss(problem, renderer, numbers), centre, values)
+    known: dict[Place, float] = {}
     grids = {pair: np.full((size, size), np.nan) for pair in pairs}
     for stride in strides(size):
-        for (first, second), losses in grids.items():
-            for row in range(0, size, stride):
-                columns = [c for c in range(0, size, stride) if np.isnan(losses[row, c])]
-                if not columns:
-                    continue
-                for column in columns:
-                    losses[row, column] = loss_at({first: column, second: row})
-                yield Slice(first, second, values[:, first], values[:, second], losses.copy())
+        rows = _rows_to_fill(grids, stride)
+        new = dict.fromkeys(p for row in rows for p in row.places if p not in known)
+        losses = _losses(problem, renderer, [_numbers_at(p, centre, values) for p in new])
+        coming = zip(new, losses, strict=True)
+        for row in rows:
+            while any(place not in known for place in row.places):
+                place, loss = next(coming)
+                known[place] = loss
+            first, second = row.pair
+            grids[row.pair][row.row, row.columns] = [known[place] for place in row.places]
+            slice_losses = grids[row.pair].copy()
+            yield Slice(first, second, values[:, first], values[:, second], slice_losses)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """The points of a row of a pair's grid that are to be found on one of its strides."""
+
+    pair: Pair
+    row: int
+    columns: list[int]
+    places: list[Place]
+
+
+def _rows_to_fill(grids: Mapping[Pair, FloatArray], stride: int) -> list[_Row]:
+    rows = []
+    for (first, second), losses in grids.items():
+        size = len(losses)
+        for row in range(0, size, stride):
+            columns = [c for c in range(0, size, stride) if np.isnan(losses[row, c])]
+            if columns:
+                places = [_place(size // 2, {first: c, second: row}) for c in columns]
+                rows.append(_Row((first, second), row, columns, places))
+    return rows
+
+
+def _place(middle: int, steps: dict[int, int]) -> Place:
+    """What slices that cross agree on: only the numbers that are off the centre count."""
+    return frozenset((i, step) for i, step in steps.items() if step != middle)
+
+
+def _numbers_at(place: Place, centre: FloatArray, values: FloatArray) -> FloatArray:
+    numbers = centre.copy()
+    for i, step in place:
+        numbers[i] = values[step, i]
+    return numbers
+
+
+def _losses(
+    problem: FitProblem, renderer: Renderer | RendererPool, points: Sequence[FloatArray]
+) -> Iterator[float]:
+    """The losses of all points, in order, each worked out when it is asked for or before."""
+    if isinstance(renderer, RendererPool):
+        return renderer.map(lambda one, numbers: pose_loss(problem, one, numbers), points)
+    return (pose_loss(problem, renderer, numbers) for numbers in points)
 
 
 def strides(size: int) -> list[int]:
@@ -133,23 +184,3 @@ def strides(size: int) -> list[int]:
     while (size - 1) % (2 * found[0]) == 0 and (size - 1) // (2 * found[0]) >= COARSEST:
         found.insert(0, 2 * found[0])
     return found
-
-
-def _remembered(
-    objective: Callable[[FloatArray], float], centre: FloatArray, values: FloatArray
-) -> Callable[[dict[int, int]], float]:
-    """The objective at grid places ``{number: step}``; slices share the lines where they cross."""
-    known: dict[frozenset[tuple[int, int]], float] = {}
-    middle = len(values) // 2
-
-    def loss_at(place: dict[int, int]) -> float:
-        moved = {i: step for i, step in place.items() if step != middle}
-        key = frozenset(moved.items())
-        if key not in known:
-            numbers = centre.copy()
-            for i, step in moved.items():
-                numbers[i] = values[step, i]
-            known[key] = objective(numbers)
-        return known[key]
-
-    return loss_at

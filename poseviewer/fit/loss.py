@@ -45,11 +45,11 @@ def lighting_loss(moments: Moments) -> float:
     worst = worst_loss(moments)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    n = moments.photo_channels
-    photo = whitening(moments.covariance[:n, :n], moments.mean[:n])
-    model = whitening(moments.covariance[n:, n:], moments.mean[n:])
-    correlations = photo @ moments.covariance[:n, n:] @ model.T
-    explained = float(np.sum(correlations * correlations))
+    n, covariance, mean = moments.photo_channels, moments.covariance, moments.mean
+    photo = whitening(covariance[:n, :n], mean[:n])
+    model = whitening(covariance[n:, n:], mean[n:])
+    correlations = (photo @ covariance[:n, n:] @ model.T).ravel()
+    explained = float(correlations @ correlations)
     return min(max(worst - explained, 0.0), worst)
 
 
@@ -59,10 +59,11 @@ def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     ``W^T W`` is the pseudo-inverse of C, in which tolerances apply to the correlation matrix: a
     channel measured in other units is not a smaller channel.
     """
-    variance = np.diag(covariance)
+    variance = covariance.diagonal()
     varies = variance > CONSTANT_VARIANCE * (variance + mean * mean)
-    scale = np.where(varies, 1.0 / np.sqrt(np.where(varies, variance, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
-    kept = values > RANK_TOLERANCE * max(values[-1], 0.0)
-    kept &= values > 0.0
-    return (vectors[:, kept] / np.sqrt(values[kept])).T * scale
+    scale = varies / np.sqrt(np.where(varies, variance, 1.0))
+    values, vectors = np.linalg.eigh(covariance * scale[:, None] * scale)
+    kept = values > RANK_TOLERANCE * max(float(values[-1]), 0.0)
+    if not kept.all():
+        values, vectors = values[kept], vectors[:, kept]
+    return (vectors / np.sqrt(values)).T * scale

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
+from poseviewer.fit.simplex import SimplexState
+from poseviewer.fit.stages import Stage, make_stages
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import Level
 from poseviewer.render.moments import PhotoAttributes
+
+JUDGED_EVERY = 16
+"""After so many evaluations on a coarse level, the best of them is judged on the photo."""
 
 
 class Status(enum.Enum):
@@ -60,6 +66,8 @@ class FitProblem:
     rules: RestartRules = field(default_factory=RestartRules)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+    free_indices: NDArray[np.intp] = field(init=False, repr=False)
+    """The indices of the free numbers."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", frozen_array(self.start, (len(self.chart.names),)))
@@ -67,22 +75,28 @@ class FitProblem:
             object.__setattr__(self, "free", (True,) * len(self.start))
         if len(self.free) != len(self.start) or not any(self.free):
             raise ValueError("`free` must name each number of the chart, and free one at least")
+        object.__setattr__(self, "free_indices", np.flatnonzero(self.free))
 
     @property
-    def free_indices(self) -> NDArray[np.intp]:
-        """The indices of the free numbers."""
-        return np.flatnonzero(self.free)
+    def worst_loss(self) -> float:
+        """What numbers cost that show nothing of the model, or stand for no pose."""
+        return float(min(self.photo.channels.shape[2], self.photo.model_channels))
 
     def complete(self, free_numbers: FloatArray) -> FloatArray:
-        """(d,): the start's numbers with the free ones replaced."""
-        numbers = self.start.copy()
-        numbers[self.free_indices] = free_numbers
+        """(..., d): the start's numbers with the free ones replaced by (..., k)."""
+        numbers = np.empty((*free_numbers.shape[:-1], len(self.start)))
+        numbers[...] = self.start
+        numbers[..., self.free_indices] = free_numbers
         return numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProgress:
-    """A search after one more evaluation: the best so far, and where it is looking."""
+    """A search after one more evaluation: the best so far, and where it is looking.
+
+    ``numbers``, ``pose`` and the losses are judged on the photo itself, whatever the level that
+    the simplex is on.
+    """
 
     numbers: FloatArray
     """(d,): the best numbers, in the problem's chart."""
@@ -92,83 +106,137 @@ class FitProgress:
     simplex: FloatArray
     """(k + 1, d): the corners of the simplex, the best first."""
     simplex_losses: FloatArray
-    """(k + 1,): infinite for corners not yet evaluated."""
+    """(k + 1,): on the simplex's level; infinite for corners not yet evaluated."""
     evaluations: int
+    """On all levels."""
     restart: int
     seconds: float
     status: Status
+    factor: int = 1
+    """How many times smaller the photo is that the simplex is on."""
 
 
 def pose_loss(problem: FitProblem, renderer: Renderer, numbers: FloatArray) -> float:
     """The loss at the chart's ``numbers`` (d,); numbers that stand for no pose cost the most."""
+    return _loss(problem, problem.photo, renderer, numbers)
+
+
+def _loss(
+    problem: FitProblem, photo: PhotoAttributes, renderer: Renderer, numbers: FloatArray
+) -> float:
     try:
         pose = problem.chart.to_pose(numbers)
     except OutsideChartError:
-        return float(min(problem.photo.channels.shape[2], problem.photo.model_channels))
-    return lighting_loss(renderer.moments(pose, problem.photo))
+        return problem.worst_loss
+    return lighting_loss(renderer.moments(pose, photo))
 
 
 def fit_pose(problem: FitProblem, renderer: Renderer) -> Iterator[FitProgress]:
-    """Search from the problem's start; yields after every evaluation, the outcome last.
+    """Search from the problem's start, coarse to fine; yields after every evaluation, the outcome
+    last.
 
     To stop it, stop asking. Deterministic but for ``Limits.seconds``.
     """
-    indices = problem.free_indices
-    spans = problem.chart.spans(problem.start)[indices]
-    began = time.perf_counter()
-    losses: list[float] = []
-
-    def objective(free_numbers: FloatArray) -> float:
-        losses.append(pose_loss(problem, renderer, problem.complete(free_numbers)))
-        return losses[-1]
-
-    reporter = _Reporter(problem)
-    for state in restarted_simplex(
-        objective, problem.start[indices], spans, problem.rules, problem.seed
-    ):
-        seconds = time.perf_counter() - began
-        status = _status(problem, state, losses, seconds)
-        yield reporter.progress(state, losses, seconds, status)
-        if status is not Status.RUNNING:
+    for progress in _Search(problem, renderer).run():
+        yield progress
+        if progress.status is not Status.RUNNING:
             return
 
 
-def _status(problem: FitProblem, state: SearchState, losses: list[float], seconds: float) -> Status:
-    if state.finished:
-        worst = float(min(problem.photo.channels.shape[2], problem.photo.model_channels))
-        return Status.NOTHING_SEEN if state.value >= worst else Status.CONVERGED
-    if len(losses) >= problem.limits.evaluations:
-        return Status.EVALUATIONS_SPENT
-    if seconds >= problem.limits.seconds:
-        return Status.SECONDS_SPENT
-    return Status.RUNNING
+class _Search:
+    """A search under way: what has been spent, and the best pose on the photo itself."""
 
-
-class _Reporter:
-    """Turns states of the search into progress; works out the best pose only when it changes."""
-
-    def __init__(self, problem: FitProblem) -> None:
+    def __init__(self, problem: FitProblem, renderer: Renderer) -> None:
         self._problem = problem
-        self._best: FloatArray | None = None
-        self._pose: Pose | None = None
+        self._photo = Level(1, problem.photo, renderer)
+        self._began = time.perf_counter()
+        self._evaluations, self._restart = 0, 0
+        self._start_loss, self._loss = np.inf, np.inf
+        self._best = problem.start[problem.free_indices]
+        self._numbers, self._pose = problem.start, problem.chart.to_pose(problem.start)
 
-    def progress(
-        self, state: SearchState, losses: list[float], seconds: float, status: Status
-    ) -> FitProgress:
+    def run(self) -> Iterator[FitProgress]:
+        """Progress after every evaluation, and once more at the end of every descent."""
         problem = self._problem
-        if self._pose is None or self._best is None or not np.array_equal(state.best, self._best):
-            self._best = state.best
-            self._pose = problem.chart.to_pose(problem.complete(state.best))
-        simplex = np.array([problem.complete(v) for v in state.simplex.vertices])
+        renderer = self._photo.renderer
+        for stage in make_stages(problem.photo, renderer, self._pose, problem.rules):
+            yield from (self._on_the_photo if stage.level.factor == 1 else self._coarsely)(stage)
+            self._restart += 1
+
+    def _on_the_photo(self, stage: Stage) -> Iterator[FitProgress]:
+        for state in self._states(stage):
+            self._consider(state.best, state.value)
+            yield self._progress(state.simplex, 1, state.finished)
+
+    def _coarsely(self, stage: Stage) -> Iterator[FitProgress]:
+        """Losses of two levels cannot be compared: the best pose of this one is judged on the
+        photo every now and then.
+        """
+        factor, judge = stage.level.factor, self._objective(self._photo)
+        corners = np.tile(self._best, (len(self._best) + 1, 1))
+        simplex = SimplexState(corners, np.full(len(corners), np.inf))
+        judged, due = self._best, JUDGED_EVERY
+        self._consider(judged, judge(judged))
+        yield self._progress(simplex, factor)
+        for state in self._states(stage):
+            yield self._progress(state.simplex, factor)
+            is_due = state.simplex.converged or self._evaluations >= due
+            if is_due and not np.array_equal(state.best, judged):
+                judged, due = state.best, self._evaluations + JUDGED_EVERY
+                self._consider(judged, judge(judged))
+                yield self._progress(state.simplex, factor)
+
+    def _states(self, stage: Stage) -> Iterator[SearchState]:
+        problem, before = self._problem, self._restart
+        spans = problem.chart.spans(problem.start)[problem.free_indices]
+        for state in restarted_simplex(
+            self._objective(stage.level), self._best, spans, stage.rules, problem.seed
+        ):
+            self._restart = before + state.restart
+            yield state
+
+    def _objective(self, level: Level) -> Callable[[FloatArray], float]:
+        problem = self._problem
+
+        def objective(free_numbers: FloatArray) -> float:
+            self._evaluations += 1
+            numbers = problem.complete(free_numbers)
+            return _loss(problem, level.photo, level.renderer, numbers)
+
+        return objective
+
+    def _consider(self, free_numbers: FloatArray, loss: float) -> None:
+        """Keep the numbers if there is nothing better; ``loss`` is on the photo."""
+        if self._start_loss == np.inf:
+            self._start_loss = loss
+        if loss < self._loss:
+            self._best, self._loss = free_numbers, loss
+            self._numbers = self._problem.complete(free_numbers)
+            self._pose = self._problem.chart.to_pose(self._numbers)
+
+    def _progress(self, simplex: SimplexState, factor: int, finished: bool = False) -> FitProgress:
+        seconds = time.perf_counter() - self._began
         return FitProgress(
-            numbers=problem.complete(self._best),
+            numbers=self._numbers,
             pose=self._pose,
-            loss=state.value,
-            start_loss=losses[0],
-            simplex=simplex,
-            simplex_losses=state.simplex.values,
-            evaluations=len(losses),
-            restart=state.restart,
+            loss=self._loss,
+            start_loss=self._start_loss,
+            simplex=self._problem.complete(simplex.vertices),
+            simplex_losses=simplex.values,
+            evaluations=self._evaluations,
+            restart=self._restart,
             seconds=seconds,
-            status=status,
+            status=self._status(seconds, finished),
+            factor=factor,
         )
+
+    def _status(self, seconds: float, finished: bool) -> Status:
+        problem = self._problem
+        if finished:
+            seen = self._loss < problem.worst_loss
+            return Status.CONVERGED if seen else Status.NOTHING_SEEN
+        if self._evaluations >= problem.limits.evaluations:
+            return Status.EVALUATIONS_SPENT
+        if seconds >= problem.limits.seconds:
+            return Status.SECONDS_SPENT
+        return Status.RUNNING

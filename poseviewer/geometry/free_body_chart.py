@@ -8,7 +8,8 @@ about 1 % of the model's radius in the picture; the focal number is stretched to
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,10 +19,12 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, rotation_about
 
 LARGEST_LOGARITHM = 20.0
 """Numbers beyond it stand for no pose: e^20 is any photo's whole range of scales."""
+LARGEST = 1e9
+"""Nor do others beyond this: turns without a direction, shifts without digits."""
 
 _NUMBERS = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y")
 
@@ -36,6 +39,28 @@ class FreeBodyChart:
     radius: float
     """Of the model about its centre, in its unit."""
     free_focal: bool = False
+    _place_px: tuple[float, float] = field(init=False, repr=False, compare=False)
+    """The centre in the picture at the start, px."""
+    _depth: float = field(init=False, repr=False, compare=False)
+    """Of the centre, at the start."""
+    _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
+    """The model's radius in the picture at the start, px along u and v."""
+    _focal_gain: float = field(init=False, repr=False, compare=False)
+    """Depth over radius: a change of the focal length, with the depth to match, moves the picture
+    by so many times less than a change of scale does."""
+
+    def __post_init__(self) -> None:
+        camera, centre = self.start.camera, self.start.camera_from_model.apply(self.centre)
+        depth, gain = float(centre[2]), 1.0
+        if isinstance(camera, Parallel):
+            radius_px = (camera.scale * self.radius, camera.scale * self.radius)
+        else:
+            radius_px = (camera.fx * self.radius / depth, camera.fy * self.radius / depth)
+            gain = max(depth / self.radius, 1.0)
+        object.__setattr__(self, "_place_px", tuple(camera.project(centre).tolist()))
+        object.__setattr__(self, "_depth", depth)
+        object.__setattr__(self, "_radius_px", radius_px)
+        object.__setattr__(self, "_focal_gain", gain)
 
     @classmethod
     def near(cls, mesh: Mesh, pose: Pose, free_focal: bool = False) -> FreeBodyChart:
@@ -72,25 +97,27 @@ class FreeBodyChart:
 
     def to_pose(self, numbers: FloatArray) -> Pose:
         """The pose that lies ``numbers`` away from the start."""
-        numbers = np.array(numbers, dtype=float)  # scipy takes no read-only rotation vector
-        logarithms = numbers[5:] * np.array([1.0, self._focal_gain()])[: len(numbers) - 5]
-        if not (np.all(np.isfinite(numbers)) and np.all(np.abs(logarithms) <= LARGEST_LOGARITHM)):
+        values = np.asarray(numbers, dtype=float).tolist()
+        log_zoom = values[6] * self._focal_gain if self.free_focal else 0.0
+        sound = all(abs(value) <= LARGEST for value in values)  # and so is none that is nan
+        if not (sound and max(abs(values[5]), abs(log_zoom)) <= LARGEST_LOGARITHM):
             raise OutsideChartError(f"numbers {numbers} out of all proportion")
         camera, start = self.start.camera, self.start.camera_from_model
-        rotation = Rotation.from_rotvec(numbers[:3]).as_matrix() @ start.rotation
-        centre = start.apply(self.centre)
-        shift = numbers[3:5] * self._radius_px()
+        rotation = rotation_about(*values[:3]) @ start.rotation
+        u = self._place_px[0] + values[3] * self._radius_px[0]
+        v = self._place_px[1] + values[4] * self._radius_px[1]
         if isinstance(camera, Parallel):
-            camera = replace(camera, scale=camera.scale * float(np.exp(numbers[5])))
-            origin = np.array([camera.cx, camera.cy])
-            place = self.start.camera.project(centre) + shift
-            centre = np.append((place - origin) / camera.scale, centre[2])
+            scale = camera.scale * math.exp(values[5])
+            camera = Parallel(scale, camera.cx, camera.cy, camera.width, camera.height)
+            centre = ((u - camera.cx) / scale, (v - camera.cy) / scale, self._depth)
         else:
-            pixel = camera.project(centre) + shift
-            zoom = float(np.exp(numbers[6] * self._focal_gain())) if self.free_focal else 1.0
-            camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
-            centre = camera.rays(pixel) * (centre[2] * zoom * np.exp(numbers[5]))
-        return Pose(camera, RigidTransform(rotation, centre - rotation @ self.centre))
+            zoom = math.exp(log_zoom)
+            if self.free_focal:
+                camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+            depth = self._depth * zoom * math.exp(values[5])
+            x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+            centre = (x * depth, y * depth, depth)
+        return Pose(camera, RigidTransform(rotation, np.array(centre) - rotation @ self.centre))
 
     def from_pose(self, pose: Pose) -> FloatArray:
         """How far a pose lies from the start."""
@@ -100,7 +127,7 @@ class FreeBodyChart:
         if isinstance(pose.camera, Perspective) and centre[2] <= 0.0:
             raise SingularChartError("the model's centre is behind the camera")
         camera, first = pose.camera, self.start.camera
-        shift = (camera.project(centre) - first.project(was)) / self._radius_px()
+        shift = (camera.project(centre) - first.project(was)) / self._radius_px
         if isinstance(camera, Parallel) and isinstance(first, Parallel):
             return np.array([*turn, *shift, np.log(camera.scale / first.scale)])
         if not (isinstance(camera, Perspective) and isinstance(first, Perspective)):
@@ -108,24 +135,8 @@ class FreeBodyChart:
         zoom = camera.fx / first.fx if self.free_focal else 1.0
         numbers = [*turn, *shift, np.log(centre[2] / was[2] / zoom)]
         if self.free_focal:
-            numbers.append(np.log(zoom) / self._focal_gain())
+            numbers.append(np.log(zoom) / self._focal_gain)
         return np.array(numbers)
-
-    def _radius_px(self) -> FloatArray:
-        """(2,): the model's radius in the picture at the start, along u and v."""
-        camera = self.start.camera
-        if isinstance(camera, Parallel):
-            return np.full(2, camera.scale * self.radius)
-        depth = _centre_depth(self.start, self.centre)
-        return np.array([camera.fx, camera.fy]) * self.radius / depth
-
-    def _focal_gain(self) -> float:
-        """Depth over radius: a change of the focal length, with the depth to match, moves the
-        picture by so many times less than a change of scale does.
-        """
-        if isinstance(self.start.camera, Parallel):
-            return 1.0
-        return max(_centre_depth(self.start, self.centre) / self.radius, 1.0)
 
 
 def _centre_depth(pose: Pose, centre: FloatArray) -> float:

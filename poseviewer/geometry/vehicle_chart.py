@@ -17,7 +17,7 @@ plane): ``width / focal length``, which at 0 is the parallel projection.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,10 @@ car is seen within about 3 degrees of head-on, and two wheels and an axle no lon
 PARALLEL_BELOW = 1e-5
 """``width / focal length`` below this is parallel projection: 64 m of lens for 640 px of 1 um."""
 
+Vector = tuple[float, float, float]
+"""Single directions and points are plain numbers here: a search makes a pose some 1,000 times a
+second, and NumPy takes longer to be called than to calculate with three numbers."""
+
 _NUMBERS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 
 
@@ -47,6 +51,15 @@ class VehicleChart:
     free_focal: bool = False
     depth: float = 0.0
     """Depth given to the rear wheel under parallel projection, where no photo can tell it."""
+    _wheelbase: float = field(init=False, repr=False, compare=False)
+    _side_from_model: FloatArray = field(init=False, repr=False, compare=False)
+    """(3, 3): rows along the wheelbase, along the axle, and across both."""
+
+    def __post_init__(self) -> None:
+        along = (self.side.front_wheel - self.side.rear_wheel) / self.side.wheelbase
+        side = np.stack([along, self.side.axle, np.cross(along, self.side.axle)])
+        object.__setattr__(self, "_wheelbase", self.side.wheelbase)
+        object.__setattr__(self, "_side_from_model", side)
 
     @classmethod
     def near(
@@ -83,18 +96,20 @@ class VehicleChart:
 
     def to_pose(self, numbers: FloatArray) -> Pose:
         """The pose of six or seven numbers, in closed form."""
-        numbers = np.asarray(numbers, dtype=float)
-        in_plane = float(numbers[4] ** 2 + numbers[5] ** 2)
-        if not np.all(np.isfinite(numbers)) or in_plane > 1.0 - LEAST_AXLE_COMPONENT**2:
+        values = np.asarray(numbers, dtype=float).tolist()
+        psi_x, psi_y = values[4], values[5]
+        in_plane = psi_x * psi_x + psi_y * psi_y
+        outside = in_plane > 1.0 - LEAST_AXLE_COMPONENT**2
+        if outside or not all(map(math.isfinite, values)):
             raise OutsideChartError(f"psi {numbers[4:6]} leaves no axle towards the camera")
-        axle = np.array([numbers[4], numbers[5], -math.sqrt(1.0 - in_plane)])
-        size = np.array([self.camera.width, self.camera.height])
-        rear = numbers[0:2] * size
-        front = rear + numbers[2:4] * size
-        camera = self._camera_at(numbers)
+        axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
+        width, height = self.camera.width, self.camera.height
+        rear = (values[0] * width, values[1] * height)
+        delta = (values[2] * width, values[3] * height)
+        camera = self._camera_at(values)
         if isinstance(camera, Perspective):
-            return self._perspective_pose(camera, rear, front, axle)
-        return self._parallel_pose(camera, rear, front, axle)
+            return self._perspective_pose(camera, rear, delta, axle)
+        return self._parallel_pose(camera, rear, delta, axle)
 
     def from_pose(self, pose: Pose) -> FloatArray:
         """The numbers of a pose; its camera's focal length counts only where that is free."""
@@ -111,10 +126,10 @@ class VehicleChart:
             numbers.append(camera.width / camera.fx if perspective else 0.0)
         return np.array(numbers)
 
-    def _camera_at(self, numbers: FloatArray) -> Camera:
+    def _camera_at(self, values: list[float]) -> Camera:
         if not self.free_focal:
             return self.camera
-        width_per_focal, camera = float(numbers[6]), self.camera
+        width_per_focal, camera = values[6], self.camera
         if width_per_focal < PARALLEL_BELOW:
             return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
         fx = camera.width / width_per_focal
@@ -123,38 +138,45 @@ class VehicleChart:
         return Perspective(fx, fx, camera.cx, camera.cy, camera.width, camera.height)
 
     def _parallel_pose(
-        self, camera: Parallel, rear: FloatArray, front: FloatArray, axle: FloatArray
+        self, camera: Parallel, rear: tuple[float, float], delta: tuple[float, float], axle: Vector
     ) -> Pose:
-        along = np.append(front - rear, -(axle[:2] @ (front - rear)) / axle[2])
-        scale = float(np.linalg.norm(along)) / self.side.wheelbase
+        (x, y), (psi_x, psi_y, psi_z) = delta, axle
+        along = (x, y, -(psi_x * x + psi_y * y) / psi_z)
+        scale = math.hypot(*along) / self._wheelbase
         if not scale > 0.0:
             raise OutsideChartError("both wheels at the same place")
-        rotation = self._rotation(along, axle)
-        xy = (rear - np.array([camera.cx, camera.cy])) / scale
-        translation = np.append(xy, self.depth) - rotation @ self.side.rear_wheel
-        return Pose(replace(camera, scale=scale), RigidTransform(rotation, translation))
+        place = (rear[0] - camera.cx) / scale, (rear[1] - camera.cy) / scale, self.depth
+        camera = Parallel(scale, camera.cx, camera.cy, camera.width, camera.height)
+        return Pose(camera, self._transform(along, axle, place))
 
     def _perspective_pose(
-        self, camera: Perspective, rear: FloatArray, front: FloatArray, axle: FloatArray
+        self,
+        camera: Perspective,
+        rear: tuple[float, float],
+        delta: tuple[float, float],
+        axle: Vector,
     ) -> Pose:
-        rays = camera.rays([rear, front])
-        towards = rays @ axle
-        if np.any(towards > -LEAST_AXLE_COMPONENT * np.linalg.norm(rays, axis=1)):
+        x1, y1 = (rear[0] - camera.cx) / camera.fx, (rear[1] - camera.cy) / camera.fy
+        x2, y2 = x1 + delta[0] / camera.fx, y1 + delta[1] / camera.fy
+        towards = x1 * axle[0] + y1 * axle[1] + axle[2], x2 * axle[0] + y2 * axle[1] + axle[2]
+        lengths = math.hypot(x1, y1, 1.0), math.hypot(x2, y2, 1.0)
+        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -LEAST_AXLE_COMPONENT:
             raise OutsideChartError("a wheel is seen edge-on or from inside")
-        along = rays[1] * (towards[0] / towards[1]) - rays[0]
-        depth = self.side.wheelbase / max(float(np.linalg.norm(along)), 1e-300)
+        ratio = towards[0] / towards[1]
+        along = (x2 * ratio - x1, y2 * ratio - y1, ratio - 1.0)
+        depth = self._wheelbase / max(math.hypot(*along), 1e-300)
         if not depth < 1e100:
             raise OutsideChartError("both wheels at the same place")
-        rotation = self._rotation(along, axle)
-        translation = depth * rays[0] - rotation @ self.side.rear_wheel
-        return Pose(camera, RigidTransform(rotation, translation))
+        return Pose(camera, self._transform(along, axle, (depth * x1, depth * y1, depth)))
 
-    def _rotation(self, along: FloatArray, axle: FloatArray) -> FloatArray:
-        """The rotation that takes the model's wheelbase and axle to these directions."""
-        wheelbase = self.side.front_wheel - self.side.rear_wheel
-        in_camera = _orthonormal(along / np.linalg.norm(along), axle)
-        in_model = _orthonormal(wheelbase / self.side.wheelbase, self.side.axle)
-        return in_camera @ in_model.T
+    def _transform(self, along: Vector, axle: Vector, rear: Vector) -> RigidTransform:
+        """What takes the model's wheelbase and axle to these directions, its wheel to ``rear``."""
+        length = math.hypot(*along)
+        x, y, z = along[0] / length, along[1] / length, along[2] / length
+        a, b, c = axle
+        columns = np.array([[x, a, y * c - z * b], [y, b, z * a - x * c], [z, c, x * b - y * a]])
+        rotation = columns @ self._side_from_model
+        return RigidTransform(rotation, np.array(rear) - rotation @ self.side.rear_wheel)
 
 
 def visible_side(keypoints: VehicleKeypoints, pose: Pose) -> SideKeypoints:
@@ -183,10 +205,3 @@ def _require_regular(camera: Camera, rear: FloatArray, front: FloatArray, axle: 
             f"{min(towards):.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
             f"the vehicle chart is singular"
         )
-
-
-def _orthonormal(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(3, 3) with columns ``first``, ``second``, and their cross product; both are unit and
-    perpendicular up to rounding.
-    """
-    return np.column_stack([first, second, np.cross(first, second)])

@@ -1,27 +1,71 @@
-"""A coarser level of the photo: the same poses judged on fewer, larger pixels.
+"""Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles.
 
-``replace(problem, photo=coarser(problem.photo, 4))`` with ``LevelRenderer(renderer, 4)`` is the
-same search over the same chart, at a fraction of the time.
+``replace(problem, photo=level.photo)`` with ``level.renderer`` is the same search over the same
+chart, at a fraction of the time. Level f has pixels of f x f px of the photo, exactly, so that a
+pose of the photo is one of the level: coordinates are divided by f. Its model has no more
+triangles than the level's pixels can show.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import Pose, scaled_size
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.simplified import simplify
+from poseviewer.render.software import SoftwareRenderer
+
+LARGEST_FACTOR = 16
+FACES_PER_PIXEL = 1.0
+"""Of what the model covers; half of a closed surface is seen, two pixels to each triangle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """A photo with pixels ``factor`` times larger along each side, and a model to match."""
+
+    factor: int
+    photo: PhotoAttributes
+    renderer: Renderer
+    """Takes poses of the full photo; not for two threads at once."""
+
+
+def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
+    """The level of a photo in which the model covers about so many ``pixels``.
+
+    Level 1 is the photo with the renderer itself. The simplified model is kept: other levels of
+    as many triangles, or the next search with the same model, take it as it is.
+
+    Raises:
+        ValueError: ``factor`` is less than 1.
+    """
+    if factor == 1:
+        return Level(1, photo, renderer)
+    small = coarser(photo, factor)
+    return Level(factor, small, LevelRenderer(_reduced(renderer, pixels / factor**2), factor))
+
+
+def coarsest_factor(pixels: float, fewest: float) -> int:
+    """The largest power of 2 at which a model of ``pixels`` still covers the ``fewest`` px."""
+    factor = 1
+    while factor < LARGEST_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
+        factor *= 2
+    return factor
 
 
 def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     """The photo reduced ``factor`` times along each side, each pixel the mean of those it covers.
 
-    Its size (height, width) is that of ``Pose.scaled(1 / factor)``. F is averaged by weight, so
-    that what does not count does not show; the weights are averaged plainly.
+    Where the photo ends within a pixel, the rest of that pixel has weight 0. F is averaged by
+    weight, so that what does not count does not show; the weights are averaged plainly.
 
     Raises:
         ValueError: ``factor`` is less than 1.
@@ -30,20 +74,30 @@ def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
         raise ValueError(f"a photo is reduced 1 time or more, not {factor}")
     if factor == 1:
         return photo
-    height, width = photo.weights.shape
-    size = scaled_size(width, height, 1.0 / factor)
-    weights = _averaged(photo.weights, size)
-    seen = np.where(photo.weights[..., None] > 0.0, photo.channels, np.float32(0.0))
-    sums = _averaged(seen * photo.weights[..., None], size)
-    counts = weights[..., None] > 0.0
-    channels = np.divide(sums, weights[..., None], where=counts, out=np.zeros_like(sums))
+    height, width, n = photo.channels.shape
+    rows, columns = _reduced_size(height, factor), _reduced_size(width, factor)
+    weights = np.zeros((rows, columns), np.float32)
+    channels = np.zeros((rows, columns, n), np.float32)
+    # What does not count costs nothing: only the box of the pixels that do is looked at.
+    box = _box(photo.weights, factor)
+    counts = photo.weights[box.pixels]
+    seen = np.where(counts[..., None] > 0.0, photo.channels[box.pixels], np.float32(0.0))
+    mean = weights[box.level] = _averaged(counts, factor)
+    sums = _averaged(seen * counts[..., None], factor)
+    known = mean[..., None] > 0.0
+    channels[box.level] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
     return replace(photo, channels=channels, weights=weights)
 
 
-def _averaged(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """``image`` (height, width) or (height, width, n), averaged to ``size`` (width, height)."""
-    small = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA)
-    return small.reshape(size[1], size[0], *image.shape[2:]).astype(np.float32)
+def level_pose(pose: Pose, factor: int) -> Pose:
+    """The pose in the picture of a level: sizes rounded up, coordinates divided exactly."""
+    camera = pose.camera
+    width, height = _reduced_size(camera.width, factor), _reduced_size(camera.height, factor)
+    cx, cy = camera.cx / factor, camera.cy / factor
+    if isinstance(camera, Perspective):
+        smaller = Perspective(camera.fx / factor, camera.fy / factor, cx, cy, width, height)
+        return Pose(smaller, pose.camera_from_model)
+    return Pose(Parallel(camera.scale / factor, cx, cy, width, height), pose.camera_from_model)
 
 
 class LevelRenderer:
@@ -54,15 +108,23 @@ class LevelRenderer:
 
     def __init__(self, renderer: Renderer, factor: int) -> None:
         self._renderer = renderer
-        self._scale = 1.0 / factor
+        self._factor = factor
+
+    def clone(self) -> LevelRenderer:
+        """Another one for another thread.
+
+        Raises:
+            AttributeError: the renderer that it makes smaller cannot be cloned.
+        """
+        return LevelRenderer(self._renderer.clone(), self._factor)  # pyright: ignore[reportAttributeAccessIssue] - see above
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at the centres of the level's pixels."""
-        return self._renderer.render(pose.scaled(self._scale))
+        return self._renderer.render(level_pose(pose, self._factor))
 
     def covers(self, pose: Pose) -> NDArray[np.bool_]:
         """Where the model is seen, at the level."""
-        return self._renderer.covers(pose.scaled(self._scale))
+        return self._renderer.covers(level_pose(pose, self._factor))
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments at ``pose``, a pose of the full photo; ``photo`` is the coarse one.
@@ -70,4 +132,53 @@ class LevelRenderer:
         Raises:
             ValueError: the photo is not of this level.
         """
-        return self._renderer.moments(pose.scaled(self._scale), photo)
+        return self._renderer.moments(level_pose(pose, self._factor), photo)
+
+
+def _reduced(renderer: Renderer, pixels: float) -> Renderer:
+    """A renderer of the same model for a picture in which it covers ``pixels`` px."""
+    if not isinstance(renderer, SoftwareRenderer):
+        return renderer
+    # Powers of 2: a pose a little nearer or farther does not ask for another model.
+    faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
+    if len(renderer.mesh.faces) <= faces:
+        return renderer.clone()
+    return _simplified(renderer.mesh, faces, renderer.two_sided).clone()
+
+
+@lru_cache(maxsize=8)
+def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
+    return SoftwareRenderer(simplify(mesh, faces), two_sided)
+
+
+def _reduced_size(size: int, factor: int) -> int:
+    return -(-size // factor)
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """Rows and columns of the photo, and those of the level that they go to."""
+
+    pixels: tuple[slice, slice]
+    level: tuple[slice, slice]
+
+
+def _box(weights: NDArray[np.float32], factor: int) -> _Box:
+    """About the pixels (height, width) that count, from and to borders of the level's pixels."""
+    level, pixels = [], []
+    for axis in (1, 0):
+        places = np.flatnonzero((weights > 0.0).any(axis=axis))
+        first, last = (places[0], places[-1]) if len(places) else (0, 0)
+        level.append(slice(int(first) // factor, int(last) // factor + 1))
+        pixels.append(slice(level[-1].start * factor, level[-1].stop * factor))
+    return _Box((pixels[0], pixels[1]), (level[0], level[1]))
+
+
+def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """The means over squares of ``factor`` px of (height, width) or (height, width, n)."""
+    height, width = (_reduced_size(size, factor) for size in image.shape[:2])
+    missing = [(0, height * factor - image.shape[0]), (0, width * factor - image.shape[1])]
+    if missing != [(0, 0), (0, 0)]:
+        image = np.pad(image, missing + [(0, 0)] * (image.ndim - 2))
+    small = cv2.resize(np.ascontiguousarray(image), (width, height), interpolation=cv2.INTER_AREA)
+    return small.reshape(height, width, *image.shape[2:]).astype(np.float32)

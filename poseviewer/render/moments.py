@@ -104,9 +104,12 @@ class Moments:
         if weight <= 0.0:
             return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), len(origin))
         mean = first / weight
-        covariance = second / weight - np.outer(mean, mean)
+        covariance = second / weight - mean[:, None] * mean
         mean[: len(origin)] += origin
-        return cls(pixels, weight, mean, 0.5 * (covariance + covariance.T), len(origin))
+        covariance = 0.5 * (covariance + covariance.T)
+        # They are ours alone: to freeze them here saves two copies for every pose.
+        mean.flags.writeable = covariance.flags.writeable = False
+        return cls(pixels, weight, mean, covariance, len(origin))
 
 
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:

@@ -25,6 +25,7 @@ from poseviewer.registration import (
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.contour import quick_silhouette, silhouette
 from poseviewer.render.edges import find_lines
+from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes, model_attributes
 from poseviewer.render.overlay import Relight, View, draw_look, edge_layer, line_scale
 from poseviewer.render.software import SoftwareRenderer
@@ -212,7 +213,7 @@ class LandscapeNews:
 def maps(
     problem: FitProblem,
     centre: Pose,
-    renderer: Renderer,
+    renderer: Renderer | RendererPool,
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),

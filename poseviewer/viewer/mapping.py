@@ -5,27 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
-from poseviewer.render.levels import LevelRenderer, coarser
+from poseviewer.render.levels import coarsest_factor, make_level
+from poseviewer.render.many import RendererPool
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.jobs import LandscapeNews, landscape_problem, maps
 from poseviewer.session.session import Session
+from poseviewer.worker import yield_to_others
 
 SIZE = 41
 QUICK_SIZES = (3, 9)
 """Points along a side of the first maps, which are all there are while the pose moves."""
-QUICK_SIDE, MOST_FACTOR = 240, 4
-"""px of the longer side that the photo is brought down to for the first maps, at most so many
-times smaller: they are to be there at once."""
-
-
-def level_of(problem: FitProblem) -> int:
-    """How many times smaller the photo is for the first maps."""
-    height, width = problem.photo.weights.shape
-    return int(min(max(max(width, height) // QUICK_SIDE, 1), MOST_FACTOR))
+QUICK_PIXELS = 1000
+"""For the first maps the photo is brought down until the model covers fewer than four times so
+many pixels: they are to be there at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +72,12 @@ class MapJob:
 
 
 class Mapper:
-    """Makes maps, one job after another, in one thread."""
+    """Makes maps, one job after another, for one thread; others of low priority help it."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
-        # One for each level: buffers are made for a size.
-        self._renderer, self._fine = renderer, renderer.clone()
-        self._coarse: tuple[FitProblem, FitProblem] | None = None
+        self._renderer = renderer
+        self._fine = RendererPool(renderer, begin=yield_to_others)
+        self._quick: tuple[FitProblem, FitProblem, RendererPool] | None = None
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
         self._problem: FitProblem | None = None
@@ -91,8 +89,7 @@ class Mapper:
             PoseViewerError: there are none with these settings at this pose.
         """
         problem = job.problem or self._problem_about(job)
-        quick = self._quick_problem(problem)
-        level = LevelRenderer(self._renderer, level_of(problem))
+        quick, level = self._quick_problem(problem, job.centre)
         shown: tuple[Slice, ...] = ()
         for size in QUICK_SIZES:
             before = shown
@@ -102,13 +99,18 @@ class Mapper:
         if not job.moving:
             yield from maps(problem, job.centre, self._fine, job.half_width, SIZE, shown)
 
-    def _quick_problem(self, problem: FitProblem) -> FitProblem:
-        """The problem on a coarser level of the photo; made once."""
-        if self._coarse is None or self._coarse[0] is not problem:
-            factor = level_of(problem)
-            photo = problem.photo if factor == 1 else coarser(problem.photo, factor)
-            self._coarse = problem, replace(problem, photo=photo)
-        return self._coarse[1]
+    def _quick_problem(self, problem: FitProblem, pose: Pose) -> tuple[FitProblem, RendererPool]:
+        """The problem on a coarser level of the photo, and what draws it; made once."""
+        if self._quick is None or self._quick[0] is not problem:
+            counts = self._renderer.covers(pose) & (problem.photo.weights > 0.0)
+            pixels = int(np.count_nonzero(counts))
+            factor = coarsest_factor(pixels, QUICK_PIXELS)
+            level = make_level(problem.photo, self._renderer, factor, pixels)
+            pool = RendererPool(level.renderer, begin=yield_to_others)
+            if self._quick is not None:
+                self._quick[2].close()
+            self._quick = problem, replace(problem, photo=level.photo), pool
+        return self._quick[1:]
 
     def _problem_about(self, job: MapJob) -> FitProblem:
         same = job.anchor is self._anchor and job.settings == self._settings

@@ -11,6 +11,7 @@ from poseviewer.fit.pose_fit import FitProblem, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import Moments, PhotoAttributes
 
 WORST = 1.0
@@ -44,6 +45,11 @@ class CountingRenderer:
 
     def __init__(self) -> None:
         self.seen: list[bytes] = []
+
+    def clone(self):
+        other = CountingRenderer()
+        other.seen = self.seen  # counted together; appending is one step
+        return other
 
     def render(self, pose):
         raise NotImplementedError
@@ -181,3 +187,22 @@ def test_one_free_number_gives_no_landscape():
     problem = make_problem(3, free=(True, False, False))
     with pytest.raises(SettingsError, match="two free numbers"):
         next(landscape(problem, CountingRenderer(), np.zeros(3)))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_pool_gives_the_same_maps_in_the_same_order(threads):
+    problem, centre = make_problem(4), np.array([0.1, 0.0, -0.2, 0.05])
+    alone = list(landscape(problem, CountingRenderer(), centre, size=9))
+    with RendererPool(CountingRenderer(), threads) as pool:
+        together = list(landscape(problem, pool, centre, size=9))
+    assert len(alone) == len(together)
+    for one, other in zip(alone, together, strict=True):
+        assert (one.first, one.second) == (other.first, other.second)
+        assert np.array_equal(one.losses, other.losses, equal_nan=True)
+
+
+def test_a_stopped_map_stops_its_pool():
+    renderer = CountingRenderer()
+    with RendererPool(renderer, 2) as pool:
+        next(landscape(make_problem(6), pool, np.zeros(6), size=41))
+    assert len(renderer.seen) < 100

@@ -1,0 +1,74 @@
+"""Coarse to fine: the levels of the photo that a search goes through, and how it searches each.
+
+Most of a search is spent on finding the right valley, and a coarse level shows the same valleys:
+its minimum lies within one of its pixels of the full photo's. So the wide part of the search, its
+scouts and its restarts, runs where an evaluation costs a fraction; on the full photo a simplex of
+the size of the level's pixels is left to go downhill, until restarts no longer improve it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poseviewer.fit.restarts import RestartRules
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import Level, coarsest_factor, make_level
+from poseviewer.render.moments import PhotoAttributes
+
+FEWEST_PIXELS = 5000
+"""The coarsest level still shows the model at the start in so many pixels: 70 along each side.
+With a fourth of it the side valleys reach up to the start: on the demo half as many scouts end in
+the right one."""
+COARSE_SCOUTS = 1.5
+COARSE_STEP = 2.0
+"""Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
+COARSE_TOLERANCE = 8.0
+"""How many times less exactly a coarse level is searched than the photo itself."""
+FINE_STEP = 0.3
+"""Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
+pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """A part of a search."""
+
+    level: Level
+    rules: RestartRules
+
+
+def make_stages(
+    photo: PhotoAttributes, renderer: Renderer, start: Pose, rules: RestartRules
+) -> tuple[Stage, ...]:
+    """The stages of a search from ``start``, the last one on the photo itself.
+
+    A model that covers too few pixels for a coarser level is searched on the photo alone.
+    """
+    full = Level(1, photo, renderer)
+    pixels = int(np.count_nonzero(renderer.covers(start) & (photo.weights > 0.0)))
+    factor = coarsest_factor(pixels, FEWEST_PIXELS)
+    if factor == 1:
+        return (Stage(full, rules),)
+    coarse = Stage(make_level(photo, renderer, factor, pixels), coarse_rules(rules))
+    return coarse, Stage(full, fine_rules(rules))
+
+
+def coarse_rules(rules: RestartRules) -> RestartRules:
+    """How to search a coarse level: widely, and less exactly than the photo."""
+    return replace(
+        rules,
+        scouts=round(COARSE_SCOUTS * rules.scouts),
+        step=COARSE_STEP * rules.step,
+        patience=1,
+        x_tolerance=COARSE_TOLERANCE * rules.x_tolerance,
+        f_tolerance=COARSE_TOLERANCE * rules.f_tolerance,
+        least_gain=COARSE_TOLERANCE * rules.least_gain,
+    )
+
+
+def fine_rules(rules: RestartRules) -> RestartRules:
+    """How to search the photo from where a coarse level led: at once, and nearby."""
+    return replace(rules, scouts=0, step=FINE_STEP * rules.step, patience=1)

@@ -1,0 +1,204 @@
+"""A model of fewer triangles for coarse pictures: the surface decimated, its attributes averaged.
+
+It lives here and not in ``geometry`` because it samples textures: what the photo's coarse pixels
+show of them is carried over into vertex colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import fast_simplification
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, weld
+from poseviewer.render.texture import TexturePyramid, mip_levels
+
+FEWEST = 200
+"""A model is not reduced below so many triangles."""
+MOST_SAMPLES = 300_000
+"""On the original's surface, beside one for each of its faces."""
+NEIGHBOURS = 24
+"""So many samples about a vertex are looked at."""
+REACH = 0.5
+"""Samples about a vertex count up to this share of the simplified faces' mean edge."""
+GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
+"""Steps of the evenly spread sequence R2 (M. Roberts, 2018), the golden ratio of the plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSamples:
+    """Points spread evenly over a surface, and what it is like about each."""
+
+    tree: KDTree
+    """Of their places, (N, 3)."""
+    faces: NDArray[np.int64]
+    """(N,): the face that each is on."""
+    areas: FloatArray
+    """(N,): the area that each stands for; 0 on faces without any."""
+    colours: FloatArray
+    """(N, 3): reflectance, textures included."""
+    normals: FloatArray
+    """(N, 3): unit, as the surface is shaded."""
+    flat_normals: FloatArray
+    """(N, 3): unit normals of the faces."""
+
+
+def simplify(mesh: Mesh, faces: int) -> Mesh:
+    """The surface with about as few triangles as ``faces``, its reflectance in vertex colours.
+
+    Vertices at the same place count as one while edges collapse (Garland and Heckbert, 1997), so
+    that no gap opens. Each new vertex has the mean reflectance and shading normal of the original
+    about it: of the part that its faces belong to, and of the side that they look to, so that
+    colours end at parts and sharp edges stay. The same mesh gives the same result. Meshes that
+    are no larger, or cannot be reduced, are returned as they are.
+    """
+    faces = max(faces, FEWEST)
+    if len(mesh.faces) <= faces:
+        return mesh
+    vertices, triangles = _decimated(mesh, faces)
+    if not 0 < len(triangles) < len(mesh.faces):
+        return mesh
+    area = face_normals_and_areas(vertices, triangles)[1].mean()
+    # Equilateral faces of this area have edges of this length.
+    edge = float(np.sqrt(4.0 * area / np.sqrt(3.0)))
+    samples = _surface_samples(mesh, area)
+    parts = _nearest_parts(mesh, samples, vertices, triangles)
+    source, corners, normals = _split_at_parts(*crease_normals(vertices, triangles), parts)
+    owners = np.zeros(len(source), np.int32)
+    owners[corners.reshape(-1)] = np.repeat(parts, 3)
+    colours, normals = _averaged(mesh, samples, vertices[source], normals, owners, REACH * edge)
+    return replace(
+        mesh,
+        vertices=vertices[source],
+        faces=corners,
+        normals=normals,
+        colours=colours,
+        uvs=np.zeros((len(source), 2)),
+        face_texture=np.full(len(corners), -1),
+        face_part=parts,
+        textures=(),
+    )
+
+
+def _decimated(mesh: Mesh, faces: int) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Places (V, 3) and triangles (F, 3) with three different corners and an area."""
+    place = weld(mesh.vertices)
+    points = np.zeros((int(place.max()) + 1, 3))
+    points[place] = mesh.vertices
+    triangles = _with_area(points, place[mesh.faces])
+    if len(triangles) <= faces:
+        return points, triangles
+    vertices, triangles = fast_simplification.simplify(points, triangles, target_count=faces)[:2]
+    return vertices, _with_area(vertices, triangles)
+
+
+def _with_area(vertices: FloatArray, triangles: NDArray) -> NDArray[np.int32]:
+    triangles = triangles.astype(np.int32)
+    return triangles[face_normals_and_areas(vertices, triangles)[1] > 0.0]
+
+
+def _surface_samples(mesh: Mesh, new_area: float) -> SurfaceSamples:
+    """Samples of a mesh whose new faces have the mean area ``new_area``."""
+    flat, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    count = min(max(2 * len(mesh.faces), 20_000), MOST_SAMPLES)
+    each = np.maximum(np.ceil(areas * (count / areas.sum())), 1.0).astype(np.int64)
+    faces = np.repeat(np.arange(len(each)), each)
+    step = np.arange(len(faces)) - np.repeat(np.cumsum(each) - each, each)
+    shares = _spread(step)
+    corners = mesh.faces[faces]
+    places = _blend(shares, mesh.vertices[corners])
+    normals = _blend(shares, mesh.normals[corners])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 1e-9, normals / np.maximum(length, 1e-9), flat[faces])
+    colours = _blend(shares, mesh.colours[corners].astype(float))
+    textured = np.flatnonzero(mesh.face_texture[faces] >= 0)
+    if len(textured):
+        uv = _blend(shares[textured], mesh.uvs[corners[textured]].astype(float))
+        colours[textured] *= _textures(mesh, areas / new_area, faces[textured], uv)
+    return SurfaceSamples(
+        KDTree(places), faces, (areas / each)[faces], colours, normals, flat[faces]
+    )
+
+
+def _spread(step: NDArray[np.int64]) -> FloatArray:
+    """(N, 3): barycentrics of the points of a sequence that fills a triangle evenly."""
+    u, v = np.moveaxis((1.0 / 3.0 + step[:, None] * GOLDEN) % 1.0, -1, 0)
+    beyond = u + v > 1.0
+    u, v = np.where(beyond, 1.0 - u, u), np.where(beyond, 1.0 - v, v)
+    return np.stack([u, v, 1.0 - u - v], axis=-1)
+
+
+def _blend(shares: FloatArray, corners: NDArray) -> FloatArray:
+    """The corners' values (N, 3, k), weighted by (N, 3)."""
+    return np.einsum("ni,nik->nk", shares, corners)
+
+
+def _textures(mesh: Mesh, new_faces: FloatArray, faces: NDArray, uv: FloatArray) -> FloatArray:
+    """RGB (N, 3) at ``uv`` (N, 2) of ``faces`` (N,), averaged as ``new_faces`` (F,), how many of
+    the new faces go into each old one, can show it: two texels along the side of a new face.
+    """
+    pyramid = TexturePyramid.from_textures(mesh.textures)
+    levels = mip_levels(pyramid.texel_areas(mesh), 4.0 * new_faces, pyramid.table.shape[1])
+    return pyramid.sample(mesh.face_texture[faces], levels[faces], uv)
+
+
+def _nearest_parts(
+    mesh: Mesh, samples: SurfaceSamples, vertices: FloatArray, triangles: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """(F,): the part of the original nearest to each new face, and looking its way."""
+    middles = vertices[triangles].mean(axis=1)
+    flat, _ = face_normals_and_areas(vertices, triangles)
+    distance, found = samples.tree.query(middles, k=8)
+    away = np.einsum("fki,fi->fk", samples.flat_normals[found], flat) <= 0.0
+    best = np.argmin(np.where(away, np.inf, distance), axis=1)
+    return mesh.face_part[samples.faces[found[np.arange(len(found)), best]]]
+
+
+def _split_at_parts(
+    source: NDArray[np.int64],
+    corners: NDArray[np.int64],
+    normals: FloatArray,
+    parts: NDArray[np.int32],
+) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
+    """Vertices, (V,) copies of ``source``, once for each part (F,) whose faces meet in them."""
+    count = int(parts.max()) + 1
+    key = corners * count + parts[:, None]
+    unique, inverse = np.unique(key, return_inverse=True)
+    old = unique // count
+    return source[old], inverse.reshape(-1, 3).astype(np.int32), normals[old]
+
+
+def _averaged(
+    mesh: Mesh,
+    samples: SurfaceSamples,
+    places: FloatArray,
+    normals: FloatArray,
+    parts: NDArray[np.int32],
+    reach: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Reflectance (V, 3) and unit normals (V, 3) of the original about ``places`` (V, 3).
+
+    Where nothing about a place belongs to its part and looks its way, the nearest of its part
+    counts, or else the nearest.
+    """
+    distance, found = samples.tree.query(places, k=NEIGHBOURS)
+    same_part = mesh.face_part[samples.faces[found]] == parts[:, None]
+    alike = np.einsum("vki,vi->vk", samples.flat_normals[found], normals) > 0.5
+    alike &= same_part
+    none = ~alike.any(axis=1)
+    alike[none, np.argmax(same_part[none], axis=1)] = True
+    nearest = np.min(np.where(alike, distance, np.inf), axis=1, keepdims=True)
+    counts = alike & (distance <= np.maximum(nearest, reach))
+    weights = np.where(counts, np.maximum(samples.areas[found], 1e-300), 0.0)
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    colours = np.einsum("vk,vki->vi", weights, samples.colours[found])
+    mean = np.einsum("vk,vki->vi", weights, samples.normals[found])
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    # Where the neighbourhood cancels out, or nothing of it fits, the new surface's own normal.
+    keep = none[:, None] | (length < 1e-6)
+    return colours, np.where(keep, normals, mean / np.maximum(length, 1e-6))
