@@ -47,8 +47,7 @@ def _edges_to_cut(mesh: Mesh, wanted: int) -> _Edges:
     # Each edge once: by the lower of its two half-edges.
     kept = (partner < 0) | (is_longest[partner] & (longest < partner))
     first, second = longest[kept], partner[kept]
-    # Half of them at a time: the shorter ones may not be due before what the longer ones leave.
-    order = np.argsort(-rank[first])[: len(first) // 2 + 1]
+    order = np.argsort(-rank[first])
     adds = np.cumsum(1 + (second[order] >= 0))
     count = min(int(np.searchsorted(adds, wanted)) + 1, len(order))
     return _Edges(first[order[:count]], second[order[:count]])

@@ -52,7 +52,7 @@ def evaluations(problem: FitProblem, renderer: Renderer) -> Iterator[float]:
         yield pose_loss(problem, renderer, problem.start + offset * spans)
 
 
-def fits(case: Case) -> Iterator[float]:
+def fits(case: Case, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
     """Losses that short fits end in, from random starts, without end."""
     random = np.random.default_rng(1)
     spans = case.usual.chart.spans(case.usual.start)
@@ -61,7 +61,7 @@ def fits(case: Case) -> Iterator[float]:
         photo = case.usual.photo
         own = PhotoAttributes(np.array(photo.channels), np.array(photo.weights), photo.clipped)
         problem = replace(
-            case.usual, photo=own, start=start, limits=Limits(evaluations=FIT_EVALUATIONS)
+            case.usual, photo=own, start=start, limits=Limits(evaluations=evaluations)
         )
         *_, end = fit_pose(problem, case.renderer)
         yield end.loss

@@ -11,9 +11,9 @@ from poseviewer.evaluation.bench.case import load_demo, make_case
 from poseviewer.render.software import SoftwareRenderer
 from tests.evaluation.measure_memory import evaluations, fits, growth
 
-MOST_BYTES = 60_000
+MOST_BYTES = 30_000
 """What caches of the interpreter may come to; a ``Moments`` kept has a thousand bytes."""
-EVALUATIONS = 600
+EVALUATIONS = 300
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_evaluations_leave_nothing_behind(case):
 
 @pytest.mark.usefixtures("traced")
 def test_fits_leave_nothing_behind(case):
-    assert grown(fits(case), 20) < MOST_BYTES
+    assert grown(fits(case, 10), 20) < MOST_BYTES
 
 
 class Hoarder(SoftwareRenderer):

@@ -39,7 +39,7 @@ class Plan:
     triangles: tuple[int, ...] = (5_000, 50_000, 500_000)
     sizes: tuple[Size, ...] = ((640, 480), (1920, 1080))
     rounds: int = 12
-    rounds_limit_s: float = 90.0
+    rounds_limit_s: float = 30.0
     """Of each case; three rounds are made in any case."""
     fit_limit_s: float = 300.0
     plain_fit_limit_s: float = 600.0

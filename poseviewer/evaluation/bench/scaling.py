@@ -36,6 +36,8 @@ class ScalingPlan:
     """Of the photo in which the covered pixels vary: it must have room for them."""
     letters: str = "ad"
     rounds: int = 8
+    rounds_limit_s: float = 8.0
+    """Of each case; three rounds are made in any case."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,8 @@ def measure_scaling(
         }[series]
         tell(f"scaling with {series}: {x:,}")
         paths = make_paths(case, letters, 1)
-        rows += [ScalingRow(series, x, row) for row in measure(case, paths, plan.rounds)]
+        found = measure(case, paths, plan.rounds, plan.rounds_limit_s)
+        rows += [ScalingRow(series, x, row) for row in found]
         for path in paths:
             path.close()
     return rows

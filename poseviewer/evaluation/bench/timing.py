@@ -14,6 +14,8 @@ from poseviewer.evaluation.bench.case import Case
 from poseviewer.evaluation.bench.paths import Path
 
 WARM_RUNS = 2
+SLOW_S = 1.0
+"""A path whose first run took longer is warm after it."""
 LEAST_ROUNDS = 3
 BURST_S, LONGEST_BURST = 0.05, 8
 """A path's turn lasts about so long, and so many runs at most."""
@@ -46,8 +48,8 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
 
     After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``.
 
-    Each turn begins with a run that does not count: it brings back into the processor's caches
-    what the other paths have pushed out, as it is in a search.
+    The turn of a quick path begins with a run that does not count: it brings back into the
+    processor's caches what the other paths have pushed out, as it is in a search.
     """
     samples: dict[tuple[int, str], list[float]] = defaultdict(list)
     bursts = [_burst(path) for path in paths]
@@ -56,7 +58,8 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
         if turn >= LEAST_ROUNDS and perf_counter() - began > limit_s:
             break
         for i, (path, burst) in enumerate(zip(paths, bursts, strict=True)):
-            path.run(turn * burst)
+            if burst > 1:
+                path.run(turn * burst)
             for k in range(burst):
                 for stage, seconds in path.run(turn * burst + k + 1).items():
                     samples[i, stage].append(1e3 * seconds)
@@ -65,7 +68,9 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
 
 def _burst(path: Path) -> int:
     """Runs of a turn; warms the path up as well."""
-    took = min(sum(path.run(k).values()) for k in range(WARM_RUNS))
+    took = sum(path.run(0).values())
+    if took < SLOW_S:
+        took = min(sum(path.run(k).values()) for k in range(1, 1 + WARM_RUNS))
     return int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
 
 
