@@ -36,8 +36,9 @@ class Curve:
     label: str
     x: tuple[float, ...]
     median: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    """A band from least to most; empty for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +110,13 @@ def _draw_bars(axes: Axes, bars: Sequence[Bar]) -> None:
     axes.set_axisbelow(True)
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    axes.legend(unique.values(), unique.keys(), fontsize=9, frameon=False, loc="lower right")
+    axes.legend(unique.values(), unique.keys(), fontsize=9, frameon=False, loc="upper right")
 
 
 def _draw_panel(axes: Axes, panel: Panel, first: bool) -> None:
     for curve, colour in zip(panel.curves, CURVE_COLOURS * len(panel.curves), strict=False):
-        axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.13, linewidth=0)
+        if curve.low:
+            axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.13, linewidth=0)
         axes.plot(curve.x, curve.median, color=colour, marker="o", markersize=4, label=curve.label)
     axes.set_xscale("log")
     axes.set_yscale("log")

@@ -182,7 +182,7 @@ def test_the_table_names_all_paths_and_the_paper(report):
 def test_the_plot_shows_all_paths_and_series(report, tmp_path):
     sheet = make_sheet(report)
     assert len(sheet.bars) == len(STAGES) + 1
-    assert [len(panel.curves) for panel in sheet.panels] == [4, 4, 4]
+    assert [len(panel.curves) for panel in sheet.panels] == [4, 4, 2]
     figure = make_bench_sheet(sheet)
     assert len(figure.axes) == 1 + 3
     save_figure(tmp_path / "bench.png", figure)

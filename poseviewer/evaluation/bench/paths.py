@@ -126,7 +126,11 @@ class FusedPath:
     threads: int = 1
 
     def run(self, k: int) -> Seconds:
-        """See ``Path``. What ``covers`` takes counts as rasterising, the rest as moments."""
+        """See ``Path``. What ``covers`` takes counts as rasterising, the rest as moments.
+
+        ``covers`` makes a picture besides, of the whole photo: for large photos too much counts as
+        rasterising. The total has no part in that.
+        """
         renderer, pose = self.case.renderer, self.case.poses[k % len(self.case.poses)]
         times = [perf_counter()]
         moments = renderer.moments(pose, self.case.paper.photo)

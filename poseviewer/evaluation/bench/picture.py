@@ -28,7 +28,7 @@ NOTES = {
     TRIANGLES: "Few: the pixels take the time, whatever the triangles.\n"
     "Many: each has to be transformed, seen or not.",
     COVERED: "Few: the triangles take the time.\nMany: each pixel is drawn and summed once.",
-    PHOTO: "Fused: flat, since no pixel beside the model is touched.\n"
+    PHOTO: "Fused: no pixel beside the model is touched.\n"
     "Pictures are cleared, read back and looked through whole.",
 }
 LABELS = {
@@ -75,14 +75,16 @@ def _panel(series: str, points: Sequence[ScalingRow]) -> Panel:
     curves = []
     for (path, stage), label in CURVES.items():
         some = [p for p in points if (p.row.path, p.row.stage) == (path, stage)]
-        if some:
+        # Stages come from ``covers``, whose picture of the whole photo the fused path has not.
+        if some and (stage == "total" or series != PHOTO):
+            whole = some if stage == "total" else []
             curves.append(
                 Curve(
                     label,
                     tuple(p.x for p in some),
                     tuple(p.row.ms_median for p in some),
-                    tuple(p.row.ms_min for p in some),
-                    tuple(p.row.ms_max for p in some),
+                    tuple(p.row.ms_min for p in whole),
+                    tuple(p.row.ms_max for p in whole),
                 )
             )
     return Panel(LABELS[series], tuple(curves), NOTES[series])
