@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -74,6 +74,7 @@ def make_parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="say what poseviewer understood of a file")
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
     info.set_defaults(command="info")
+    _add_bench(commands)
     return parser
 
 
@@ -139,6 +140,22 @@ def _add_landscape(commands: argparse._SubParsersAction) -> None:
     _add_settings(landscape)
     landscape.add_argument("--lock", default="", metavar="NAME,...", help="numbers to leave out")
     landscape.set_defaults(command="landscape_sheet")
+
+
+def _add_bench(commands: argparse._SubParsersAction) -> None:
+    bench = commands.add_parser(
+        "bench",
+        help="measure how fast this machine is",
+        description="Measure how long evaluations take on each path, searches and maps.",
+    )
+    bench.add_argument(
+        "--quick", action="store_true", help="50,000 triangles at 640x480 alone: half a minute"
+    )
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write all rows")
+    bench.add_argument("--plot", type=Path, metavar="FILE.png", help="draw them")
+    bench.add_argument("--markdown", action="store_true", help="print tables for a README")
+    bench.add_argument("--quiet", action="store_true", help="no progress")
+    bench.set_defaults(command="bench")
 
 
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:

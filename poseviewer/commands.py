@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from argparse import Namespace
 from dataclasses import replace
@@ -12,12 +13,19 @@ from tqdm import tqdm
 
 from poseviewer import describe
 from poseviewer.demo import demo_case
-from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError, SettingsError
+from poseviewer.errors import (
+    EXIT_INTERRUPTED,
+    PhotoFileError,
+    PoseFileError,
+    PoseViewerError,
+    SettingsError,
+)
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
-from poseviewer.figures.save import save_figure
+from poseviewer.figures.save import check_kind, save_figure
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
+from poseviewer.files.writing import write_whole
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
@@ -154,6 +162,32 @@ def demo(options: Namespace) -> int:
     return EXIT_INTERRUPTED if progress.status is Status.STOPPED else 0
 
 
+def bench(options: Namespace) -> int:
+    """Measure how long evaluations, searches and maps take; print the tables."""
+    for path in (options.json, options.plot):
+        if path:
+            _require_folder(path, SettingsError)
+    if options.plot:
+        check_kind(options.plot)
+    from poseviewer.evaluation.bench import report as reports
+    from poseviewer.evaluation.bench.picture import make_sheet
+    from poseviewer.evaluation.bench.run import QUICK, Plan, run_bench
+    from poseviewer.figures.bench_sheet import make_bench_sheet
+    from poseviewer.render.software import kernels_are_compiled
+
+    if not kernels_are_compiled():
+        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
+    report = run_bench(QUICK if options.quick else Plan(), _say_nothing if options.quiet else _tell)
+    print(reports.as_text(report, options.markdown))
+    if options.json:
+        write_whole(options.json, reports.as_json_bytes(report), SettingsError)
+        print(f"\nrows: {options.json}")
+    if options.plot:
+        save_figure(options.plot, make_bench_sheet(make_sheet(report)))
+        print(f"\nplot: {options.plot}")
+    return 0
+
+
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     settings = _settings(options)
     registration = load_registration(options.photo, options.model, options.pose)
@@ -271,12 +305,18 @@ def _save_look(
     save_image(path, draw_look(look, view))
 
 
-def _require_folder(path: Path, error: type[PoseFileError] | type[PhotoFileError]) -> None:
+def _require_folder(path: Path, error: type[PoseViewerError]) -> None:
     """Before the work, not after it."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
     if path.is_dir():
         raise error(f"{path}: is a folder; name a file in it")
+    if not os.access(path.parent, os.W_OK):
+        raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
+
+
+def _say_nothing(text: str) -> None:
+    """For whoever wants quiet."""
 
 
 def _tell(text: str) -> None:

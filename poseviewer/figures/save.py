@@ -12,6 +12,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.writing import write_whole
 
 DOTS_PER_INCH = 150
+KINDS = (".png", ".pdf", ".svg")
 
 
 def save_figure(path: str | Path, figure: Figure) -> None:
@@ -24,10 +25,25 @@ def save_figure(path: str | Path, figure: Figure) -> None:
     try:
         data = figure_bytes(figure, path.suffix[1:].lower() or "png")
     except ValueError as error:
-        raise SettingsError(
-            f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
-        ) from error
+        raise _unknown(path) from error
     write_whole(path, data, SettingsError)
+
+
+def check_kind(path: str | Path) -> None:
+    """See whether a figure can be written to a file of this name, before it is made.
+
+    Raises:
+        SettingsError: the format is unknown.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in ("", *KINDS):
+        raise _unknown(path)
+
+
+def _unknown(path: Path) -> SettingsError:
+    return SettingsError(
+        f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
+    )
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:

@@ -81,6 +81,17 @@ def opengl_unavailable_reason() -> str | None:
     return None
 
 
+def opengl_renderer_name() -> str | None:
+    """What draws: the graphics card, or Mesa's own rasteriser; None where there is no OpenGL."""
+    if opengl_unavailable_reason():
+        return None
+    current_context().make_current()
+    from OpenGL import GL
+
+    name: Any = GL.glGetString(GL.GL_RENDERER)
+    return name.decode(errors="replace") if name else "unnamed"
+
+
 def import_pyrender() -> ModuleType:
     """pyrender, imported once the platform is chosen, with third-party warnings kept in.
 

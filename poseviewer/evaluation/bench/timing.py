@@ -1,0 +1,91 @@
+"""Times of several paths, taken in turn so that what disturbs the machine hits all alike."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from poseviewer.evaluation.bench.case import Case
+from poseviewer.evaluation.bench.paths import Path
+
+WARM_RUNS = 2
+SLOW_S = 1.0
+"""A path whose first run took longer is warm after it."""
+LEAST_ROUNDS = 3
+BURST_S, LONGEST_BURST = 0.05, 8
+"""A path's turn lasts about so long, and so many runs at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The time of one stage of one path, ms."""
+
+    path: str
+    """A letter, ``a`` to ``e``."""
+    triangles: int
+    """As asked for."""
+    width: int
+    height: int
+    threads: int
+    stage: str
+    ms_median: float
+    ms_min: float
+    ms_max: float
+    runs: int
+    faces: int
+    """As the model really has."""
+    covered_px: int
+    """Pixels of the photo that show the model at its true pose."""
+
+
+def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = math.inf) -> list[Row]:
+    """A row for each stage of each path, from so many ``rounds`` of turns.
+
+    After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``.
+
+    The turn of a quick path begins with a run that does not count: it brings back into the
+    processor's caches what the other paths have pushed out, as it is in a search.
+    """
+    samples: dict[tuple[int, str], list[float]] = defaultdict(list)
+    bursts = [_burst(path) for path in paths]
+    began = perf_counter()
+    for turn in range(rounds):
+        if turn >= LEAST_ROUNDS and perf_counter() - began > limit_s:
+            break
+        for i, (path, burst) in enumerate(zip(paths, bursts, strict=True)):
+            if burst > 1:
+                path.run(turn * burst)
+            for k in range(burst):
+                for stage, seconds in path.run(turn * burst + k + 1).items():
+                    samples[i, stage].append(1e3 * seconds)
+    return [_row(case, paths[i], stage, times) for (i, stage), times in samples.items()]
+
+
+def _burst(path: Path) -> int:
+    """Runs of a turn; warms the path up as well."""
+    took = sum(path.run(0).values())
+    if took < SLOW_S:
+        took = min(sum(path.run(k).values()) for k in range(1, 1 + WARM_RUNS))
+    return int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
+
+
+def _row(case: Case, path: Path, stage: str, times: Sequence[float]) -> Row:
+    return Row(
+        path.letter,
+        case.triangles,
+        case.width,
+        case.height,
+        path.threads,
+        stage,
+        float(np.median(times)),
+        min(times),
+        max(times),
+        len(times),
+        len(case.mesh.faces),
+        case.covered_px,
+    )
