@@ -18,8 +18,11 @@ from poseviewer.render.moments import Moments
 
 CONSTANT_VARIANCE = 1e-12
 """A channel whose variance is below this share of its mean square counts as constant."""
-RANK_TOLERANCE = 1e-9
-"""Eigenvalues of a correlation matrix below this share of the greatest count as zero."""
+RANK_TOLERANCE = 1e-7
+"""Eigenvalues of a correlation matrix below this share of the greatest count as zero: sums in
+float32 are no more exact, and no light is so strong that what varies 3,000 times less than the
+rest would show. Where a channel varies so little that its rounding to float32 weighs more, that is
+the limit."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
@@ -60,10 +63,12 @@ def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     channel measured in other units is not a smaller channel.
     """
     variance = covariance.diagonal()
-    varies = variance > CONSTANT_VARIANCE * (variance + mean * mean)
+    rounding = CONSTANT_VARIANCE * (variance + mean * mean)
+    varies = variance > rounding
     scale = varies / np.sqrt(np.where(varies, variance, 1.0))
     values, vectors = np.linalg.eigh(covariance * scale[:, None] * scale)
-    kept = values > RANK_TOLERANCE * max(float(values[-1]), 0.0)
+    noise = float((rounding * scale * scale).max())
+    kept = values > max(RANK_TOLERANCE, noise) * max(float(values[-1]), 0.0)
     if not kept.all():
         values, vectors = values[kept], vectors[:, kept]
     return (vectors / np.sqrt(values)).T * scale

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.kernel_coverage import CLUSTER_BITS
+from poseviewer.render.kernel_visibility import CLUSTER_BITS
 
 CLUSTER_FACES = 1 << CLUSTER_BITS
+BOX_MARGIN = 1e-6  # vertices are projected in float32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,8 +30,10 @@ class ClusteredSurface:
 
     order: NDArray[np.int32]
     """(F,): the mesh's index of each face."""
-    vertices: FloatArray
-    """(V, 3) in the model's frame; those shared by clusters stand once in each."""
+    centre: FloatArray
+    """(3,): the middle of the model, in its own frame."""
+    vertices: NDArray[np.float32]
+    """(3, V) about ``centre``; those shared by clusters stand once in each."""
     faces: NDArray[np.int32]
     """(F, 3) indices into ``vertices``."""
     cluster_start: NDArray[np.int32]
@@ -41,15 +44,18 @@ class ClusteredSurface:
     """(V, 8): normal, RGB, UV."""
     face_texture: NDArray[np.int32]
     """(F,): index of the texture, -1 for none."""
-    face_data: NDArray[np.float32]
-    """(F, 16): the normals at the three corners, RGB at the first one, and 1 where that is the
-    colour of the whole face; one line of the processor's cache."""
+    corners: NDArray[np.float32]
+    """(F, 9): the normals at the three corners of each face."""
+    colours: NDArray[np.float32]
+    """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
+    varies: NDArray[np.bool_]
+    """(F,): whether the reflectance varies within the face."""
 
 
 def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
     """Cluster the mesh; the faces ``seen`` (F,) come first and do not mix with the others."""
     place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
-    order = np.lexsort((place, ~seen)).astype(np.int32)
+    order = np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
     faces = mesh.faces[order]
     cluster = np.repeat(np.arange(len(faces)) >> CLUSTER_BITS, 3)
     key = cluster * len(mesh.vertices) + faces.reshape(-1)
@@ -57,30 +63,35 @@ def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
     source = unique % max(len(mesh.vertices), 1)
     count = -(-len(faces) // CLUSTER_FACES)
     start = np.searchsorted(unique, np.arange(count + 1) * len(mesh.vertices))
-    vertices = np.ascontiguousarray(mesh.vertices[source])
+    centre = mesh.centre
+    vertices = (mesh.vertices[source] - centre).astype(np.float32)
     low = np.minimum.reduceat(vertices, start[:-1]) if count else np.zeros((0, 3))
     high = np.maximum.reduceat(vertices, start[:-1]) if count else np.zeros((0, 3))
+    half = 0.5 * (high - low) + BOX_MARGIN * mesh.diameter
     data: Any = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
+    colours = mesh.colours[faces]
+    varies = np.any(colours != colours[:, :1], axis=(1, 2)) | (mesh.face_texture[order] >= 0)
     return ClusteredSurface(
         order,
-        vertices,
+        centre,
+        np.ascontiguousarray(vertices.T),
         local.reshape(-1, 3).astype(np.int32),
         start.astype(np.int32),
-        np.concatenate([0.5 * (low + high), 0.5 * (high - low)], axis=1),
+        np.concatenate([0.5 * (low + high), half], axis=1).astype(float),
         data[source].astype(np.float32),
         np.ascontiguousarray(mesh.face_texture[order]),
-        _face_data(mesh, order),
+        mesh.normals[faces].astype(np.float32).reshape(-1, 9),
+        np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
+        varies,
     )
 
 
-def _face_data(mesh: Mesh, order: NDArray[np.int32]) -> NDArray[np.float32]:
-    faces = mesh.faces[order]
-    colours = mesh.colours[faces]
-    data = np.zeros((len(faces), 16), np.float32)
-    data[:, :9] = mesh.normals[faces].reshape(-1, 9)
-    data[:, 9:12] = colours[:, 0]
-    data[:, 12] = np.all(colours == colours[:, :1], axis=(1, 2)) & (mesh.face_texture[order] < 0)
-    return data
+def _direction(mesh: Mesh) -> NDArray[np.int64]:
+    """(F,): the axis, 0 to 5 for x, y, z, -x, -y, -z, that each face looks along most nearly."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    axis = np.argmax(np.abs(normal), axis=1)
+    return axis + 3 * (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0.0)
 
 
 def _along_curve(points: FloatArray) -> NDArray[np.int64]:

@@ -1,9 +1,7 @@
 """The rasteriser's second half: the attributes of what each pixel shows, stored or added up.
 
-With homogeneous corners ``(X_i, Y_i, W_i)`` and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` at
-the pixel centre (u, v), the perspective-correct barycentrics are ``l_0 ~ x_1 y_2 - x_2 y_1`` and
-cyclic (Olano and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997). They
-need no division by W, and so hold for faces that reach behind the camera as well.
+What of a face is linear in the picture stands in its plane, see ``kernel_coverage``; so a pixel
+needs no corners. Only reflectances that vary within a face are interpolated from them.
 
 Compiled code is kept per file, so nothing here calls into ``kernel_coverage``.
 """
@@ -16,20 +14,14 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-RUN = 256  # pixels whose attributes are added up together
-TINY = 1e-300
+TINY = np.float32(1e-30)
+GREY, VARIES = 3, 14  # entries of a face's plane: its grey value; 1 where reflectance varies
 
 _jit: Any = njit(nogil=True, cache=True, error_model="numpy")
-# Sums alone may be taken in another order (lanes of a vector); runs are short, so it costs nothing.
+# Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
 _jit_sums: Any = njit(
-    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}
+    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "nnan"}
 )
-
-
-@_jit
-def _corners(faces, face):
-    """Vertex indices of a face; unsigned, which spares a test for negative ones at every use."""
-    return np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
 
 
 @_jit
@@ -53,13 +45,25 @@ def _sample(texels, offset, width, height, u, v):
 
 
 @_jit
-def _texture_level(homogeneous, vertex_data, a, b, c, width, height, levels):
+def _project(vertices, camera, index):
+    """(X, Y, W) of a vertex, u = X / W, v = Y / W."""
+    a, b, c = vertices[0, index], vertices[1, index], vertices[2, index]
+    x = camera[0] * a + camera[1] * b + camera[2] * c + camera[9]
+    y = camera[3] * a + camera[4] * b + camera[5] * c + camera[10]
+    z = camera[6] * a + camera[7] * b + camera[8] * c + camera[11]
+    w = z if camera[16] > 0.0 else 1.0
+    return camera[12] * x + camera[14] * w, camera[13] * y + camera[15] * w, w
+
+
+@_jit
+def _texture_level(vertices, camera, vertex_data, a, b, c, width, height, levels):
     """Mip level of a face: half the log2 of texels per pixel, rounded, from the two areas."""
-    if homogeneous[a, 2] <= 0.0 or homogeneous[b, 2] <= 0.0 or homogeneous[c, 2] <= 0.0:
+    xa, ya, wa = _project(vertices, camera, a)
+    xb, yb, wb = _project(vertices, camera, b)
+    xc, yc, wc = _project(vertices, camera, c)
+    if wa <= 0.0 or wb <= 0.0 or wc <= 0.0:
         return 0
-    ax, ay = homogeneous[a, 0] / homogeneous[a, 2], homogeneous[a, 1] / homogeneous[a, 2]
-    bx, by = homogeneous[b, 0] / homogeneous[b, 2], homogeneous[b, 1] / homogeneous[b, 2]
-    cx, cy = homogeneous[c, 0] / homogeneous[c, 2], homogeneous[c, 1] / homogeneous[c, 2]
+    ax, ay, bx, by, cx, cy = xa / wa, ya / wa, xb / wb, yb / wb, xc / wc, yc / wc
     pixels = abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
     du, dv = vertex_data[b, 6] - vertex_data[a, 6], vertex_data[b, 7] - vertex_data[a, 7]
     eu, ev = vertex_data[c, 6] - vertex_data[a, 6], vertex_data[c, 7] - vertex_data[a, 7]
@@ -72,226 +76,200 @@ def _texture_level(homogeneous, vertex_data, a, b, c, width, height, levels):
 
 
 @_jit
-def _barycentrics(u, v, a, b, c, homogeneous):
-    """The point of face (a, b, c) at (u, v): three shares that sum to 1, and the side seen.
+def _shares(u, v, vertices, camera, a, b, c):
+    """The point of face (a, b, c) at (u, v): three shares that sum to 1.
 
-    The side is 1 where the face is seen from the front, -1 from behind.
+    With homogeneous corners and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` they are
+    ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic (Olano and Greer, *Triangle scan conversion using 2D
+    homogeneous coordinates*, 1997), also where the face reaches behind the camera.
     """
-    wa, wb, wc = homogeneous[a, 2], homogeneous[b, 2], homogeneous[c, 2]
-    xa, ya = homogeneous[a, 0] - u * wa, homogeneous[a, 1] - v * wa
-    xb, yb = homogeneous[b, 0] - u * wb, homogeneous[b, 1] - v * wb
-    xc, yc = homogeneous[c, 0] - u * wc, homogeneous[c, 1] - v * wc
+    xa, ya, wa = _project(vertices, camera, a)
+    xb, yb, wb = _project(vertices, camera, b)
+    xc, yc, wc = _project(vertices, camera, c)
+    xa, ya, xb, yb = xa - u * wa, ya - v * wa, xb - u * wb, yb - v * wb
+    xc, yc = xc - u * wc, yc - v * wc
     la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
-    # Their sum is the signed area as seen by the camera: negative where the front is seen.
-    side = 1.0
-    if la + lb + lc > 0.0:
-        side = -1.0
-    else:
-        la, lb, lc = -la, -lb, -lc
+    side = 1.0 if la + lb + lc > 0.0 else -1.0
     # Snapping may put the pixel centre just outside the exact triangle: stay on it.
-    la, lb, lc = max(la, 0.0), max(lb, 0.0), max(lc, 0.0)
+    la, lb, lc = max(side * la, 0.0), max(side * lb, 0.0), max(side * lc, 0.0)
     total = la + lb + lc
     if total == 0.0:  # seen exactly edge-on; snapping alone made it visible
-        return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 1.0
-    scale = 1.0 / total
-    return la * scale, lb * scale, lc * scale, side
+        return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
+    return la / total, lb / total, lc / total
 
 
 @_jit
-def _normal(shares, a, b, c, vertex_data, rotation):
-    """The interpolated unit normal, in the camera frame, on the side that is seen."""
-    la, lb, lc, side = shares
-    x = la * vertex_data[a, 0] + lb * vertex_data[b, 0] + lc * vertex_data[c, 0]
-    y = la * vertex_data[a, 1] + lb * vertex_data[b, 1] + lc * vertex_data[c, 1]
-    z = la * vertex_data[a, 2] + lb * vertex_data[b, 2] + lc * vertex_data[c, 2]
-    length = math.sqrt(x * x + y * y + z * z)
-    scale = side / length if length > 0.0 else 0.0
-    return (
-        scale * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z),
-        scale * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z),
-        scale * (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z),
-    )
-
-
-@_jit
-def _reflectance(la, lb, lc, a, b, c, texture, level, vertex_data, texels, table):
-    """RGB at shares of any common scale: vertex colour, times the texture's (-1: none)."""
-    scale = 1.0 / (la + lb + lc)
-    la, lb, lc = la * scale, lb * scale, lc * scale
+def _reflectance(u, v, face, level, surface, camera, textures):
+    """RGB of a face whose reflectance varies: vertex colour, times the texture's, if any."""
+    vertices, faces, vertex_data, face_texture = surface
+    texels, table = textures
+    f = np.uint32(face)
+    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+    la, lb, lc = _shares(u, v, vertices, camera, a, b, c)
     red = la * vertex_data[a, 3] + lb * vertex_data[b, 3] + lc * vertex_data[c, 3]
     green = la * vertex_data[a, 4] + lb * vertex_data[b, 4] + lc * vertex_data[c, 4]
     blue = la * vertex_data[a, 5] + lb * vertex_data[b, 5] + lc * vertex_data[c, 5]
+    texture = face_texture[f]
     if texture < 0:
         return red, green, blue
-    u = la * vertex_data[a, 6] + lb * vertex_data[b, 6] + lc * vertex_data[c, 6]
-    v = la * vertex_data[a, 7] + lb * vertex_data[b, 7] + lc * vertex_data[c, 7]
+    s = la * vertex_data[a, 6] + lb * vertex_data[b, 6] + lc * vertex_data[c, 6]
+    t = la * vertex_data[a, 7] + lb * vertex_data[b, 7] + lc * vertex_data[c, 7]
     width, height = table[texture, level, 1], table[texture, level, 2]
-    r, g, b = _sample(texels, table[texture, level, 0], width, height, u, v)
-    return red * r, green * g, blue * b
+    r, g, b_ = _sample(texels, table[texture, level, 0], width, height, s, t)
+    return red * r, green * g, blue * b_
 
 
 @_jit
-def shade(
-    box,
-    ids,
-    homogeneous,
-    rotation,
-    faces,
-    vertex_data,
-    face_texture,
-    texels,
-    table,
-    reflectance,
-    normals,
-):
+def _level_of(face, surface, camera, textures):
+    """Mip level of a face, 0 if it has no texture."""
+    vertices, faces, vertex_data, face_texture = surface
+    _, table = textures
+    f = np.uint32(face)
+    texture = face_texture[f]
+    if texture < 0:
+        return 0
+    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+    width, height = table[texture, 0, 1], table[texture, 0, 2]
+    return _texture_level(vertices, camera, vertex_data, a, b, c, width, height, table.shape[1])
+
+
+@_jit
+def shade(box, ids, planes, colours, rotation, surface, camera, textures, reflectance, normals):
     """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures.
 
-    ``vertex_data`` (V, 8) float32: normal, RGB, UV.
+    ``surface`` is (vertices (3, V), faces (F, 3), vertex data (V, 8) float32: normal, RGB, UV, and
+    texture of each face (F,)). ``textures`` as ``flatten_textures`` gives them.
     """
     left, top, right, bottom = box
     for row in range(top, bottom):
+        last, level = -1, 0
         for column in range(left, right):
             face = ids[row, column]
             if face < 0:
                 continue
-            a, b, c = (
-                np.uint32(faces[face, 0]),
-                np.uint32(faces[face, 1]),
-                np.uint32(faces[face, 2]),
-            )
-            shares = _barycentrics(column + 0.5, row + 0.5, a, b, c, homogeneous)
-            normal = _normal(shares, a, b, c, vertex_data, rotation)
-            texture, level = face_texture[face], 0
-            if texture >= 0:
-                width, height = table[texture, 0, 1], table[texture, 0, 2]
-                level = _texture_level(
-                    homogeneous, vertex_data, a, b, c, width, height, table.shape[1]
-                )
-            la, lb, lc, _ = shares
-            colour = _reflectance(la, lb, lc, a, b, c, texture, level, vertex_data, texels, table)
+            plane = planes[face]
+            du, dv = column - plane[12], row - plane[13]
+            x = plane[0] + du * plane[4] + dv * plane[8]
+            y = plane[1] + du * plane[5] + dv * plane[9]
+            z = plane[2] + du * plane[6] + dv * plane[10]
+            length = math.sqrt(x * x + y * y + z * z)
+            scale = 1.0 / length if length > 0.0 else 0.0
             for k in range(3):
-                reflectance[row, column, k] = colour[k]
-                normals[row, column, k] = normal[k]
+                normals[row, column, k] = scale * (
+                    rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
+                )
+            if plane[VARIES] > 0.0:
+                if face != last:
+                    last, level = face, _level_of(face, surface, camera, textures)
+                colour = _reflectance(
+                    column + 0.5, row + 0.5, face, level, surface, camera, textures
+                )
+                for k in range(3):
+                    reflectance[row, column, k] = colour[k]
+            else:
+                for k in range(3):
+                    reflectance[row, column, k] = colours[face, k]
+
+
+@_jit
+def _fill_plain(row, first, faces, planes, colours, count, normals, run, at_model):
+    """Normals (of any length) and reflectance of a row's pixels, as far as faces alone tell."""
+    size, down, none = faces.shape[0], np.float32(row), np.int64(planes.shape[0] - 1)
+    nx, ny, nz, grey = normals[0], normals[1], normals[2], run[at_model]
+    for k in range(size):
+        face = np.uint64(faces[k] if faces[k] >= 0 else none)  # the last plane is all zeros
+        du, dv = np.float32(first + k) - planes[face, 12], down - planes[face, 13]
+        x = planes[face, 0] + du * planes[face, 4] + dv * planes[face, 8]
+        y = planes[face, 1] + du * planes[face, 5] + dv * planes[face, 9]
+        z = planes[face, 2] + du * planes[face, 6] + dv * planes[face, 10]
+        nx[k], ny[k], nz[k], grey[k] = x, y, z, planes[face, GREY]
+    if count == 1:
+        return
+    for colour in range(3):
+        out = run[at_model + 4 * colour]
+        for k in range(size):
+            out[k] = colours[np.uint64(faces[k] if faces[k] >= 0 else none), colour]
+
+
+@_jit
+def _fill_varied(row, first, faces, planes, grey, surface, camera, textures, count, run, at_model):
+    """The reflectance of those of a row's pixels whose face's reflectance varies."""
+    last, level = np.int32(-1), 0
+    for k in range(faces.shape[0]):
+        face = faces[k]
+        if face < 0 or planes[face, VARIES] == 0.0:
+            continue
+        if face != last:
+            last, level = face, _level_of(face, surface, camera, textures)
+        r, g, b = _reflectance(first + k + 0.5, row + 0.5, face, level, surface, camera, textures)
+        if count == 1:
+            run[at_model, k] = grey[0] * r + grey[1] * g + grey[2] * b
+        else:
+            run[at_model, k], run[at_model + 4, k], run[at_model + 8, k] = r, g, b
 
 
 @_jit
 def accumulate(
     box,
     ids,
-    homogeneous,
-    faces,
-    vertex_data,
-    face_texture,
-    texels,
-    table,
-    face_data,
+    planes,
+    colours,
+    varies,
+    surface,
+    camera,
+    textures,
     grey,
-    channels,
+    planar,
     weights,
     origin,
     model,
-    where,
+    normals,
+    weighted,
     run,
     first,
     second,
 ):
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
 
-    x = (F - ``origin``, M): ``channels`` (height, width, n), ``model`` = m is 4 (grey, by the
+    x = (F, M) - ``origin``: ``planar`` (n, height, width), ``model`` = m is 4 (grey, by the
     weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the model, and the
-    products of F with F are left out. The normals in M are those of the model's frame, by
-    ``face_data`` (faces, 16) float32, see ``clusters``.
-    ``where`` (RUN,) int64 and ``run`` (n + 17, RUN) are room to work in. Adds into ``first``
-    (n + m,), ``second`` (n + m, n + m); returns the pixel count and the sum of the weights.
-
-    Neighbours in a row that show the same face share its set-up: unscaled barycentrics are linear
-    in the picture, and scaling them would not turn the normal. Pixels are gathered into runs, and
-    the sums taken over a run at a time, channel against channel, so that they vectorise.
+    products of F with F are left out. The normals in M are those of the model's frame. ``origin``
+    (n + m,) is given for F and set for M. ``normals`` (3, width) float32, ``weighted`` (width,)
+    float64 and ``run`` (n + 14, width) float32 are room for a row of pixels. Adds into ``first``
+    (n + m,) and ``second`` (n + m, n + m); returns how many pixels of positive weight there were,
+    and their weight.
     """
+    n = planar.shape[0]
+    count, whole = (1 if model < 12 else 3), model in (5, 13)
+    at_model = 1 + n
     left, top, right, bottom = box
-    n, width = channels.shape[2], channels.shape[1]
-    colours = 1 if model < 12 else 3
-    whole = model % 4 == 1
-    at_model, at_normal = 1 + n, 1 + n + 4 * colours
-    filled, pixels, total = 0, 0, 0.0
+    pixels, total = 0, 0.0
     for row in range(top, bottom):
-        v = row + 0.5
-        column = left
-        while column < right:
-            face = ids[row, column]
-            if face < 0:
-                column += 1
-                continue
-            end = column + 1
-            while end < right and ids[row, end] == face:
-                end += 1
-            if filled + (end - column) > RUN:
-                seen, weight = _add_run(
-                    filled, where, run, channels, weights, origin, colours, whole, first, second
-                )
-                pixels += seen
-                total += weight
-                filled = 0
-                end = min(end, column + RUN)
-            f = np.uint32(face)
-            a, b, c = _corners(faces, f)
-            u = column + 0.5
-            wa, wb, wc = homogeneous[a, 2], homogeneous[b, 2], homogeneous[c, 2]
-            xa, ya = homogeneous[a, 0] - u * wa, homogeneous[a, 1] - v * wa
-            xb, yb = homogeneous[b, 0] - u * wb, homogeneous[b, 1] - v * wb
-            xc, yc = homogeneous[c, 0] - u * wc, homogeneous[c, 1] - v * wc
-            la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
-            slope_a, slope_b, slope_c = wc * yb - wb * yc, wa * yc - wc * ya, wb * ya - wa * yb
-            ax, ay, az = face_data[f, 0], face_data[f, 1], face_data[f, 2]
-            bx, by, bz = face_data[f, 3], face_data[f, 4], face_data[f, 5]
-            cx, cy, cz = face_data[f, 6], face_data[f, 7], face_data[f, 8]
-            red, green, blue = face_data[f, 9], face_data[f, 10], face_data[f, 11]
-            plain = face_data[f, 12] > 0.0
-            texture, level = -1, 0
-            if not plain:
-                texture = face_texture[f]
-            if texture >= 0:
-                level = _texture_level(
-                    homogeneous,
-                    vertex_data,
-                    a,
-                    b,
-                    c,
-                    table[texture, 0, 1],
-                    table[texture, 0, 2],
-                    table.shape[1],
-                )
-            start = row * width + column
-            for step in range(end - column):
-                # Their sum is the signed area as seen by the camera: negative in front.
-                side = 1.0 if la + lb + lc > 0.0 else -1.0
-                # Snapping may put the pixel centre just outside the exact triangle: stay on it.
-                sa, sb, sc = max(side * la, 0.0), max(side * lb, 0.0), max(side * lc, 0.0)
-                la, lb, lc = la + slope_a, lb + slope_b, lc + slope_c
-                if sa + sb + sc == 0.0:  # seen exactly edge-on; snapping alone made it visible
-                    sa, sb, sc, side = 1.0, 1.0, 1.0, -1.0
-                at = np.uint64(filled + step)
-                where[at] = start + step
-                run[at_normal, at] = -side * (sa * ax + sb * bx + sc * cx)
-                run[at_normal + 1, at] = -side * (sa * ay + sb * by + sc * cy)
-                run[at_normal + 2, at] = -side * (sa * az + sb * bz + sc * cz)
-                if not plain:
-                    red, green, blue = _reflectance(
-                        sa, sb, sc, a, b, c, texture, level, vertex_data, texels, table
-                    )
-                if colours == 1:
-                    run[at_model, at] = grey[0] * red + grey[1] * green + grey[2] * blue
-                else:
-                    run[at_model, at] = red
-                    run[at_model + 4, at] = green
-                    run[at_model + 8, at] = blue
-            filled += end - column
-            column = end
-    seen, weight = _add_run(
-        filled, where, run, channels, weights, origin, colours, whole, first, second
-    )
-    pixels += seen
-    total += weight
+        begin, end = left, right
+        while begin < end and ids[row, begin] < 0:
+            begin += 1
+        while end > begin and ids[row, end - 1] < 0:
+            end -= 1
+        if begin == end:
+            continue
+        faces = ids[row, begin:end]
+        seen, weight = _gather_photo(
+            faces, weights[row, begin:end], planar, row, begin, origin, run
+        )
+        if seen == 0:
+            continue
+        _fill_plain(row, begin, faces, planes, colours, count, normals, run, at_model)
+        if varies:
+            _fill_varied(
+                row, begin, faces, planes, grey, surface, camera, textures, count, run, at_model
+            )
+        _fill_products(end - begin, count, normals, run, at_model)
+        if pixels == 0:
+            _set_origin(end - begin, weight, n, count, run, origin)
+        _centre(end - begin, n, count, run, origin)
+        _add_products(end - begin, n, count, whole, weighted, run, first, second)
+        pixels += seen
+        total += weight
     if whole:
         _copy_constant(n + model - 1, total, first, second)
     return pixels, total
@@ -307,63 +285,83 @@ def _copy_constant(last, total, first, second):
 
 
 @_jit_sums
-def _gather_photo(filled, where, run, channels, weights, origin):
-    """Fill a run's weights and photo attributes; returns the pixels that count, and their weight.
+def _gather_photo(faces, weights, planar, row, first, origin, run):
+    """Fill a row's weights and photo attributes; returns the pixels that count, and their weight.
 
     What does not count is 0, even where the photo is not a number.
     """
-    n = channels.shape[2]
-    flat_weights, flat_channels = weights.reshape(-1), channels.reshape(-1)
-    total, pixels = 0.0, 0
-    for p in range(filled):
-        w = flat_weights[np.uint64(where[p])]
-        counts = w > np.float32(0.0)
-        w = w if counts else np.float32(0.0)
-        run[0, p] = w
-        total += w
-        pixels += 1 if counts else 0
-    for k in range(n):
-        mean = origin[k]
-        for p in range(filled):
-            value = flat_channels[np.uint64(where[p] * n + k)] - mean
-            run[1 + k, p] = value if run[0, p] > 0.0 else 0.0
+    zero, length = np.float32(0.0), faces.shape[0]
+    total, pixels = 0.0, np.int32(0)
+    used = run[0, :length]
+    for p in range(length):
+        w = weights[p]
+        counts = (w > zero) & (faces[p] >= 0)
+        w = w if counts else zero
+        used[p] = w
+        total += np.float64(w)
+        pixels += np.int32(1) if counts else np.int32(0)
+    for k in range(planar.shape[0]):
+        mean, out = np.float32(origin[k]), run[1 + k, :length]
+        channel = planar[k, row, first : first + length]
+        for p in range(length):
+            value = channel[p] - mean
+            out[p] = value if used[p] > zero else zero
     return pixels, total
 
 
 @_jit_sums
-def _add_run(filled, where, run, channels, weights, origin, colours, whole, first, second):
-    """Add the sums over a run of pixels; returns the pixels that count, and their weight."""
-    n = channels.shape[2]
-    at_model, at_normal = 1 + n, 1 + n + 4 * colours
-    pixels, total = _gather_photo(filled, where, run, channels, weights, origin)
-    nx, ny, nz = run[at_normal], run[at_normal + 1], run[at_normal + 2]
-    for p in range(filled):
-        square = nx[p] * nx[p] + ny[p] * ny[p] + nz[p] * nz[p]
-        scale = 1.0 / math.sqrt(max(square, TINY))
-        nx[p] *= scale
-        ny[p] *= scale
-        nz[p] *= scale
-    for colour in range(colours):
+def _fill_products(size, count, normals, run, at_model):
+    """Reflectance times unit normals."""
+    scale = run[at_model + 4 * count, :size]
+    x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
+    for p in range(size):
+        square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
+        scale[p] = np.float32(1.0) / math.sqrt(max(square, TINY))
+    for colour in range(count):
         at = at_model + 4 * colour
-        k, kx, ky, kz = run[at], run[at + 1], run[at + 2], run[at + 3]
-        for p in range(filled):
-            kx[p] = k[p] * nx[p]
-            ky[p] = k[p] * ny[p]
-            kz[p] = k[p] * nz[p]
-    weights_of_run, weighted = run[0], run[at_normal + 3]
-    for i in range(n + 4 * colours):
-        row = run[1 + i]
-        mine = 0.0
-        for p in range(filled):
-            weighted[p] = weights_of_run[p] * row[p]
+        k = run[at, :size]
+        for axis in range(3):
+            out, normal = run[at + 1 + axis, :size], normals[axis, :size]
+            for p in range(size):
+                out[p] = k[p] * (scale[p] * normal[p])
+
+
+@_jit_sums
+def _set_origin(size, weight, n, count, run, origin):
+    """The means of a row's model attributes as their origin.
+
+    Sums about it keep their digits where the model's attributes hardly vary.
+    """
+    used = run[0, :size]
+    for j in range(n, n + 4 * count):
+        row, total = run[1 + j, :size], np.float32(0.0)
+        for p in range(size):
+            total += used[p] * row[p]
+        origin[j] = np.float32(total / weight)
+
+
+@_jit_sums
+def _centre(size, n, count, run, origin):
+    for j in range(n, n + 4 * count):
+        row, mean = run[1 + j, :size], np.float32(origin[j])
+        for p in range(size):
+            row[p] -= mean
+
+
+@_jit_sums
+def _add_products(length, n, count, whole, weighted, run, first, second):
+    """Add the sums over a row of pixels, in float64: near-singular covariances need the digits."""
+    weights, weighted = run[0, :length], weighted[:length]
+    for i in range(n + 4 * count):
+        row, mine = run[1 + i, :length], 0.0
+        for p in range(length):
+            weighted[p] = np.float64(weights[p]) * np.float64(row[p])
             mine += weighted[p]
         first[i] += mine
         if whole and i < n:
             continue
         for j in range(i + 1):
-            other = run[1 + j]
-            product = 0.0
-            for p in range(filled):
-                product += weighted[p] * other[p]
+            other, product = run[1 + j, :length], 0.0
+            for p in range(length):
+                product += weighted[p] * np.float64(other[p])
             second[i, j] += product
-    return pixels, total

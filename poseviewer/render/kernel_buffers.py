@@ -8,30 +8,24 @@ import numpy as np
 from numba import njit
 
 NO_FACE = np.int32(-1)
-MEMORY = np.int8(8)  # pictures for which a cluster counts as likely to be seen again
 
 _jit: Any = njit(nogil=True, cache=True, error_model="numpy")
 
 
 @_jit
-def clear(box, cluster_bits, depth, ids, likely):
+def clear(box, now, cluster_bits, depth, ids, seen, cluster_seen):
     """Empty the buffers inside ``box`` (left, top, right, bottom), in whole px, ends excluded.
 
-    Sets ``likely`` (C,) to MEMORY for clusters that were seen there, and counts the others down:
-    those seen in one of the last MEMORY pictures are above 0.
+    Notes for each face that was seen there, in ``seen`` (F + 1,), the last entry for none, and
+    for its cluster, in ``cluster_seen`` (C + 1,), that it was seen at ``now``.
     """
     left, top, right, bottom = box
-    for cluster in range(likely.shape[0]):
-        likely[cluster] -= 1 if likely[cluster] > 0 else 0
-    last = NO_FACE
+    none, no_cluster = np.int64(seen.shape[0] - 1), np.int64(cluster_seen.shape[0] - 1)
     for row in range(top, bottom):
-        for column in range(left, right):
-            face = ids[row, column]
-            if face != last:
-                last = face
-                if face >= 0:
-                    likely[face >> cluster_bits] = MEMORY
-        for column in range(left, right):
-            depth[row, column] = -np.inf
-        for column in range(left, right):
-            ids[row, column] = NO_FACE
+        faces, depths = ids[row, left:right], depth[row, left:right]
+        for k in range(right - left):
+            face = np.int64(faces[k])
+            seen[np.uint64(face if face >= 0 else none)] = now
+            cluster_seen[np.uint64(face >> cluster_bits if face >= 0 else no_cluster)] = now
+        depths[:] = -np.inf
+        faces[:] = NO_FACE

@@ -45,8 +45,14 @@ class PhotoAttributes:
     def __post_init__(self) -> None:
         channels = frozen_array(self.channels, (-1, -1, -1), np.float32)
         height, width, _ = channels.shape
-        object.__setattr__(self, "channels", channels)
+        planar = frozen_array(np.moveaxis(channels, 2, 0), (-1, height, width), np.float32)
+        object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
         object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
+
+    @property
+    def planar(self) -> NDArray[np.float32]:
+        """(n, height, width): F, one channel after the other, as it lies in memory."""
+        return np.moveaxis(self.channels, 2, 0)
 
     @cached_property
     def origin(self) -> FloatArray:

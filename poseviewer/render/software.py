@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,14 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render import kernel_attributes, kernel_buffers, kernel_coverage
+from poseviewer.render import (
+    kernel_attributes,
+    kernel_buffers,
+    kernel_coverage,
+    kernel_moments,
+    kernel_pieces,
+    kernel_visibility,
+)
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.clusters import make_clusters
 from poseviewer.render.moments import Moments, PhotoAttributes
@@ -26,13 +34,28 @@ NEAR_PER_DIAMETER = 1e-3
 VIEW_PX = 256
 """Side of the pictures from which the faces seen from outside are told."""
 
+MEMORY = 8
+"""A face seen in one of so many last pictures is drawn first."""
+NEVER = -(1 << 30)
+CACHE_LINE = 64  # bytes
+
 Box = tuple[int, int, int, int]
 
 
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    source = Path(kernel_attributes.__file__)
-    cached = Path(kernel_attributes.accumulate.stats.cache_path).glob(f"{source.stem}.*.nbi")
+    kernels: tuple[Any, ...] = (
+        kernel_visibility.list_others,
+        kernel_coverage.draw_listed,
+        kernel_attributes.accumulate,
+        kernel_moments.as_moments,
+    )
+    return all(_is_compiled(kernel) for kernel in kernels)
+
+
+def _is_compiled(kernel: Any) -> bool:
+    source = Path(kernel.py_func.__code__.co_filename)
+    cached = Path(kernel.stats.cache_path).glob(f"{source.stem}.*.nbi")
     return any(index.stat().st_mtime >= source.stat().st_mtime for index in cached)
 
 
@@ -51,19 +74,37 @@ class SoftwareRenderer:
         self._allocate()
 
     def _allocate(self) -> None:
-        count = len(self._surface.vertices)
-        self._homogeneous = np.empty((count, 4))
-        self._snapped = np.empty((count, 2), np.int32)
-        self._likely = np.zeros(len(self._surface.cluster_box), np.int8)
-        self._where = np.empty(kernel_attributes.RUN, np.int64)
-        self._run = np.empty((0, kernel_attributes.RUN))
+        surface = self._surface
+        faces, clusters = len(surface.faces), len(surface.cluster_box)
+        self._screen = np.empty((2, surface.vertices.shape[1]), np.int32)
+        self._depths = np.empty(surface.vertices.shape[1], np.float32)
+        self._planes = np.zeros((faces + 1, 16), np.float32)
+        self._planes[:-1, kernel_attributes.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
+        self._planes[:-1, kernel_attributes.VARIES] = surface.varies
+        self._seen = np.full(faces + 1, NEVER, np.int32)
+        self._cluster_seen = np.full(clusters + 1, NEVER, np.int32)
+        self._wanted = np.zeros(clusters, np.bool_)
+        self._listed = np.empty(faces + 1, np.int32)
+        self._bounds = np.empty(4, np.int32)
+        self._now = 0
+        self._varies = bool(surface.varies.any())
+        self._attributes = (
+            surface.vertices,
+            surface.faces,
+            surface.vertex_data,
+            surface.face_texture,
+        )
         self._make_picture(0, 0)
 
     def _make_picture(self, width: int, height: int) -> None:
-        self._depth = np.full((height, _padded(width)), -np.inf, np.float32)
-        self._ids = np.full((height, _padded(width)), -1, np.int32)
-        tile = 1 << kernel_coverage.TILE_BITS
+        self._depth = _lined_up(height, _padded(width), np.float32, -np.inf)
+        self._ids = _lined_up(height, _padded(width), np.int32, -1)
+        tile = 1 << kernel_visibility.TILE_BITS
         self._tiles = np.empty((height // tile + 2, width // tile + 2), np.float32)
+        self._row_least = np.empty(_padded(width), np.float32)
+        self._normals = np.empty((3, width), np.float32)
+        self._weighted = np.empty(width)
+        self._run = np.empty((0, width), np.float32)
         self._drawn: Box = (0, 0, 0, 0)
 
     def _seen_from_outside(self) -> NDArray[np.bool_]:
@@ -75,10 +116,10 @@ class SoftwareRenderer:
             seen[self._surface.order[ids[ids >= 0]]] = True
         return seen
 
-    def _run_for(self, channels: int) -> FloatArray:
+    def _run_for(self, channels: int) -> NDArray[np.float32]:
         """Room for a run of pixels with n ``channels``."""
-        if len(self._run) < channels + 17:
-            self._run = np.empty((channels + 17, kernel_attributes.RUN))
+        if len(self._run) < channels + 14:
+            self._run = np.empty((channels + 14, self._run.shape[1]), np.float32)
         return self._run
 
     def clone(self) -> SoftwareRenderer:
@@ -101,12 +142,12 @@ class SoftwareRenderer:
         kernel_attributes.shade(
             box,
             self._ids,
-            self._homogeneous,
+            self._planes,
+            surface.colours,
             rotation,
-            surface.faces,
-            surface.vertex_data,
-            surface.face_texture,
-            *self._textures,
+            self._attributes,
+            self._camera,
+            self._textures,
             reflectance,
             normals,
         )
@@ -135,34 +176,41 @@ class SoftwareRenderer:
         box = self._rasterise(pose)
         surface, n = self._surface, photo.channels.shape[2]
         size = n + photo.model_channels
-        first, second = np.zeros(size), np.zeros((size, size))
+        first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
+        origin[:n] = photo.origin
         pixels, weight = kernel_attributes.accumulate(
             box,
             self._ids,
-            self._homogeneous,
-            surface.faces,
-            surface.vertex_data,
-            surface.face_texture,
-            *self._textures,
-            surface.face_data,
+            self._planes,
+            surface.colours,
+            self._varies,
+            self._attributes,
+            self._camera,
+            self._textures,
             GREY_WEIGHTS,
-            photo.channels,
+            photo.planar,
             photo.weights,
-            photo.origin,
+            origin,
             photo.model_channels,
-            self._where,
+            self._normals,
+            self._weighted,
             self._run_for(n),
             first,
             second,
         )
         if not photo.clipped:
             region = photo.region_sums
+            kernel_moments.add_surroundings(
+                n, weight, first, second, origin, region.first, region.second
+            )
             weight = region.weight
-            first[:n], second[:n, :n] = region.first, region.second
-        second = np.tril(second) + np.tril(second, -1).T
-        turn = _turn(pose.camera_from_model.rotation, n, size)
-        first, second = turn @ first, turn @ second @ turn.T
-        return Moments.from_sums(pixels, weight, first, second, photo.origin)
+        if weight <= 0.0:
+            return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n)
+        rotation = pose.camera_from_model.rotation
+        mean, covariance = kernel_moments.as_moments(n, weight, first, second, origin, rotation)
+        # They are ours alone: to freeze them here saves two copies for every pose.
+        mean.flags.writeable = covariance.flags.writeable = False
+        return Moments(pixels, weight, mean, covariance, n)
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""
@@ -170,25 +218,94 @@ class SoftwareRenderer:
         if self._ids.shape != (camera.height, _padded(camera.width)):
             self._make_picture(camera.width, camera.height)
         else:
+            self._now += 1
             kernel_buffers.clear(
-                self._drawn, kernel_coverage.CLUSTER_BITS, self._depth, self._ids, self._likely
+                self._drawn,
+                self._now,
+                kernel_visibility.CLUSTER_BITS,
+                self._depth,
+                self._ids,
+                self._seen,
+                self._cluster_seen,
             )
-        self._drawn = kernel_coverage.draw(
+        self._camera = _camera_numbers(pose, surface.centre, self._near)
+        self._drawn = self._draw(camera.width, np.float32(self._weighs(pose)))
+        return self._drawn
+
+    def _draw(self, width: int, weighs: np.float32) -> Box:
+        """First what was seen a moment ago, then what is not behind it."""
+        surface, oldest = self._surface, self._now - MEMORY
+        projected = (
+            oldest,
+            self._cluster_seen[:-1],
+            self._seen[:-1],
+            self._wanted,
             surface.vertices,
-            surface.faces,
             surface.cluster_start,
+            self._camera,
+            self._bounds,
+            self._listed,
+            self._screen,
+            self._depths,
+        )
+        count, any_off = kernel_visibility.list_recent(*projected)
+        self._draw_listed(count, width, weighs)
+        count, any_off, box = kernel_visibility.list_others(
+            *projected,
+            any_off,
             surface.cluster_box,
-            _camera_numbers(pose, self._near),
-            self.two_sided,
-            self._likely,
-            self._homogeneous,
-            self._snapped,
+            surface.faces,
+            self._row_least,
             self._tiles,
             self._depth,
-            self._ids,
-            camera.width,
+            width,
         )
-        return self._drawn
+        self._draw_listed(count, width, weighs)
+        return box
+
+    def _draw_listed(self, count: int, width: int, weighs: np.float32) -> None:
+        """Draw the first ``count`` of the listed faces."""
+        surface = self._surface
+        picture = (self.two_sided, width, self._depth, self._ids)
+        large = kernel_coverage.draw_listed(
+            count,
+            self._listed,
+            surface.faces,
+            surface.corners,
+            weighs,
+            self._screen,
+            self._depths,
+            self._planes,
+            *picture,
+        )
+        if large:
+            pieces = kernel_pieces.cut(
+                large,
+                self._listed,
+                surface.faces,
+                surface.corners,
+                surface.vertices,
+                self._camera,
+                self._screen,
+                self._depths,
+                self._planes,
+            )
+            kernel_coverage.draw_pieces(*pieces, *picture)
+
+    def _weighs(self, pose: Pose) -> float:
+        """What the depth value of a corner is multiplied by where corners are weighed by it."""
+        if isinstance(pose.camera, Parallel):
+            return -1.0
+        distance = float(pose.camera_from_model.apply(self._surface.centre)[2])
+        return max(distance, self._near, 1e-300)
+
+
+def _lined_up(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
+    """A buffer whose first entry starts a line of the processor's cache: so does each block."""
+    size = height * width
+    room = np.full(size + CACHE_LINE, value, kind)
+    skip = -(room.ctypes.data // room.itemsize) % (CACHE_LINE // room.itemsize)
+    return room[skip : skip + size].reshape(height, width)
 
 
 def _padded(width: int) -> int:
@@ -207,19 +324,11 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
-def _turn(rotation: FloatArray, channels: int, size: int) -> FloatArray:
-    """(size, size): takes attributes with normals in the model's frame to the camera's."""
-    turn = np.eye(size)
-    for at in range(channels + 1, size - 2, 4):
-        turn[at : at + 3, at : at + 3] = rotation
-    return turn
-
-
-def _camera_numbers(pose: Pose, near: float) -> FloatArray:
-    """(17,): the pose as ``kernel_coverage.draw`` takes it."""
+def _camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
+    """(17,): the pose as ``kernel_coverage.draw`` takes it, for vertices about ``centre``."""
     camera, transform = pose.camera, pose.camera_from_model
     if isinstance(camera, Perspective):
         numbers = (camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300))
     else:
         numbers = (camera.scale, camera.scale, camera.cx, camera.cy, 0.0)
-    return np.array([*transform.rotation.flat, *transform.translation, *numbers])
+    return np.array([*transform.rotation.flat, *transform.apply(centre), *numbers])

@@ -1,0 +1,51 @@
+"""From the rasteriser's sums to moments: matrices so small that NumPy's calls would count."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+
+
+@_jit
+def as_moments(n, weight, first, second, origin, rotation):
+    """Mean (n + m,) and covariance (n + m, n + m) from sums about ``origin``, normals turned by
+    ``rotation`` (3, 3). ``second`` is used up.
+    """
+    size = first.shape[0]
+    mean = first / weight
+    for i in range(size):
+        for j in range(i + 1):
+            second[i, j] = second[j, i] = second[i, j] / weight - mean[i] * mean[j]
+    mean += origin
+    for at in range(n + 1, size - 2, 4):
+        mean[at : at + 3] = rotation @ mean[at : at + 3]
+        for i in range(size):
+            second[at : at + 3, i] = rotation @ second[at : at + 3, i].copy()
+        for i in range(size):
+            second[i, at : at + 3] = rotation @ second[i, at : at + 3].copy()
+    for i in range(size):
+        for j in range(i):
+            second[i, j] = second[j, i]
+    return mean, second
+
+
+@_jit
+def add_surroundings(n, weight, first, second, origin, region_first, region_second):
+    """Make sums over the model's pixels, of ``weight``, sums over the region around it too.
+
+    Beside the model all its attributes are 0: their origin becomes 0. What F alone adds is
+    ``region_first`` (n,) and ``region_second`` (n, n).
+    """
+    size = first.shape[0]
+    for i in range(n, size):
+        for j in range(i + 1):
+            shift = origin[i] * first[j] + first[i] * origin[j] if j >= n else origin[i] * first[j]
+            second[i, j] += shift + (weight * origin[i] * origin[j] if j >= n else 0.0)
+    for i in range(n, size):
+        first[i] += weight * origin[i]
+        origin[i] = 0.0
+    first[:n] = region_first
+    second[:n, :n] = region_second
