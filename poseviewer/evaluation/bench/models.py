@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull, KDTree
 
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import crease_normals, winding_to_flip
-from poseviewer.render.simplified import simplify
 from poseviewer.geometry.subdivided import subdivide
+from poseviewer.render.simplified import simplify
 
 MOST_TOO_MANY = 1.1
 """A simplified model with more than this many times the triangles wanted is not taken."""

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from time import perf_counter
 
-from poseviewer.evaluation.bench.case import (
-    Case,
-    Demo,
-    load_demo,
-    make_model,
-    place,
-)
-from poseviewer.evaluation.bench.machine import cores, machine, versions
+from poseviewer.evaluation.bench.case import Case, Demo, load_demo, make_model, place
+from poseviewer.evaluation.bench.machine import machine, versions
 from poseviewer.evaluation.bench.paths import make_paths
 from poseviewer.evaluation.bench.scaling import ScalingPlan, ScalingRow, measure_scaling
 from poseviewer.evaluation.bench.searches import (
@@ -23,6 +18,7 @@ from poseviewer.evaluation.bench.searches import (
     time_maps,
 )
 from poseviewer.evaluation.bench.timing import Row, measure
+from poseviewer.render.many import processors
 from poseviewer.render.opengl import opengl_unavailable_reason
 
 Size = tuple[int, int]
@@ -39,26 +35,30 @@ class Plan:
     triangles: tuple[int, ...] = (5_000, 50_000, 500_000)
     sizes: tuple[Size, ...] = ((640, 480), (1920, 1080))
     rounds: int = 12
-    rounds_limit_s: float = 30.0
+    rounds_limit_s: float = 20.0
     """Of each case; three rounds are made in any case."""
-    fit_limit_s: float = 300.0
-    plain_fit_limit_s: float = 600.0
-    map_size: int = 41
-    maps_limit_s: float = 300.0
+    fit_limit_s: float = 60.0
+    plain_fit_limit_s: float = 120.0
+    map_size: int | None = 41
+    """None: the first sheet is all."""
+    maps_limit_s: float = 60.0
     scaling: ScalingPlan | None = field(default_factory=ScalingPlan)
+    limit_s: float = 500.0
+    """From the run's begin; after it no further point of the scaling is begun."""
 
 
 QUICK = Plan(
     triangles=(MAIN_TRIANGLES,),
     sizes=(MAIN_SIZE,),
     rounds=6,
-    rounds_limit_s=6.0,
+    rounds_limit_s=4.0,
     fit_limit_s=4.0,
     plain_fit_limit_s=3.0,
+    map_size=None,
     maps_limit_s=3.0,
     scaling=None,
 )
-"""The main case alone; searches and maps are cut short where they take longer."""
+"""The main case alone; searches are cut short where they take longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +83,22 @@ def run_bench(plan: Plan, tell: Tell) -> Report:
     if reason:
         notes.append(f"Paths a and b are left out: {reason}")
     letters = "cde" if reason else "abcde"
+    began = perf_counter()
     tell("loading the demo")
     demo = load_demo()
     rows, main = _measure_cases(demo, plan, letters, tell)
     maps = _time_all_maps(main, plan, tell)
     fits = _time_fits(demo, plan, letters, tell)
-    scaling = measure_scaling(demo, plan.scaling, letters, tell) if plan.scaling else []
+    scaling: list[ScalingRow] = []
+    if plan.scaling:
+        scaling, missing = measure_scaling(
+            demo, plan.scaling, letters, tell, until=began + plan.limit_s
+        )
+        if missing:
+            notes.append(
+                f"{missing} of {plan.scaling.points} points of the scaling are left out: the limit "
+                f"of {plan.limit_s:g} s was reached; run again on a machine that is less busy."
+            )
     return Report(*about, tuple(rows), tuple(fits), tuple(maps), tuple(scaling), tuple(notes))
 
 
@@ -102,7 +112,7 @@ def _measure_cases(demo: Demo, plan: Plan, letters: str, tell: Tell) -> tuple[li
         for size in plan.sizes:
             tell(f"timing the paths: {triangles:,} triangles, {size[0]}x{size[1]}")
             case = cases[triangles, size] = place(demo, model, *size)
-            paths = make_paths(case, letters, cores())
+            paths = make_paths(case, letters, processors())
             rows += measure(case, paths, plan.rounds, plan.rounds_limit_s)
             for path in paths:
                 path.close()
@@ -110,11 +120,12 @@ def _measure_cases(demo: Demo, plan: Plan, letters: str, tell: Tell) -> tuple[li
 
 
 def _time_all_maps(case: Case, plan: Plan, tell: Tell) -> Sequence[MapsTime]:
-    tell(f"making maps of {plan.map_size}x{plan.map_size}")
-    return [
-        time_first_maps(case, cores(), limit_s=plan.maps_limit_s),
-        time_maps(case, cores(), plan.map_size, limit_s=plan.maps_limit_s),
-    ]
+    tell("making the first maps")
+    found = [time_first_maps(case, processors(), limit_s=plan.maps_limit_s)]
+    if plan.map_size:
+        tell(f"making maps of {plan.map_size}x{plan.map_size}")
+        found.append(time_maps(case, processors(), plan.map_size, limit_s=plan.maps_limit_s))
+    return found
 
 
 def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime]:
