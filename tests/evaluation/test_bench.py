@@ -125,6 +125,17 @@ def test_every_path_has_all_its_stages_in_every_case(report):
         assert share == pytest.approx(48_600 / (640 * 480), rel=0.05)
 
 
+def test_what_the_limit_leaves_out_is_said():
+    plan = replace(TINY, rounds=1, map_size=None, limit_s=1e-9, scaling=TINY_SCALING)
+    report = run_bench(plan, lambda _: None)
+    assert {(r.width, r.height) for r in report.rows} == {TINY.sizes[0]}  # one is made in any case
+    assert report.scaling == ()
+    said = "\n".join(report.notes)
+    assert "5,000 triangles, 200x100 is left out" in said
+    assert f"{TINY_SCALING.points} of {TINY_SCALING.points} points of the scaling" in said
+    assert said in reports.as_text(report).replace("\n\n", "\n")
+
+
 def test_stages_add_up_to_the_total(case):
     for letter in ("c", "d"):
         (path,) = make_paths(case, letter, 1)

@@ -39,7 +39,7 @@ class ScalingPlan:
     letters: str = "ad"
     rounds: int = 8
     rounds_limit_s: float = 6.0
-    """Of each case; three rounds are made in any case."""
+    """Of each case; three rounds are made in any case, unless they take twice as long."""
 
     @property
     def points(self) -> int:

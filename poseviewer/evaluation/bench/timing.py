@@ -13,6 +13,8 @@ import numpy as np
 from poseviewer.evaluation.bench.case import Case
 from poseviewer.evaluation.bench.paths import Path
 
+SLOW_S = 3.0
+"""A path whose first run took longer is warm after it."""
 LEAST_ROUNDS = 3
 BURST_S, LONGEST_BURST = 0.15, 8
 """A path's turn lasts about so long, and so many runs at most."""
@@ -45,7 +47,8 @@ class Row:
 def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = math.inf) -> list[Row]:
     """A row for each stage of each path, from so many ``rounds`` of turns.
 
-    After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``.
+    After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``; after
+    twice as many, once there was one.
 
     The turn of a quick path begins with a run that does not count: it brings back into the
     processor's caches what the other paths have pushed out, as it is in a search.
@@ -54,7 +57,8 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
     warm_s = [_warm(path) for path in paths]
     began = perf_counter()
     for turn in range(rounds):
-        if turn >= LEAST_ROUNDS and perf_counter() - began > limit_s:
+        limit = limit_s if turn >= LEAST_ROUNDS else 2.0 * limit_s
+        if turn and perf_counter() - began > limit:
             break
         for i, (path, took) in enumerate(zip(paths, warm_s, strict=True)):
             burst = int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
@@ -68,7 +72,9 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
 
 def _warm(path: Path) -> float:
     """Warm the path up; seconds that a run takes, once its buffers are there."""
-    path.run(0)
+    took = _seconds(path, 0)
+    if took > SLOW_S:
+        return took
     took = _seconds(path, 1)
     return min(took, _seconds(path, 2)) if took < QUICK_S else took
 
