@@ -41,6 +41,7 @@ from poseviewer.registration import (
     shown_attributes,
 )
 from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import View, draw_look
 
@@ -258,9 +259,9 @@ def _map_all(problem: FitProblem, renderer: Renderer, options: Namespace) -> lis
     count = int(np.sum(problem.free))
     total = count * (count - 1) // 2 * options.size**2
     done = 0
-    with _bar(total, options.quiet) as bar:
+    with RendererPool(renderer) as pool, _bar(total, options.quiet) as bar:
         for piece in landscape(
-            problem, renderer, problem.start, half_width=options.range, size=options.size
+            problem, pool, problem.start, half_width=options.range, size=options.size
         ):
             newest[piece.first, piece.second] = piece
             now = sum(int(np.isfinite(s.losses).sum()) for s in newest.values())

@@ -19,7 +19,10 @@ from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import load_pose, pose_schema
+from poseviewer.fit.landscape import landscape
+from poseviewer.registration import FitSettings, load_registration, make_problem
 from poseviewer.render.overlay import LOOKS
+from poseviewer.render.software import SoftwareRenderer
 from tests.opengl import require_opengl
 
 
@@ -140,6 +143,18 @@ def test_landscape_writes_a_sheet_and_the_numbers(scene, tmp_path, capsys):
     # The truth is near the bottom of every map.
     assert np.all(losses[:, 2, 2] <= np.median(losses, axis=(1, 2)))
     assert "landscape.npz" in capsys.readouterr().out
+
+
+def test_landscape_on_all_cores_gives_the_numbers_of_one(scene, tmp_path):
+    assert run("landscape", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path,
+               "--size", 9, "--range", 0.1, "--quiet") == 0  # fmt: skip
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    problem, _ = make_problem(registration, FitSettings())
+    pieces = landscape(problem, SoftwareRenderer(registration.mesh), problem.start,
+                       half_width=0.1, size=9)  # fmt: skip
+    newest = {(piece.first, piece.second): piece.losses for piece in pieces}
+    with np.load(tmp_path / "landscape.npz", allow_pickle=False) as saved:
+        np.testing.assert_array_equal(saved["losses"], list(newest.values()))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import Level, coarsest_factor, make_level
+from poseviewer.render.levels import Level, coarsest_level
 from poseviewer.render.moments import PhotoAttributes
 
 FEWEST_PIXELS = 5000
@@ -48,12 +46,10 @@ def make_stages(
     A model that covers too few pixels for a coarser level is searched on the photo alone.
     """
     full = Level(1, photo, renderer)
-    pixels = int(np.count_nonzero(renderer.covers(start) & (photo.weights > 0.0)))
-    factor = coarsest_factor(pixels, FEWEST_PIXELS)
-    if factor == 1:
+    coarse = coarsest_level(photo, renderer, start, FEWEST_PIXELS)
+    if coarse.factor == 1:
         return (Stage(full, rules),)
-    coarse = Stage(make_level(photo, renderer, factor, pixels), coarse_rules(rules))
-    return coarse, Stage(full, fine_rules(rules))
+    return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))
 
 
 def coarse_rules(rules: RestartRules) -> RestartRules:

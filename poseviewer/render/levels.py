@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -38,6 +39,15 @@ class Level:
     """Takes poses of the full photo; not for two threads at once."""
 
 
+@runtime_checkable
+class Reducible(Protocol):
+    """A renderer that can be had with a simplified model."""
+
+    def reduced(self, faces: int) -> Renderer:
+        """A renderer of the same kind, of the model in no more than about so many ``faces``."""
+        ...
+
+
 def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
     """The level of a photo in which the model covers about so many ``pixels``.
 
@@ -51,6 +61,15 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
         return Level(1, photo, renderer)
     small = coarser(photo, factor)
     return Level(factor, small, LevelRenderer(_reduced(renderer, pixels / factor**2), factor))
+
+
+def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
+    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px that count.
+
+    It is the photo itself where the model covers fewer than four times as many.
+    """
+    pixels = int(np.count_nonzero(renderer.covers(pose) & (photo.weights > 0.0)))
+    return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
 
 
 def coarsest_factor(pixels: float, fewest: float) -> int:
@@ -137,10 +156,12 @@ class LevelRenderer:
 
 def _reduced(renderer: Renderer, pixels: float) -> Renderer:
     """A renderer of the same model for a picture in which it covers ``pixels`` px."""
-    if not isinstance(renderer, SoftwareRenderer):
-        return renderer
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
     faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
+    if isinstance(renderer, Reducible):
+        return renderer.reduced(faces)
+    if not isinstance(renderer, SoftwareRenderer):
+        return renderer
     if len(renderer.mesh.faces) <= faces:
         return renderer.clone()
     return _simplified(renderer.mesh, faces, renderer.two_sided).clone()

@@ -25,6 +25,7 @@ from poseviewer.registration import (
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.contour import quick_silhouette, silhouette
 from poseviewer.render.edges import find_lines
+from poseviewer.render.levels import Level, coarsest_level
 from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes, model_attributes
 from poseviewer.render.overlay import Relight, View, draw_look, edge_layer, line_scale
@@ -32,6 +33,11 @@ from poseviewer.render.software import SoftwareRenderer
 
 LARGEST_PICTURE = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""
+QUICK_SIZES = (3, 9)
+"""Points along a side of the first maps, which are all there are while the pose moves."""
+QUICK_PIXELS = 1000
+"""For the first maps the photo is brought down until the model covers fewer than four times so
+many pixels: they are to be there at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,6 +248,11 @@ def maps(
         yield LandscapeNews(
             centre, problem, numbers, half_width, tuple(seen.values()), known / total
         )
+
+
+def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:
+    """The level of the photo that the first maps about ``centre`` are made from."""
+    return coarsest_level(problem.photo, renderer, centre, QUICK_PIXELS)
 
 
 def landscape_problem(registration: Registration, pose: Pose, settings: FitSettings) -> FitProblem:

@@ -8,21 +8,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from poseviewer.render.gl_context import opengl_renderer_name
+from poseviewer.render.many import processors
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def machine() -> dict[str, str | int | float | None]:
     """The processor, its cores, the system, and how busy it was (mean over the last minute)."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    return {"cpu": _cpu_model(), "cores": cores(), "system": platform.system(), "load": load}
+    return {"cpu": _cpu_model(), "cores": processors(), "system": platform.system(), "load": load}
 
 
 def versions() -> dict[str, str | None]:

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.evaluation.bench.case import Case
-from poseviewer.evaluation.bench.spread import Spread
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.pose_fit import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.many import CHUNK, RendererPool
 from poseviewer.render.moments import Moments, PhotoAttributes, moments_of_images
 from poseviewer.render.opengl import OpenGLRenderer
-from poseviewer.render.software import SoftwareRenderer
 
 NAMES = {
     "a": "plain: pyrender, read back, NumPy",
@@ -33,9 +32,6 @@ NAMES = {
     "d": "software, fused, one thread",
     "e": "software, fused, all cores",
 }
-BATCH = 8
-"""Evaluations that each core gets at once, of path e."""
-
 P = TypeVar("P")
 Seconds = dict[str, float]
 
@@ -154,17 +150,18 @@ class SpreadPath:
     letter = "e"
 
     def __init__(self, case: Case, threads: int) -> None:
-        self._case, self.threads = case, threads
-        self._spread = Spread(case.renderer, threads)
+        self._case = case
+        self._pool = RendererPool(case.renderer, threads)
+        self.threads = self._pool.threads
 
     def run(self, k: int) -> Seconds:
         """See ``Path``; each core does as many evaluations as the others."""
         case = self._case
 
-        def loss(renderer: SoftwareRenderer, pose: Pose) -> float:
+        def loss(renderer: Renderer, pose: Pose) -> float:
             return lighting_loss(renderer.moments(pose, case.paper.photo))
 
-        def covers(renderer: SoftwareRenderer, pose: Pose) -> int:
+        def covers(renderer: Renderer, pose: Pose) -> int:
             return renderer.covers(pose).size
 
         total, rasterise = self._time(loss, case.poses, k), self._time(covers, case.poses, k)
@@ -173,29 +170,23 @@ class SpreadPath:
         for stage, problem in _problems(case).items():
 
             def evaluate(
-                renderer: SoftwareRenderer, numbers: FloatArray, problem: FitProblem = problem
+                renderer: Renderer, numbers: FloatArray, problem: FitProblem = problem
             ) -> float:
                 return pose_loss(problem, renderer, numbers)
 
             stages[stage] = self._time(evaluate, case.numbers, k)
         return stages
 
-    def _time(
-        self, task: Callable[[SoftwareRenderer, P], object], items: Sequence[P], k: int
-    ) -> float:
-        """Seconds of one ``task``, in a batch over all cores, from item number ``k`` on."""
-
-        def several(renderer: SoftwareRenderer, first: int) -> None:
-            for i in range(BATCH):
-                task(renderer, items[(first + i) % len(items)])
-
+    def _time(self, task: Callable[[Renderer, P], object], items: Sequence[P], k: int) -> float:
+        """Seconds of one ``task``, in a chunk for each core, from item number ``k`` on."""
+        batch = [items[(k + i) % len(items)] for i in range(CHUNK * self.threads)]
         began = perf_counter()
-        self._spread.map(several, [k + BATCH * thread for thread in range(self.threads)])
-        return (perf_counter() - began) / (BATCH * self.threads)
+        list(self._pool.map(task, batch))
+        return (perf_counter() - began) / len(batch)
 
     def close(self) -> None:
         """End the pool."""
-        self._spread.close()
+        self._pool.close()
 
 
 def make_paths(case: Case, letters: str, threads: int) -> list[Path]:

@@ -24,13 +24,6 @@ CURVES = {
     ("d", "rasterise"): "  of it: rasterise",
     ("d", "moments"): "  of it: sum",
 }
-NOTES = {
-    TRIANGLES: "Few: the pixels take the time, whatever the triangles.\n"
-    "Many: each has to be transformed, seen or not.",
-    COVERED: "Few: the triangles take the time.\nMany: each pixel is drawn and summed once.",
-    PHOTO: "Fused: no pixel beside the model is touched.\n"
-    "Pictures are cleared, read back and looked through whole.",
-}
 LABELS = {
     TRIANGLES: "triangles",
     COVERED: "pixels that the model covers",
@@ -74,7 +67,7 @@ def _bars(rows: Sequence[Row]) -> list[Bar]:
 def _panel(series: str, points: Sequence[ScalingRow]) -> Panel:
     curves = []
     for (path, stage), label in CURVES.items():
-        some = [p for p in points if (p.row.path, p.row.stage) == (path, stage)]
+        some = _curve(points, path, stage)
         # Stages come from ``covers``, whose picture of the whole photo the fused path has not.
         if some and (stage == "total" or series != PHOTO):
             whole = some if stage == "total" else []
@@ -87,4 +80,36 @@ def _panel(series: str, points: Sequence[ScalingRow]) -> Panel:
                     tuple(p.row.ms_max for p in whole),
                 )
             )
-    return Panel(LABELS[series], tuple(curves), NOTES[series])
+    return Panel(LABELS[series], tuple(curves), _note(points))
+
+
+def _note(points: Sequence[ScalingRow]) -> str:
+    """How each path's time grew, and what the fused one's is made of at both ends."""
+    lines = [
+        f"{name}: {_growth(some)}"
+        for letter, name in (("a", "pyrender and NumPy"), ("d", "fused"))
+        if (some := _curve(points, letter, "total"))
+    ]
+    draw, sums = _curve(points, "d", "rasterise"), _curve(points, "d", "moments")
+    if draw and sums and points[0].series != PHOTO:
+        lines.append(
+            f"fused, first to last: {_share(sums[0], draw[0])}, {_share(sums[-1], draw[-1])}"
+        )
+    return "\n".join(lines)
+
+
+def _growth(curve: Sequence[ScalingRow]) -> str:
+    first, last = curve[0], curve[-1]
+    more, longer = last.x / first.x, last.row.ms_median / first.row.ms_median
+    return f"{more:,.3g} times as many take {longer:.2g} times as long"
+
+
+def _share(sums: ScalingRow, draw: ScalingRow) -> str:
+    whole = max(sums.row.ms_median + draw.row.ms_median, 1e-9)
+    return f"{sums.row.ms_median / whole:.0%} is the sum"
+
+
+def _curve(points: Sequence[ScalingRow], letter: str, stage: str) -> list[ScalingRow]:
+    """In the order of x."""
+    some = [p for p in points if (p.row.path, p.row.stage) == (letter, stage)]
+    return sorted(some, key=lambda p: p.x)

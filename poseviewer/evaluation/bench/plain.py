@@ -28,6 +28,7 @@ from poseviewer.render.gl_scene import (
     pyrender,
 )
 from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.simplified import simplify
 
 NOTHING = (0.5, 0.5, 0.5, 0.0)
 """The background's colour: all attributes 0."""
@@ -47,8 +48,10 @@ class Picture:
 class PlainRenderer:
     """Grey reflectance from vertex colours, by pyrender's own pass for unlit colours.
 
-    Attributes have 8 bits: losses agree with those of the other paths to a few thousandths.
-    Textures are left out, and surfaces seen from behind have their front's normals.
+    Attributes have 8 bits: by itself that moves losses by a few thousandths.
+    Textures are left out. Normals between the vertices are blended, and not brought to unit length
+    again; surfaces seen from behind have their front's. On a model of few triangles this moves the
+    clipped loss by up to 0.015.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -59,6 +62,15 @@ class PlainRenderer:
         self._scene.add(self._camera)
         self._scene.add(_attribute_mesh(mesh))
         self._renderer = SingleSampleRenderer()
+        self._reduced: dict[int, PlainRenderer] = {}
+
+    def reduced(self, faces: int) -> PlainRenderer:
+        """The same path with the model simplified to so many ``faces``; kept for the next time."""
+        if len(self._mesh.faces) <= faces:
+            return self
+        if faces not in self._reduced:
+            self._reduced[faces] = PlainRenderer(simplify(self._mesh, faces))
+        return self._reduced[faces]
 
     def picture(self, pose: Pose) -> Picture:
         """Draw the attributes and read them back, with the depth."""
@@ -100,6 +112,8 @@ class PlainRenderer:
 
     def close(self) -> None:
         """Free the graphics memory."""
+        for smaller in self._reduced.values():
+            smaller.close()
         make_current()
         self._renderer.delete()
 

@@ -59,8 +59,8 @@ def as_json(report: Report) -> dict[str, Any]:
         "machine": report.machine,
         "versions": report.versions,
         "rows": [asdict(row) for row in report.rows],
-        "fits": [asdict(fit) for fit in report.fits],
-        "maps": [asdict(maps) for maps in report.maps],
+        "fits": [{**asdict(fit), "end": fit.end} for fit in report.fits],
+        "maps": [{**asdict(m), "cut_short": m.cut_short, "end": m.end} for m in report.maps],
         "scaling": [{"series": s.series, "x": s.x, **asdict(s.row)} for s in report.scaling],
         "paper": PAPER,
         "notes": list(report.notes),
@@ -141,34 +141,25 @@ def _total_tables(report: Report) -> Iterable[Table]:
 
 def whole_table(report: Report) -> Table:
     """Searches and maps."""
+    cells = [(_fit_name(f), f.seconds, f.evaluations, f.end) for f in report.fits]
+    cells += [(_maps_name(m), m.seconds, m.evaluations, m.end) for m in report.maps]
     rows = [
-        (_fit_name(f), f"{f.seconds:.3g}", f"{f.evaluations:,}", _fit_end(f)) for f in report.fits
+        (name, f"{seconds:.3g}", f"{count:,}", f"{1e3 * seconds / max(count, 1):.3g}", end)
+        for name, seconds, count, end in cells
     ]
-    rows += [
-        (_maps_name(m), f"{m.seconds:.3g}", f"{m.evaluations:,}", _maps_end(m)) for m in report.maps
-    ]
-    rows.append((f"a pose, {PAPER_NAME}", "about 60", NONE, NONE))
-    return Table("Searches and maps", ("what", "seconds", "evaluations", "end"), tuple(rows))
+    rows.append((f"a pose, {PAPER_NAME}", "about 60", NONE, NONE, NONE))
+    columns = ("what", "seconds", "evaluations", "ms each", "end")
+    return Table("Searches and maps", columns, tuple(rows))
 
 
 def _fit_name(fit: FitTime) -> str:
-    return f"search of the demo from 8 % off, path {fit.path}"
-
-
-def _fit_end(fit: FitTime) -> str:
-    end = f"cut at {fit.limit_s:.0f} s" if fit.cut_short else fit.status.lower().replace("_", " ")
-    return f"{end}, {fit.error_percent:.2f} % off"
+    level = "" if fit.factor == 1 else f" ({fit.coarse_evaluations:,} on the photo / {fit.factor})"
+    return f"search of the demo from 8 % off, path {fit.path}{level}"
 
 
 def _maps_name(maps: MapsTime) -> str:
     of = "" if maps.factor == 1 else f" of the photo / {maps.factor}"
     return f"{maps.maps} maps of {maps.size}x{maps.size}{of}, {maps.threads} cores"
-
-
-def _maps_end(maps: MapsTime) -> str:
-    if maps.evaluations == maps.wanted:
-        return "complete"
-    return f"cut: {maps.evaluations / maps.wanted:.0%} of {maps.wanted:,}"
 
 
 def main_rows(report: Report) -> list[Row]:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
+from time import perf_counter
 
-from poseviewer.evaluation.bench.case import (
-    Case,
-    Demo,
-    load_demo,
-    make_model,
-    place,
-)
-from poseviewer.evaluation.bench.machine import cores, machine, versions
+from poseviewer.evaluation.bench.case import Case, Demo, Model, load_demo, make_model, place
+from poseviewer.evaluation.bench.machine import machine, versions
 from poseviewer.evaluation.bench.paths import make_paths
 from poseviewer.evaluation.bench.scaling import ScalingPlan, ScalingRow, measure_scaling
 from poseviewer.evaluation.bench.searches import (
@@ -23,6 +19,7 @@ from poseviewer.evaluation.bench.searches import (
     time_maps,
 )
 from poseviewer.evaluation.bench.timing import Row, measure
+from poseviewer.render.many import processors
 from poseviewer.render.opengl import opengl_unavailable_reason
 
 Size = tuple[int, int]
@@ -39,26 +36,31 @@ class Plan:
     triangles: tuple[int, ...] = (5_000, 50_000, 500_000)
     sizes: tuple[Size, ...] = ((640, 480), (1920, 1080))
     rounds: int = 12
-    rounds_limit_s: float = 30.0
-    """Of each case; three rounds are made in any case."""
-    fit_limit_s: float = 300.0
-    plain_fit_limit_s: float = 600.0
-    map_size: int = 41
-    maps_limit_s: float = 300.0
+    rounds_limit_s: float = 15.0
+    """Of each case; three rounds are made in any case, unless they take twice as long."""
+    fit_limit_s: float = 30.0
+    plain_fit_limit_s: float = 90.0
+    map_size: int | None = 41
+    """None: the first sheet is all."""
+    maps_limit_s: float = 30.0
     scaling: ScalingPlan | None = field(default_factory=ScalingPlan)
+    limit_s: float = 500.0
+    """From the run's begin: after half of it no further case is begun, and after all of it no
+    further point of the scaling; what is left out is said."""
 
 
 QUICK = Plan(
     triangles=(MAIN_TRIANGLES,),
     sizes=(MAIN_SIZE,),
     rounds=6,
-    rounds_limit_s=6.0,
+    rounds_limit_s=4.0,
     fit_limit_s=4.0,
     plain_fit_limit_s=3.0,
+    map_size=None,
     maps_limit_s=3.0,
     scaling=None,
 )
-"""The main case alone; searches and maps are cut short where they take longer."""
+"""The main case alone; searches are cut short where they take longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,38 +85,62 @@ def run_bench(plan: Plan, tell: Tell) -> Report:
     if reason:
         notes.append(f"Paths a and b are left out: {reason}")
     letters = "cde" if reason else "abcde"
+    began = perf_counter()
     tell("loading the demo")
     demo = load_demo()
-    rows, main = _measure_cases(demo, plan, letters, tell)
+    rows, main, left_out = _measure_cases(demo, plan, letters, tell)
+    notes += left_out
     maps = _time_all_maps(main, plan, tell)
     fits = _time_fits(demo, plan, letters, tell)
-    scaling = measure_scaling(demo, plan.scaling, letters, tell) if plan.scaling else []
+    scaling: list[ScalingRow] = []
+    if plan.scaling:
+        scaling, missing = measure_scaling(
+            demo, plan.scaling, letters, tell, until=began + plan.limit_s
+        )
+        if missing:
+            notes.append(
+                f"{missing} of {plan.scaling.points} points of the scaling are left out: the limit "
+                f"of {plan.limit_s:g} s was reached; run again on a machine that is less busy."
+            )
     return Report(*about, tuple(rows), tuple(fits), tuple(maps), tuple(scaling), tuple(notes))
 
 
-def _measure_cases(demo: Demo, plan: Plan, letters: str, tell: Tell) -> tuple[list[Row], Case]:
-    """The rows of all cases, and the main case, or the one that stands for it in a short plan."""
+def _measure_cases(
+    demo: Demo, plan: Plan, letters: str, tell: Tell
+) -> tuple[list[Row], Case, list[str]]:
+    """The rows of all cases; the main case, or the one that stands for it in a short plan; and
+    what was left out, in sentences.
+    """
     rows: list[Row] = []
     cases: dict[tuple[int, Size], Case] = {}
-    for triangles in plan.triangles:
-        tell(f"making a model of {triangles:,} triangles")
-        model = make_model(demo, triangles)
-        for size in plan.sizes:
-            tell(f"timing the paths: {triangles:,} triangles, {size[0]}x{size[1]}")
-            case = cases[triangles, size] = place(demo, model, *size)
-            paths = make_paths(case, letters, cores())
-            rows += measure(case, paths, plan.rounds, plan.rounds_limit_s)
-            for path in paths:
-                path.close()
-    return rows, cases.get((MAIN_TRIANGLES, MAIN_SIZE), next(iter(cases.values())))
+    left_out: list[str] = []
+    models: dict[int, Model] = {}
+    until = perf_counter() + 0.5 * plan.limit_s
+    for size, triangles in product(plan.sizes, plan.triangles):
+        name = f"{triangles:,} triangles, {size[0]}x{size[1]}"
+        if cases and perf_counter() > until:
+            left_out.append(
+                f"{name} is left out: half of the limit of {plan.limit_s:g} s was over."
+            )
+            continue
+        tell(f"timing the paths: {name}")
+        if triangles not in models:
+            models[triangles] = make_model(demo, triangles)
+        case = cases[triangles, size] = place(demo, models[triangles], *size)
+        paths = make_paths(case, letters, processors())
+        rows += measure(case, paths, plan.rounds, plan.rounds_limit_s)
+        for path in paths:
+            path.close()
+    return rows, cases.get((MAIN_TRIANGLES, MAIN_SIZE), next(iter(cases.values()))), left_out
 
 
 def _time_all_maps(case: Case, plan: Plan, tell: Tell) -> Sequence[MapsTime]:
-    tell(f"making maps of {plan.map_size}x{plan.map_size}")
-    return [
-        time_first_maps(case, cores(), limit_s=plan.maps_limit_s),
-        time_maps(case, cores(), plan.map_size, limit_s=plan.maps_limit_s),
-    ]
+    tell("making the first maps")
+    found = [time_first_maps(case, processors(), limit_s=plan.maps_limit_s)]
+    if plan.map_size:
+        tell(f"making maps of {plan.map_size}x{plan.map_size}")
+        found.append(time_maps(case, processors(), plan.map_size, limit_s=plan.maps_limit_s))
+    return found
 
 
 def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from time import perf_counter
 
 from poseviewer.evaluation.bench.case import Case, Demo, make_model, place
 from poseviewer.evaluation.bench.paths import make_paths
@@ -36,8 +38,13 @@ class ScalingPlan:
     """Of the photo in which the covered pixels vary: it must have room for them."""
     letters: str = "ad"
     rounds: int = 8
-    rounds_limit_s: float = 8.0
-    """Of each case; three rounds are made in any case."""
+    rounds_limit_s: float = 6.0
+    """Of each case; three rounds are made in any case, unless they take twice as long."""
+
+    @property
+    def points(self) -> int:
+        """How many cases there are, of all series."""
+        return len(self.triangles) + len(self.covered_px) + len(self.sizes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +57,24 @@ class ScalingRow:
 
 
 def measure_scaling(
-    demo: Demo, plan: ScalingPlan, available: str, tell: Callable[[str], None]
-) -> list[ScalingRow]:
-    """The rows of all three series, of those of the plan's paths that are ``available``."""
+    demo: Demo,
+    plan: ScalingPlan,
+    available: str,
+    tell: Callable[[str], None],
+    until: float = math.inf,
+) -> tuple[list[ScalingRow], int]:
+    """The rows of all three series, of those of the plan's paths that are ``available``.
+
+    Once it is ``until`` by ``perf_counter``, no further point is begun; also returns how many are
+    left out.
+    """
     letters = "".join(letter for letter in plan.letters if letter in available)
-    rows = []
-    for series, case in _cases(demo, plan):
+    rows, done = [], 0
+    cases = _cases(demo, plan)
+    while perf_counter() < until:
+        series, case = next(cases, (None, None))
+        if series is None or case is None:
+            break
         x = {
             TRIANGLES: len(case.mesh.faces),
             COVERED: case.covered_px,
@@ -65,9 +84,10 @@ def measure_scaling(
         paths = make_paths(case, letters, 1)
         found = measure(case, paths, plan.rounds, plan.rounds_limit_s)
         rows += [ScalingRow(series, x, row) for row in found]
+        done += 1
         for path in paths:
             path.close()
-    return rows
+    return rows, plan.points - done
 
 
 def _cases(demo: Demo, plan: ScalingPlan) -> Iterator[tuple[str, Case]]:

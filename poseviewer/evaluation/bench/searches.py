@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.evaluation.bench.case import Case, Demo
-from poseviewer.evaluation.bench.spread import Spread
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.fit.landscape import Pair, free_pairs, landscape
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
+from poseviewer.fit.stages import make_stages
+from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, make_problem
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import LevelRenderer, coarser
+from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.levels import Level
+from poseviewer.render.many import CHUNK, RendererPool
+from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session.jobs import QUICK_SIZES, quick_level
 
-FIRST_FACTOR = 4
-"""The app's first maps are those of the photo this many times smaller along each side, where it
-has pixels enough for that."""
-FIRST_SIDE_PX = 240
+NO_LIMIT = float("inf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +33,31 @@ class FitTime:
 
     path: str
     seconds: float
+    """Of the search alone."""
+    model_s: float
+    """What simplifying the model for the coarse level took before it, once for each model."""
     evaluations: int
+    coarse_evaluations: int
+    """How many of them were while the search was on the coarse level of the photo."""
+    factor: int
+    """How many times smaller than the photo that level is; 1: there is none."""
+    faces: int
+    """Triangles of the model."""
     status: str
     loss: float
     error_percent: float
     """How far off the pose found is, as a share of the model's size in the photo."""
     limit_s: float
+    cut_short: bool
+    """Whether the limit ended it."""
 
     @property
-    def cut_short(self) -> bool:
-        """Whether the limit ended it."""
-        return self.status == Status.SECONDS_SPENT.name
+    def end(self) -> str:
+        """How it ended, in words."""
+        how = self.status.lower().replace("_", " ")
+        if self.cut_short:
+            how = f"cut short by the limit of {self.limit_s:g} s"
+        return f"{how}, {self.error_percent:.2f} % off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,29 +71,83 @@ class MapsTime:
     """How many times smaller than the photo the picture was that they were made from."""
     seconds: float
     evaluations: int
-    """Losses that were found, of ``wanted``."""
+    """Poses that were judged; maps share the points at which they cross."""
+    points: int
+    """Losses of the maps that were known at the end, of ``wanted``."""
     wanted: int
     threads: int
     triangles: int
     width: int
     height: int
+    limit_s: float | None
+    """None: there was none."""
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the limit ended them."""
+        return self.points < self.wanted
+
+    @property
+    def end(self) -> str:
+        """How it ended, in words."""
+        if not self.cut_short:
+            return f"complete, {self.points:,} points"
+        share = self.points / self.wanted
+        return (
+            f"cut short by the limit of {self.limit_s:g} s, {share:.0%} of {self.wanted:,} points"
+        )
 
 
 def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
-    """Search from the demo's start on path ``a`` or ``d``, for ``limit_s`` seconds at most."""
+    """Search from the demo's start on path ``a`` or ``d``, for ``limit_s`` seconds at most.
+
+    It is the same search on both, coarse level and simplified model included; on path a every
+    evaluation of it is pyrender's.
+    """
     settings = FitSettings(limits=Limits(seconds=limit_s))
     problem, _ = make_problem(demo.registration, settings)
     renderer, close = _search_renderer(demo, letter)
-    renderer.moments(demo.truth, problem.photo)
-    end = _last(problem, renderer)
-    close()
-    error = pose_error(demo.registration.mesh, end.pose, demo.truth).percent
-    return FitTime(letter, end.seconds, end.evaluations, end.status.name, end.loss, error, limit_s)
+    try:
+        model_s, coarsest = _ready(problem, renderer)
+        coarse, end = _run(problem, renderer)
+    finally:
+        close()
+    return FitTime(
+        path=letter,
+        seconds=end.seconds,
+        model_s=model_s,
+        evaluations=end.evaluations,
+        coarse_evaluations=coarse,
+        factor=coarsest.factor,
+        faces=len(demo.registration.mesh.faces),
+        status=end.status.name,
+        loss=end.loss,
+        error_percent=pose_error(demo.registration.mesh, end.pose, demo.truth).percent,
+        limit_s=limit_s,
+        cut_short=end.status is Status.SECONDS_SPENT,
+    )
 
 
-def _last(problem: FitProblem, renderer: Renderer) -> FitProgress:
-    *_, end = fit_pose(problem, renderer)
-    return end
+def _ready(problem: FitProblem, renderer: Renderer) -> tuple[float, Level]:
+    """Simplify the model, which is then kept, and warm up: seconds, and the coarsest level."""
+    start = problem.chart.to_pose(problem.start)
+    renderer.moments(start, problem.photo)
+    began = perf_counter()
+    stages = make_stages(problem.photo, renderer, start, problem.rules)
+    seconds = perf_counter() - began
+    for stage in stages:
+        stage.level.renderer.moments(start, stage.level.photo)
+    return seconds, stages[0].level
+
+
+def _run(problem: FitProblem, renderer: Renderer) -> tuple[int, FitProgress]:
+    """Evaluations while it was on the coarse level, and the end."""
+    coarse, before, end = 0, 0, None
+    for end in fit_pose(problem, renderer):
+        coarse += (end.evaluations - before) * (end.factor > 1)
+        before = end.evaluations
+    assert end is not None  # a search yields at least once
+    return coarse, end
 
 
 def _search_renderer(demo: Demo, letter: str) -> tuple[Renderer, Callable[[], None]]:
@@ -89,55 +160,72 @@ def _search_renderer(demo: Demo, letter: str) -> tuple[Renderer, Callable[[], No
     return renderer, renderer.close
 
 
-def time_first_maps(case: Case, threads: int, size: int = 9, limit_s: float = np.inf) -> MapsTime:
-    """The first sheet that the app shows at rest: small maps, of a smaller picture."""
-    longer = max(case.width, case.height)
-    factor = min(max(longer // FIRST_SIDE_PX, 1), FIRST_FACTOR)
-    return time_maps(case, threads, size, factor, limit_s)
+def time_first_maps(case: Case, threads: int | None, limit_s: float = NO_LIMIT) -> MapsTime:
+    """The first whole sheet that the app shows: small maps, on the level that it takes."""
+    level = quick_level(case.usual, case.poses[0], case.renderer)
+    return _time_on(case, level, threads, QUICK_SIZES[-1], limit_s)
 
 
-def time_maps(
-    case: Case, threads: int, size: int, factor: int = 1, limit_s: float = np.inf
-) -> MapsTime:
-    """Maps of ``size`` points a side, of the search's usual loss, about the first pose.
+def time_maps(case: Case, threads: int | None, size: int, limit_s: float = NO_LIMIT) -> MapsTime:
+    """Maps of ``size`` points a side, of the search's usual loss, about the first pose."""
+    return _time_on(case, Level(1, case.usual.photo, case.renderer), threads, size, limit_s)
 
-    Each pair's map goes to a core that is free.
-    """
-    problem, level = case.usual, 1.0 / factor
-    if factor > 1:
-        problem = replace(problem, photo=coarser(problem.photo, factor))
-    pairs = free_pairs(problem)
-    with Spread(case.renderer, threads) as spread:
-        spread.map(lambda r, _: r.covers(case.poses[0].scaled(level)), range(2 * threads))
+
+def _time_on(case: Case, level: Level, threads: int | None, size: int, limit_s: float) -> MapsTime:
+    problem = replace(case.usual, photo=level.photo)
+    counted = _Counted(level.renderer, [])
+    with RendererPool(counted, threads) as pool:
+        # Each thread's first picture of a size takes its buffers.
+        poses = case.poses[:1] * (2 * CHUNK * pool.threads)
+        pool.moments_of(poses, problem.photo)
+        counted.calls.clear()
         began = perf_counter()
-
-        def one_map(renderer: SoftwareRenderer, pair: Pair) -> int:
-            drawn = renderer if factor == 1 else LevelRenderer(renderer, factor)
-            return _known(problem, drawn, case, pair, size, began + limit_s)
-
-        known = sum(spread.map(one_map, pairs))
+        points = _known(problem, pool, case, size, began + limit_s)
         seconds = perf_counter() - began
+    pairs = len(free_pairs(problem))
     return MapsTime(
-        len(pairs),
-        size,
-        factor,
-        seconds,
-        known,
-        len(pairs) * size * size,
-        threads,
-        case.triangles,
-        case.width,
-        case.height,
+        maps=pairs,
+        size=size,
+        factor=level.factor,
+        seconds=seconds,
+        evaluations=len(counted.calls),
+        points=points,
+        wanted=pairs * size * size,
+        threads=pool.threads,
+        triangles=case.triangles,
+        width=case.width,
+        height=case.height,
+        limit_s=None if limit_s == NO_LIMIT else limit_s,
     )
 
 
-def _known(
-    problem: FitProblem, renderer: Renderer, case: Case, pair: Pair, size: int, end: float
-) -> int:
-    """How many losses of the map are known when it is complete, or the time is up."""
-    known = 0
-    for piece in landscape(problem, renderer, case.numbers[0], size=size, pairs=[pair]):
-        known = int(np.isfinite(piece.losses).sum())
+def _known(problem: FitProblem, pool: RendererPool, case: Case, size: int, end: float) -> int:
+    """How many losses of all maps are known when they are complete, or the time is up."""
+    known: dict[Pair, int] = {}
+    for piece in landscape(problem, pool, case.numbers[0], size=size):
+        known[piece.first, piece.second] = int(np.isfinite(piece.losses).sum())
         if perf_counter() > end:
             break
-    return known
+    return sum(known.values())
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """A renderer whose evaluations are counted, those of its clones among them."""
+
+    renderer: Any
+    calls: list[None]
+    """One for each evaluation: adding to a list is safe from several threads."""
+
+    def clone(self) -> _Counted:
+        return _Counted(self.renderer.clone(), self.calls)
+
+    def render(self, pose: Pose) -> AttributeImage:
+        return self.renderer.render(pose)
+
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        return self.renderer.covers(pose)
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        self.calls.append(None)
+        return self.renderer.moments(pose, photo)

@@ -13,12 +13,13 @@ import numpy as np
 from poseviewer.evaluation.bench.case import Case
 from poseviewer.evaluation.bench.paths import Path
 
-WARM_RUNS = 2
-SLOW_S = 1.0
+SLOW_S = 3.0
 """A path whose first run took longer is warm after it."""
 LEAST_ROUNDS = 3
-BURST_S, LONGEST_BURST = 0.05, 8
+BURST_S, LONGEST_BURST = 0.15, 8
 """A path's turn lasts about so long, and so many runs at most."""
+QUICK_S = 0.25
+"""A path whose run takes less begins each turn with one that does not count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +47,22 @@ class Row:
 def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = math.inf) -> list[Row]:
     """A row for each stage of each path, from so many ``rounds`` of turns.
 
-    After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``.
+    After ``limit_s`` seconds no further round is begun, once there were ``LEAST_ROUNDS``; after
+    twice as many, once there was one.
 
     The turn of a quick path begins with a run that does not count: it brings back into the
     processor's caches what the other paths have pushed out, as it is in a search.
     """
     samples: dict[tuple[int, str], list[float]] = defaultdict(list)
-    bursts = [_burst(path) for path in paths]
+    warm_s = [_warm(path) for path in paths]
     began = perf_counter()
     for turn in range(rounds):
-        if turn >= LEAST_ROUNDS and perf_counter() - began > limit_s:
+        limit = limit_s if turn >= LEAST_ROUNDS else 2.0 * limit_s
+        if turn and perf_counter() - began > limit:
             break
-        for i, (path, burst) in enumerate(zip(paths, bursts, strict=True)):
-            if burst > 1:
+        for i, (path, took) in enumerate(zip(paths, warm_s, strict=True)):
+            burst = int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
+            if took < QUICK_S:
                 path.run(turn * burst)
             for k in range(burst):
                 for stage, seconds in path.run(turn * burst + k + 1).items():
@@ -66,12 +70,19 @@ def measure(case: Case, paths: Sequence[Path], rounds: int, limit_s: float = mat
     return [_row(case, paths[i], stage, times) for (i, stage), times in samples.items()]
 
 
-def _burst(path: Path) -> int:
-    """Runs of a turn; warms the path up as well."""
-    took = sum(path.run(0).values())
-    if took < SLOW_S:
-        took = min(sum(path.run(k).values()) for k in range(1, 1 + WARM_RUNS))
-    return int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
+def _warm(path: Path) -> float:
+    """Warm the path up; seconds that a run takes, once its buffers are there."""
+    took = _seconds(path, 0)
+    if took > SLOW_S:
+        return took
+    took = _seconds(path, 1)
+    return min(took, _seconds(path, 2)) if took < QUICK_S else took
+
+
+def _seconds(path: Path, k: int) -> float:
+    began = perf_counter()
+    path.run(k)
+    return perf_counter() - began
 
 
 def _row(case: Case, path: Path, stage: str, times: Sequence[float]) -> Row:
