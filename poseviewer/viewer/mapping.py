@@ -5,25 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
-from poseviewer.render.levels import coarsest_factor, make_level
 from poseviewer.render.many import RendererPool
 from poseviewer.render.software import SoftwareRenderer
-from poseviewer.session.jobs import LandscapeNews, landscape_problem, maps
+from poseviewer.session.jobs import (
+    QUICK_SIZES,
+    LandscapeNews,
+    landscape_problem,
+    maps,
+    quick_level,
+)
 from poseviewer.session.session import Session
 from poseviewer.worker import yield_to_others
 
 SIZE = 41
-QUICK_SIZES = (3, 9)
-"""Points along a side of the first maps, which are all there are while the pose moves."""
-QUICK_PIXELS = 1000
-"""For the first maps the photo is brought down until the model covers fewer than four times so
-many pixels: they are to be there at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +100,7 @@ class Mapper:
     def _quick_problem(self, problem: FitProblem, pose: Pose) -> tuple[FitProblem, RendererPool]:
         """The problem on a coarser level of the photo, and what draws it; made once."""
         if self._quick is None or self._quick[0] is not problem:
-            counts = self._renderer.covers(pose) & (problem.photo.weights > 0.0)
-            pixels = int(np.count_nonzero(counts))
-            factor = coarsest_factor(pixels, QUICK_PIXELS)
-            level = make_level(problem.photo, self._renderer, factor, pixels)
+            level = quick_level(problem, pose, self._renderer)
             pool = RendererPool(level.renderer, begin=yield_to_others)
             if self._quick is not None:
                 self._quick[2].close()
