@@ -254,9 +254,21 @@ function typing(event) {
   return kind === "INPUT" && !silent.includes(element.type);
 }
 
+// A dialog that is open has the keys; Esc, and ? again, close it where it may be closed.
+function dialogTakes(event) {
+  const open = document.querySelector('[role="dialog"][aria-modal="true"]');
+  if (!open) return false;
+  const close = [...open.querySelectorAll("button")].find((b) => b.textContent.trim() === "Close");
+  if (close && (event.key === "Escape" || event.key === "?")) {
+    taken(event);
+    close.click();
+  }
+  return true;
+}
+
 listen(window, "keydown", (event) => {
   noteModifiers(event);
-  if (typing(event)) return;
+  if (typing(event) || dialogTakes(event)) return;
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
   taken(event);

@@ -76,6 +76,7 @@ class FitPanel:
     def _show_search(self, session: Session) -> None:
         search, running = session.search, session.searching
         set_property(self._go, "label", "Stop (space)" if running else "Search (space)")
+        set_property(self._go, "icon", "player-stop" if running else "player-play")
         ended = search is not None and not running and search.news is not None
         for handle in (self._keep, self._back, self._blink):
             set_property(handle, "visible", ended)

@@ -194,7 +194,7 @@ def _key(shared: LossRange | None, marks: Marks, options: GridOptions) -> str:
         for drawing, text in (entry.split("|") for entry in entries)
     )
     return (
-        f'<div class="pv-key"><div>{what}, ±{options.half_width:.3g}</div>'
+        f'<div class="pv-key"><div>{what}, ±{100.0 * options.half_width:.3g} %</div>'
         f'<div class="pv-bar" style="background:{css_gradient()}"></div>'
         f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
         f'<div class="pv-marks">{key}</div></div>'
