@@ -54,9 +54,7 @@ def with_field_of_view(document: Document, degrees: float) -> Pose:
         )
     photo, centre = document.registration.photo, camera_as_integer_centres(document.pose.camera)
     camera = Perspective.from_field_of_view(degrees, photo.width, photo.height)
-    return with_typed_camera(
-        document, c.SetCamera(camera.fx, camera.fy, centre.cx, centre.cy)
-    )
+    return with_typed_camera(document, c.SetCamera(camera.fx, camera.fy, centre.cx, centre.cy))
 
 
 def with_other_projection(document: Document, projection: str) -> Pose:

@@ -85,9 +85,7 @@ class PlacePanel:
             post,
             lambda value: c.SetProjection(value),
         )
-        field = gui.add_number(
-            "Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1
-        )
+        field = gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1)
         self._view_angle = Field(field, post, lambda value: c.SetFieldOfView(float(value)))
         exif = button(gui, "From EXIF", post, lambda _: self._from_exif())
         self._exif = exif

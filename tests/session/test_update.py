@@ -273,9 +273,11 @@ def test_a_field_of_view_gives_its_focal_length(camera):
 
 def test_a_parallel_camera_takes_its_centre_alone():
     session = after(make_session(), c.SetProjection("parallel"))
-    scale = session.document.pose.camera.scale
+    camera = session.document.pose.camera
     found = after(session, c.SetCamera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
-    assert (found.cx, found.cy, found.scale) == pytest.approx((70.5, 66.5, scale))
+    assert isinstance(camera, Parallel)
+    assert isinstance(found, Parallel)
+    assert (found.cx, found.cy, found.scale) == pytest.approx((70.5, 66.5, camera.scale))
     refused(session, c.SetCamera(0.01, 0.01, 5000.0, 66.0))
 
 
