@@ -41,15 +41,6 @@ class FitPanel:
                 color="cyan",
             )
             self._status = gui.add_markdown("")
-            self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2)),
-                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
-                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-                axes=(_axis(), _axis()),
-                legend=uplot.Legend(show=False),
-                height=150,
-                visible=False,
-            )
             self._keep = button(gui, "Keep it", post, lambda _: c.AcceptSearch(), icon="check")
             self._back = button(
                 gui, "Go back", post, lambda _: c.RevertSearch(), icon="x", color="gray"
@@ -61,6 +52,15 @@ class FitPanel:
                 lambda _: c.ChangeView(before=not self._before),
                 icon="eye",
                 color="gray",
+            )
+            self._curve = gui.add_uplot(
+                (np.zeros(2), np.zeros(2)),
+                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
+                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+                axes=(_axis(), _axis()),
+                legend=uplot.Legend(show=False),
+                height=150,
+                visible=False,
             )
             with gui.add_folder("Settings", expand_by_default=False):
                 self._add_settings(gui, post)

@@ -176,6 +176,6 @@ def _layout() -> dict[str, Any]:
         "plot_bgcolor": PAPER,
         "font": {"color": TEXT, "size": 11},
         "margin": {"l": 46, "r": 6, "t": 8, "b": 36},
-        "legend": {"orientation": "h", "y": 1.08, "x": 0.0},
+        "legend": {"orientation": "h", "y": 1.08, "x": 0.0, "bgcolor": "rgba(0,0,0,0)"},
         "uirevision": "kept",  # the mouse's zoom and turn survive the next data
     }

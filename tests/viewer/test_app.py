@@ -16,6 +16,7 @@ from poseviewer.files.photo_file import save_image
 from poseviewer.files.pose_file import load_pose
 from poseviewer.files.uploads import KEPT
 from poseviewer.geometry.camera import Perspective
+from poseviewer.viewer.page import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.viewer.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.viewer.scene import SIDE
 from tests.scene import Scene, make_scene
@@ -242,6 +243,19 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
             assert "\n" not in text
             assert "Traceback" not in text
             assert running.app.session.document is document
+
+
+def test_panels_are_narrow_on_the_page_with_a_small_window_alone(running: RunningApp) -> None:
+    with running.page() as page, running.page() as other:
+        wide = sorted([PANEL_WIDTHS[0], MAPS_WIDTHS[0]])
+        assert sorted(page.shown.widths) == sorted(other.shown.widths) == wide
+        page.report(kind="narrow")
+        page.wait_until(lambda: page.shown.widths[2:] == [PANEL_WIDTHS[1], MAPS_WIDTHS[1]])
+        page.key("KeyB")
+        other.wait_until(lambda: other.value("Photo alone (B)"))
+        assert sorted(other.shown.widths) == wide
+        page.key("KeyB")
+        other.wait_until(lambda: not other.value("Photo alone (B)"))
 
 
 def test_cameras_that_make_no_sense_are_refused_and_lose_nothing(running: RunningApp) -> None:
