@@ -11,11 +11,11 @@ import viser
 from viser import uplot
 
 from poseviewer.fit.pose_fit import Limits
+from poseviewer.geometry.chart_names import label
 from poseviewer.registration import FitSettings
 from poseviewer.session import commands as c
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, set_property
-from poseviewer.viewer.names import label
 from poseviewer.viewer.requests import Request
 
 MOST_NUMBERS = 7

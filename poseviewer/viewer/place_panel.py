@@ -8,13 +8,13 @@ from typing import Any
 import viser
 
 from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.chart_names import label
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.placing import SIDES
 from poseviewer.session import commands as c
 from poseviewer.session.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, choices, set_property
-from poseviewer.viewer.names import label
 from poseviewer.viewer.requests import Request
 
 MOST_NUMBERS = 7
