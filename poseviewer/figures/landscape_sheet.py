@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from poseviewer.fit.landscape import Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.chart_names import short_name
 
 COLOURS = "viridis"
 INK = "0.15"
@@ -134,13 +135,11 @@ def _name_axes(
 
 
 def readable(name: str) -> str:
-    """A chart's name for a number as matplotlib writes it: Greek letters with a subscript."""
+    """A number's name as on the page, with Greek letters as matplotlib writes them."""
     symbol, _, index = name.rpartition("_")
     if symbol in ("mu", "delta", "psi"):
         return rf"$\{symbol}_{{{index}}}$"
-    if symbol in ("rotation", "shift"):
-        return f"{symbol} {index}"
-    return name.replace("_", " ")
+    return short_name(name)
 
 
 def _add_key(figure: Figure, scale: Normalize | None) -> None:

@@ -10,14 +10,17 @@ from pathlib import Path
 from poseviewer.errors import PoseViewerError
 
 
-def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
-    """Write beside ``path`` and then rename, so that nobody ever sees half a file.
+def write_whole(
+    path: Path, data: bytes, error: type[PoseViewerError], *, private: bool = False
+) -> None:
+    """Write beside ``path`` and then rename, so that nobody ever sees half a file; a ``private``
+    one nobody else sees at all (mode 0600).
 
     Raises:
         error: the folder is missing, or cannot be written to.
     """
     try:
-        _write_and_rename(path, data)
+        _write_and_rename(path, data, private)
     except OSError as problem:
         raise error(
             f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
@@ -25,7 +28,7 @@ def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
         ) from problem
 
 
-def _write_and_rename(path: Path, data: bytes) -> None:
+def _write_and_rename(path: Path, data: bytes, private: bool) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=".part", dir=path.parent)
     temporary = Path(name)
     try:
@@ -33,7 +36,8 @@ def _write_and_rename(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(_usual_mode(path))
+        if not private:  # as mkstemp makes it
+            temporary.chmod(_usual_mode(path))
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

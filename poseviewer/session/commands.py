@@ -133,6 +133,13 @@ class SetCamera:
     cy: float
 
 
+@dataclass(frozen=True, slots=True)
+class SetFieldOfView:
+    """Equal focal lengths from the view of the photo's longer side; the centre stays."""
+
+    degrees: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Open:
     """Another photo, model or both, read and ready."""
@@ -263,6 +270,7 @@ Command = (
     | AlterSettings
     | SetProjection
     | SetCamera
+    | SetFieldOfView
     | Open
     | SetTool
     | ChangeView

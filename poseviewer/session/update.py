@@ -10,16 +10,20 @@ from dataclasses import replace
 import numpy as np
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
 from poseviewer.session import news
+from poseviewer.session.cameras import (
+    with_field_of_view,
+    with_other_projection,
+    with_typed_camera,
+)
 from poseviewer.session.checks import require_in_sight, require_sane, sentence
-from poseviewer.session.document import Document, History, with_camera, with_projection
+from poseviewer.session.document import Document, History
 from poseviewer.session.gestures import (
     PIN_REACH,
     RegionGrip,
@@ -216,30 +220,16 @@ def _alter_settings(session: Session, command: c.AlterSettings) -> Session:
 
 
 def _set_projection(session: Session, command: c.SetProjection) -> Session:
-    document = session.document
-    camera = document.pose.camera
-    fallback = document.registration.photo.default_camera()
-    start = document.registration.start.pose.camera
-    if isinstance(start, Perspective):
-        fallback = start
-    fallback = replace(fallback, cx=camera.cx, cy=camera.cy)
-    centre = document.registration.mesh.centre
-    pose = with_projection(document.pose, command.projection, fallback, centre)
-    return session if pose is document.pose else _with_pose(session, pose)
+    pose = with_other_projection(session.document, command.projection)
+    return session if pose is session.document.pose else _with_pose(session, pose)
 
 
 def _set_camera(session: Session, command: c.SetCamera) -> Session:
-    document = session.document
-    numbers = (command.fx, command.fy, command.cx, command.cy)
-    if not all(math.isfinite(v) for v in numbers) or min(command.fx, command.fy) <= 0.0:
-        raise SettingsError(f"fx, fy = {command.fx}, {command.fy}; wanted lengths above 0 px")
-    photo = document.registration.photo
-    camera = camera_from_integer_centres(Perspective(*numbers, photo.width, photo.height))
-    pose = with_camera(document.pose, camera, document.registration.mesh.centre)
-    if isinstance(document.pose.camera, Parallel):
-        flat = replace(document.pose.camera, cx=camera.cx, cy=camera.cy)
-        pose = with_camera(document.pose, flat, document.registration.mesh.centre)
-    return _with_pose(session, pose)
+    return _with_pose(session, with_typed_camera(session.document, command))
+
+
+def _set_field_of_view(session: Session, command: c.SetFieldOfView) -> Session:
+    return _with_pose(session, with_field_of_view(session.document, command.degrees))
 
 
 def _open(session: Session, command: c.Open) -> Session:
@@ -369,6 +359,7 @@ _HANDLERS = {
     c.AlterSettings: _alter_settings,
     c.SetProjection: _set_projection,
     c.SetCamera: _set_camera,
+    c.SetFieldOfView: _set_field_of_view,
     c.Open: _open,
     c.SetTool: _set_tool,
     c.ChangeView: _change_view,

@@ -254,9 +254,21 @@ function typing(event) {
   return kind === "INPUT" && !silent.includes(element.type);
 }
 
+// A dialog that is open has the keys; Esc, and ? again, close it where it may be closed.
+function dialogTakes(event) {
+  const open = document.querySelector('[role="dialog"][aria-modal="true"]');
+  if (!open) return false;
+  const close = [...open.querySelectorAll("button")].find((b) => b.textContent.trim() === "Close");
+  if (close && (event.key === "Escape" || event.key === "?")) {
+    taken(event);
+    close.click();
+  }
+  return true;
+}
+
 listen(window, "keydown", (event) => {
   noteModifiers(event);
-  if (typing(event)) return;
+  if (typing(event) || dialogTakes(event)) return;
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
   taken(event);
@@ -322,8 +334,8 @@ bar.id = "poseviewer-hint";
 bar.style.cssText =
   "position:absolute;left:50%;bottom:14px;transform:translateX(-50%);z-index:5;" +
   "pointer-events:none;padding:5px 12px;border-radius:14px;background:rgba(13,15,19,.78);" +
-  "color:#d7dae0;font:12px/1.4 system-ui,sans-serif;white-space:nowrap;max-width:94%;" +
-  "overflow:hidden;text-overflow:ellipsis";
+  "color:#d7dae0;font:12px/1.5 system-ui,sans-serif;width:max-content;max-width:94%;" +
+  "box-sizing:border-box;text-align:center";
 cleanups.push(() => bar.remove());
 
 function showHint() {
@@ -335,7 +347,7 @@ function showHint() {
     strong("ctrl", held === "ctrl") + " roll, scale",
     "<b>wheel</b> zoom", "<b>right drag</b> pan", "<b>F</b> all", "<b>space</b> search",
     "<b>?</b> keys",
-  ].join(" &nbsp; ");
+  ].map((text) => `<span style="white-space:nowrap">${text}</span>`).join(" &nbsp; ");
 }
 
 // --- life ---------------------------------------------------------------------------------------
@@ -378,4 +390,5 @@ if (!icon) {
   document.head.appendChild(icon);
 }
 icon.href = CONFIG.icon;
+if (window.innerWidth < CONFIG.wide) send({ kind: "narrow" });
 watch();

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import json
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from poseviewer.files.uploads import LARGEST_UPLOAD
 from poseviewer.viewer.keys import FORWARDED, LEFT_TO_BROWSER
 
 TITLE = "poseviewer"
+WIDE_WINDOW = 1280
+"""CSS px: in a window less wide the panels leave room to the photo."""
 _SOURCE = Path(__file__).with_name("client.js")
 _ICON = Path(__file__).with_name("icon.svg")
 
@@ -39,13 +42,18 @@ class ClientScript:
         self._plane = plane
         self._photo = (1, 1)
         self._hint = ""
+        self._narrow_panels: list[tuple[viser.MainPanelHandle | viser.PanelHandle, float]] = []
         # Pages report through a text field that nobody sees; viser has no other public way back.
         self._channel = server.gui.add_text("report", "", visible=False)
 
         @self._channel.on_update
         async def _(event: viser.GuiEvent) -> None:
             report = _parsed(self._channel.value)
-            if event.client is not None and report is not None:
+            if event.client is None or report is None:
+                return
+            if report["kind"] == "narrow":
+                self._narrow(event.client)
+            else:
                 on_report(report, event.client.client_id)
 
         server.on_client_connect(self._greet)
@@ -62,6 +70,20 @@ class ClientScript:
             self._hint = text
             self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
 
+    def narrow_in_small_windows(
+        self, panel: viser.MainPanelHandle | viser.PanelHandle, width: float
+    ) -> None:
+        """Make a panel so wide, in CSS px, on every page whose window is small."""
+        self._narrow_panels.append((panel, width))
+
+    def _narrow(self, client: viser.ClientHandle) -> None:
+        for panel, width in self._narrow_panels:
+            # A run of its own: pages heed it whatever was sent before.
+            message = _messages.GuiSetPanelWidthMessage(
+                panel._placement_uuid, width, counter=1, run_id=uuid.uuid4().hex
+            )
+            client.gui._websock_interface.queue_message(message)
+
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
         config = {
@@ -71,6 +93,7 @@ class ClientScript:
             "keys": FORWARDED,
             "leave": LEFT_TO_BROWSER,
             "largest": LARGEST_UPLOAD,
+            "wide": WIDE_WINDOW,
             "title": TITLE,
             "icon": f"data:image/svg+xml;base64,{icon}",
         }

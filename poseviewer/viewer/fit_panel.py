@@ -11,11 +11,11 @@ import viser
 from viser import uplot
 
 from poseviewer.fit.pose_fit import Limits
+from poseviewer.geometry.chart_names import label
 from poseviewer.registration import FitSettings
 from poseviewer.session import commands as c
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, set_property
-from poseviewer.viewer.names import label
 from poseviewer.viewer.requests import Request
 
 MOST_NUMBERS = 7
@@ -41,15 +41,6 @@ class FitPanel:
                 color="cyan",
             )
             self._status = gui.add_markdown("")
-            self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2)),
-                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
-                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-                axes=(_axis(), _axis()),
-                legend=uplot.Legend(show=False),
-                height=150,
-                visible=False,
-            )
             self._keep = button(gui, "Keep it", post, lambda _: c.AcceptSearch(), icon="check")
             self._back = button(
                 gui, "Go back", post, lambda _: c.RevertSearch(), icon="x", color="gray"
@@ -61,6 +52,15 @@ class FitPanel:
                 lambda _: c.ChangeView(before=not self._before),
                 icon="eye",
                 color="gray",
+            )
+            self._curve = gui.add_uplot(
+                (np.zeros(2), np.zeros(2)),
+                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
+                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+                axes=(_axis(), _axis()),
+                legend=uplot.Legend(show=False),
+                height=150,
+                visible=False,
             )
             with gui.add_folder("Settings", expand_by_default=False):
                 self._add_settings(gui, post)
@@ -76,6 +76,7 @@ class FitPanel:
     def _show_search(self, session: Session) -> None:
         search, running = session.search, session.searching
         set_property(self._go, "label", "Stop (space)" if running else "Search (space)")
+        set_property(self._go, "icon", "player-stop" if running else "player-play")
         ended = search is not None and not running and search.news is not None
         for handle in (self._keep, self._back, self._blink):
             set_property(handle, "visible", ended)

@@ -17,6 +17,7 @@ import numpy as np
 
 from poseviewer.fit.landscape import Pair, Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.chart_names import short_name
 from poseviewer.viewer.landscape_marks import (
     Marks,
     on_map,
@@ -24,7 +25,6 @@ from poseviewer.viewer.landscape_marks import (
     simplex_outline,
 )
 from poseviewer.viewer.landscape_style import STYLE
-from poseviewer.viewer.names import short_name
 from poseviewer.viewer.palette import LossRange, css_gradient, loss_png, loss_range
 
 FEWEST_COLUMNS = 4
@@ -194,7 +194,7 @@ def _key(shared: LossRange | None, marks: Marks, options: GridOptions) -> str:
         for drawing, text in (entry.split("|") for entry in entries)
     )
     return (
-        f'<div class="pv-key"><div>{what}, ±{options.half_width:.3g}</div>'
+        f'<div class="pv-key"><div>{what}, ±{100.0 * options.half_width:.3g}&nbsp;%</div>'
         f'<div class="pv-bar" style="background:{css_gradient()}"></div>'
         f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
         f'<div class="pv-marks">{key}</div></div>'

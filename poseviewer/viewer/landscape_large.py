@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 
 from poseviewer.fit.landscape import Slice, slice_minimum, strides
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.chart_names import short_name
 from poseviewer.viewer.landscape_marks import Marks, short_trail, simplex_outline
-from poseviewer.viewer.names import short_name
 from poseviewer.viewer.palette import colour_scale
 
 PAPER, TEXT, GRID = "#1a1b1e", "#d7dae0", "#2f333c"
@@ -104,9 +104,9 @@ def surface_figure(piece: Slice, names: Sequence[str], marks: Marks) -> go.Figur
             "xaxis": {**axis, "title": short_name(names[piece.first])},
             "yaxis": {**axis, "title": short_name(names[piece.second])},
             "zaxis": {**axis, "title": "loss"},
-            "camera": {"eye": {"x": -1.3, "y": -1.5, "z": 1.1}},
+            "camera": {"eye": {"x": -1.5, "y": -1.75, "z": 1.25}},
         },
-        **_layout(),
+        **_layout(left=0, below=0),
     )
     return figure
 
@@ -169,13 +169,13 @@ def _axis(title: str, values: FloatArray) -> dict[str, Any]:
     }
 
 
-def _layout() -> dict[str, Any]:
+def _layout(left: int = 46, below: int = 36) -> dict[str, Any]:
     return {
         "template": "plotly_dark",
         "paper_bgcolor": PAPER,
         "plot_bgcolor": PAPER,
         "font": {"color": TEXT, "size": 11},
-        "margin": {"l": 46, "r": 6, "t": 8, "b": 36},
-        "legend": {"orientation": "h", "y": 1.08, "x": 0.0},
+        "margin": {"l": left, "r": 6, "t": 8, "b": below},
+        "legend": {"orientation": "h", "y": 1.08, "x": 0.0, "bgcolor": "rgba(0,0,0,0)"},
         "uirevision": "kept",  # the mouse's zoom and turn survive the next data
     }

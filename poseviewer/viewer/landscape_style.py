@@ -1,7 +1,7 @@
 """How the grid of maps looks. All names begin with ``pv-``: the page around it has its own."""
 
 STYLE = """
-.pv-land{display:grid;gap:3px;font-size:11px;line-height:1.25;color:inherit}
+.pv-land{display:grid;gap:3px;padding:0 6px 10px 4px;font-size:11px;line-height:1.25;color:inherit}
 .pv-cell{position:relative;aspect-ratio:1;border-radius:2px;overflow:hidden}
 .pv-none{background:rgba(255,255,255,.05)}
 .pv-cell>svg{display:block;width:100%;height:100%;cursor:crosshair;touch-action:none;

@@ -25,6 +25,8 @@ from poseviewer.viewer.upload_limits import bound_uploads
 
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
+PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
+"""CSS px: at the left and at the right, in a wide and in a small window."""
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 
 
@@ -43,7 +45,7 @@ class Page:
         )
         gui.set_panel_label("poseviewer")
         gui.main_panel.dock_left()
-        gui.main_panel.set_width(300)
+        gui.main_panel.set_width(PANEL_WIDTHS[0])
         self.scene = PhotoScene(server)
         self._script = ClientScript(
             server, (DEPTH, SIDE), lambda content, client: post(Report(content, client))
@@ -58,7 +60,9 @@ class Page:
         with tab:
             self._landscape = LandscapePanel(gui, post, tab)
         right.dock_right()
-        right.set_width(420)
+        right.set_width(MAPS_WIDTHS[0])
+        self._script.narrow_in_small_windows(gui.main_panel, PANEL_WIDTHS[1])
+        self._script.narrow_in_small_windows(right, MAPS_WIDTHS[1])
         self._next_panels = 0.0
         self._shown: Session | None = None
         self._late = False

@@ -8,12 +8,13 @@ from typing import Any
 import viser
 
 from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.chart_names import label
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.placing import SIDES
 from poseviewer.session import commands as c
+from poseviewer.session.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, choices, set_property
-from poseviewer.viewer.names import label
 from poseviewer.viewer.requests import Request
 
 MOST_NUMBERS = 7
@@ -26,6 +27,7 @@ class PlacePanel:
     def __init__(self, gui: viser.GuiApi, post: Post) -> None:
         self._names: tuple[str, ...] = ()
         self._shown: object = None
+        self._complaint = ""
         with gui.add_folder("2 · Place"):
             self._views = gui.add_dropdown("View", ("as it is", *SIDES))
             self._bind_views(post)
@@ -43,9 +45,10 @@ class PlacePanel:
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
         key = (session.document, session.history, session.look.rings)
-        if self._shown == key:
+        # After a refusal the fields still hold what was typed.
+        if self._shown == key and self._complaint is session.complaint:
             return
-        self._shown = key
+        self._shown, self._complaint = key, session.complaint
         document = session.document
         self._rings.show(session.look.rings)
         chart = document.chart
@@ -82,8 +85,8 @@ class PlacePanel:
             post,
             lambda value: c.SetProjection(value),
         )
-        field = gui.add_number("Field of view °", 50.0, min=0.5, max=170.0, step=0.1)
-        self._view_angle = Field(field, post, self._from_view_angle)
+        field = gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1)
+        self._view_angle = Field(field, post, lambda value: c.SetFieldOfView(float(value)))
         exif = button(gui, "From EXIF", post, lambda _: self._from_exif())
         self._exif = exif
         self._intrinsics = [
@@ -112,14 +115,6 @@ class PlacePanel:
             values = [shown.fx, shown.fy, shown.cx, shown.cy]
         for index, (field, value) in enumerate(zip(self._intrinsics, values, strict=True)):
             field.show(round(value, 4), visible=perspective or index > 1)
-
-    def _from_view_angle(self, degrees: float) -> Request | None:
-        if self._last is None:
-            return None
-        photo = self._last.document.registration.photo
-        camera = Perspective.from_field_of_view(float(degrees), photo.width, photo.height)
-        kept = camera_as_integer_centres(self._last.document.pose.camera)
-        return c.SetCamera(camera.fx, camera.fy, kept.cx, kept.cy)
 
     def _from_exif(self) -> Request:
         assert self._last is not None  # the page is shown before it can be pressed

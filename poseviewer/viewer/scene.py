@@ -7,7 +7,7 @@ them, at any zoom.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import viser
@@ -26,7 +26,12 @@ LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 PICTURE, HALO, OUTLINE, HANDLES = 0.998, 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 PIN_COLOURS = ((255, 176, 59), (120, 230, 110), (255, 110, 200))
-PIN_LABELS = ("rear wheel", "front wheel", "axle")
+PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
+    ("rear wheel", "bottom-left"),
+    ("front wheel", "bottom-left"),
+    ("axle", "top-left"),
+)
+"""And where they lie: the axle's tip may be close to the rear wheel."""
 RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
 REGION_COLOUR = (255, 226, 120)
 _NO_LINES = np.zeros((1, 2, 3), np.float32)
@@ -58,8 +63,8 @@ class PhotoScene:
         self._rings = self._lines("/rings", (255, 255, 255), 2.4)
         self._pins = [self._pin(i) for i in range(3)]
         self._labels = [
-            scene.add_label(f"/labels/{i}", text, visible=False, anchor="bottom-left")
-            for i, text in enumerate(PIN_LABELS)
+            scene.add_label(f"/labels/{i}", text, visible=False, anchor=anchor)
+            for i, (text, anchor) in enumerate(PIN_LABELS)
         ]
 
     def show(self, session: Session) -> None:
@@ -166,7 +171,7 @@ class PhotoScene:
     def _show_pins(self, session: Session) -> None:
         document = session.document
         pins = pins_in_photo(document)
-        if session.look.hidden:
+        if session.look.hidden or session.look.before:  # of the pose at hand alone
             pins = pins[:0]
         key = pins.tobytes()
         if self._shown.get("pins") == key:

@@ -31,7 +31,7 @@ def serve_app(
     """
     state = state_folder()
     opened = open_files(photo, model, pose)
-    guarded = serve(host, port, "poseviewer")
+    guarded = serve(host, port, "poseviewer", state)
     app = App(guarded.server, opened, state)
 
     def end(*_: Any) -> None:
@@ -44,5 +44,7 @@ def serve_app(
         webbrowser.open(guarded.url)
     try:
         app.run()
-    finally:
-        guarded.stop()
+    except BaseException:
+        guarded.stop()  # the pages may come back
+        raise
+    guarded.end()

@@ -13,6 +13,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet, readable
 from poseviewer.figures.save import save_figure
 from poseviewer.fit.landscape import Slice
+from poseviewer.geometry.chart_names import NAMES as NAMES_ON_THE_PAGE
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
 
@@ -106,6 +107,14 @@ def test_files_that_cannot_be_written_are_said(tmp_path):
 
 def test_names_become_symbols():
     assert readable("mu_x") == r"$\mu_{x}$"
-    assert readable("rotation_z") == "rotation z"
-    assert readable("log_depth") == "log depth"
-    assert readable("width_per_focal") == "width per focal"
+    assert readable("unheard_of") == "unheard of"
+
+
+def test_the_page_and_the_sheet_use_the_same_words():
+    assert readable("rotation_x") == "tilt"
+    for name, (short, _) in NAMES_ON_THE_PAGE.items():
+        symbol = {"mu": "μ", "delta": "δ", "psi": "ψ"}.get(name.rpartition("_")[0])
+        if symbol is None:
+            assert readable(name) == short
+        else:
+            assert (short, "$" in readable(name)) == (symbol + name[-1], True)

@@ -238,6 +238,49 @@ def test_projection_and_camera_keep_the_centres_pixel_and_size(camera):
         assert (camera.fx, camera.fy) == (400.0, 410.0)
 
 
+SENSELESS_CAMERAS = {
+    "fx, fy = 0, 300: wanted focal lengths of 1 to 160000 px": (0.0, 300.0, 80.0, 60.0),
+    "fx, fy = 300, -5: wanted focal lengths of 1 to 160000 px": (300.0, -5.0, 80.0, 60.0),
+    "fx, fy = 1e+06, 300: wanted focal": (1e6, 300.0, 80.0, 60.0),
+    "fx = nan: wanted a number": (math.nan, 300.0, 80.0, 60.0),
+    "cy = inf: wanted a number": (300.0, 300.0, 80.0, math.inf),
+    "cx, cy = 5000, 60: wanted a centre within 1600 px of": (300.0, 300.0, 5000.0, 60.0),
+    "cx, cy = 80, -4000: wanted a centre within 1600 px": (300.0, 300.0, 80.0, -4000.0),
+}
+
+
+@pytest.mark.parametrize("start", SENSELESS_CAMERAS)
+def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
+    session, command = make_session(), c.SetCamera(*SENSELESS_CAMERAS[start])
+    refused(session, command)
+    text = update(session, command).complaint
+    assert text.lower().startswith(start)
+    assert text.endswith("; nothing was changed.")
+
+
+@CAMERAS
+def test_a_field_of_view_gives_its_focal_length(camera):
+    session = make_session(camera)
+    radius = radius_in_photo(session.document.pose, BUMPY)
+    for degrees in (0.0, 0.4, 171.0, 180.0, 400.0, -50.0, math.nan):
+        refused(session, c.SetFieldOfView(degrees))
+    found = after(session, c.SetFieldOfView(90.0)).document.pose
+    assert radius_in_photo(found, BUMPY) == pytest.approx(radius)
+    assert (found.camera.cx, found.camera.cy) == (camera.cx, camera.cy)
+    if isinstance(found.camera, Perspective):
+        assert (found.camera.fx, found.camera.fy) == pytest.approx((80.0, 80.0))
+
+
+def test_a_parallel_camera_takes_its_centre_alone():
+    session = after(make_session(), c.SetProjection("parallel"))
+    camera = session.document.pose.camera
+    found = after(session, c.SetCamera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
+    assert isinstance(camera, Parallel)
+    assert isinstance(found, Parallel)
+    assert (found.cx, found.cy, found.scale) == pytest.approx((70.5, 66.5, camera.scale))
+    refused(session, c.SetCamera(0.01, 0.01, 5000.0, 66.0))
+
+
 def test_start_reset_and_poses_set():
     session = make_session()
     there = after(session, c.Nudge("move", 9.0, 4.0), c.Nudge("turn", 5.0, 1.0))

@@ -53,6 +53,8 @@ class Shown:
     """Bytes of uploads that have arrived, and all of them, whenever the page was told."""
     downloads: dict[str, bytes] = field(default_factory=dict)
     channel: str = ""
+    widths: list[float] = field(default_factory=list)
+    """Of panels, in CSS px, as the page was told one after another."""
     _files: dict[str, str] = field(default_factory=dict)
 
     def take(self, message: Message) -> None:
@@ -80,6 +82,8 @@ class Shown:
         elif kind == "RunJavascriptMessage":
             found = CHANNEL.search(message["source"])
             self.channel = found.group(1) if found else self.channel
+        elif kind == "GuiSetPanelWidthMessage":
+            self.widths.append(message["width"])
         elif kind == "FileTransferPartAck":
             self.progress.append((message["transferred_bytes"], message["total_bytes"]))
         elif kind == "FileTransferStartDownload":

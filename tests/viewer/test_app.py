@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from poseviewer.cli import main
 from poseviewer.files.photo_file import save_image
 from poseviewer.files.pose_file import load_pose
 from poseviewer.files.uploads import KEPT
+from poseviewer.geometry.camera import Perspective
+from poseviewer.viewer.page import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.viewer.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.viewer.scene import SIDE
 from tests.scene import Scene, make_scene
@@ -240,6 +243,45 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
             assert "\n" not in text
             assert "Traceback" not in text
             assert running.app.session.document is document
+
+
+def test_panels_are_narrow_on_the_page_with_a_small_window_alone(running: RunningApp) -> None:
+    with running.page() as page, running.page() as other:
+        wide = sorted([PANEL_WIDTHS[0], MAPS_WIDTHS[0]])
+        assert sorted(page.shown.widths) == sorted(other.shown.widths) == wide
+        page.report(kind="narrow")
+        page.wait_until(lambda: page.shown.widths[2:] == [PANEL_WIDTHS[1], MAPS_WIDTHS[1]])
+        page.key("KeyB")
+        other.wait_until(lambda: other.value("Photo alone (B)"))
+        assert sorted(other.shown.widths) == wide
+        page.key("KeyB")
+        other.wait_until(lambda: not other.value("Photo alone (B)"))
+
+
+def test_cameras_that_make_no_sense_are_refused_and_lose_nothing(running: RunningApp) -> None:
+    with running.page() as page:
+        document = running.app.session.document
+        for label, value, words in (
+            ("fx  (px)", 0.0, "Fx, fy = 0, "),
+            ("fy  (px)", -40.0, "-40: wanted focal lengths of 1 to"),
+            ("fx  (px)", math.nan, "Fx = nan: wanted a number"),
+            ("cx  (px)", 1e5, "Cx, cy = 100000, "),
+            ("Field of view °", 0.0, "Field of view = 0: wanted 0.5 to 170 degrees"),
+            ("Field of view °", 400.0, "Field of view = 400: wanted 0.5 to 170 degrees"),
+        ):
+            seen, before = len(page.shown.notices), page.value(label)
+            page.set(label, value)
+            text = page.wait_until(lambda seen=seen: failure(page, seen))
+            assert words in text
+            assert text.endswith("; nothing was changed.")
+            page.wait_until(lambda label=label, before=before: page.value(label) == before)
+            assert running.app.session.document is document
+            assert not running.app.session.history.past
+        page.set("fx  (px)", 150.0)  # the fields still work
+        page.wait_until(lambda: running.app.session.history.past)
+        camera = running.pose.camera
+        assert isinstance(camera, Perspective)
+        assert camera.fx == 150.0
 
 
 def failure(page: SocketPage, since: int) -> str:

@@ -280,6 +280,16 @@ def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):
     assert page.page.get_by_text("Uploading").count() == 0
 
 
+def test_the_help_has_the_keys_until_it_is_closed(page: AppPage):
+    for closing in ("Escape", "?"):
+        page.page.keyboard.press("?")
+        page.wait_for_text("turn it as a ball about its centre")
+        page.page.keyboard.press("g")  # would show the rings
+        page.page.keyboard.press(closing)
+        page.page.get_by_role("dialog").wait_for(state="detached")
+    assert not page.page.get_by_label("Rotation rings (G)").is_checked()
+
+
 def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     other = AppPage(browser, demo.url)
     try:

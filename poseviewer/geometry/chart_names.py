@@ -1,4 +1,4 @@
-"""What the page calls the charts' numbers."""
+"""What people read for the charts' numbers, on the page and in figures."""
 
 from __future__ import annotations
 
