@@ -49,7 +49,7 @@ class PhotoAttributes:
         object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
         object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
 
-    @property
+    @cached_property
     def planar(self) -> NDArray[np.float32]:
         """(n, height, width): F, one channel after the other, as it lies in memory."""
         return np.moveaxis(self.channels, 2, 0)

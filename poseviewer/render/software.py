@@ -229,7 +229,7 @@ class SoftwareRenderer:
                 self._cluster_seen,
             )
         self._camera = _camera_numbers(pose, surface.centre, self._near)
-        self._drawn = self._draw(camera.width, np.float32(self._weighs(pose)))
+        self._drawn = self._draw(camera.width, self._weighs())
         return self._drawn
 
     def _draw(self, width: int, weighs: np.float32) -> Box:
@@ -292,12 +292,13 @@ class SoftwareRenderer:
             )
             kernel_coverage.draw_pieces(*pieces, *picture)
 
-    def _weighs(self, pose: Pose) -> float:
-        """What the depth value of a corner is multiplied by where corners are weighed by it."""
-        if isinstance(pose.camera, Parallel):
-            return -1.0
-        distance = float(pose.camera_from_model.apply(self._surface.centre)[2])
-        return max(distance, self._near, 1e-300)
+    def _weighs(self) -> np.float32:
+        """What a corner's depth value is multiplied by to weigh it: the distance of the centre.
+
+        Negative in parallel projection, where all corners weigh the same.
+        """
+        distance, near = self._camera[11], self._camera[16]
+        return np.float32(max(distance, near) if near > 0.0 else -1.0)
 
 
 def _lined_up(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
@@ -325,10 +326,13 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
 
 
 def _camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
-    """(17,): the pose as ``kernel_coverage.draw`` takes it, for vertices about ``centre``."""
+    """(17,): the pose as the kernels take it, for vertices about ``centre``."""
     camera, transform = pose.camera, pose.camera_from_model
+    numbers = np.empty(17)
+    numbers[:9] = transform.rotation.ravel()
+    numbers[9:12] = transform.rotation @ centre + transform.translation
     if isinstance(camera, Perspective):
-        numbers = (camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300))
+        numbers[12:] = camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300)
     else:
-        numbers = (camera.scale, camera.scale, camera.cx, camera.cy, 0.0)
-    return np.array([*transform.rotation.flat, *transform.apply(centre), *numbers])
+        numbers[12:] = camera.scale, camera.scale, camera.cx, camera.cy, 0.0
+    return numbers

@@ -75,7 +75,7 @@ class App:
         self._renderer = opened.renderer
         self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
         self._weigher: Worker[Painting] = Worker("weigher", self._mailbox.ring)
-        self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring, patient=True)
+        self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring)
         self._searcher: Worker[SearchNews] = Worker("searcher")
         self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
         self._tasks = Tasks(self._mailbox.ring, state)
