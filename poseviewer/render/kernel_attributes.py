@@ -12,16 +12,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from poseviewer.render.kernel_compiler import kernel
 
 TINY = np.float32(1e-30)
 GREY, VARIES = 3, 14  # entries of a face's plane: its grey value; 1 where reflectance varies
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
-_jit_sums: Any = njit(
-    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "nnan"}
-)
+_jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
 
 
 @_jit

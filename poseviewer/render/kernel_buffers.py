@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from poseviewer.render.kernel_compiler import kernel
 
 NO_FACE = np.int32(-1)
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 
 
 @_jit

@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from poseviewer.render.kernel_compiler import kernel
 
 SUBPIXELS = 256
 BLOCK = 16  # pixels of a row that are done at a time
@@ -26,10 +28,10 @@ SMALL = 64 * SUBPIXELS  # in triangles of this size edge functions fit into 32 b
 
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 _intrinsic: Any = intrinsic
 # For what is done for every face: a call costs more than it does.
-_jit_inline: Any = njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+_jit_inline: Any = kernel(forceinline=True)
 
 
 @_intrinsic

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
+from poseviewer.render.kernel_compiler import kernel
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 
 
 @_jit

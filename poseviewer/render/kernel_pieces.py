@@ -10,14 +10,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from poseviewer.render.kernel_compiler import kernel
 
 SUBPIXELS = 256
 GUARD_PX = float(1 << 20)  # beyond it faces are cut, so that edge functions fit into 64 bits
 OFF_SCREEN = np.int32(-(1 << 31))
 MOST_PIECES = 6  # a triangle cut by five planes has eight corners
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 
 
 @_jit

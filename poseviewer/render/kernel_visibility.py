@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from poseviewer.render.kernel_compiler import kernel
 
 SUBPIXELS = 256
 GUARD_PX = float(1 << 20)  # beyond it faces are clipped, so that edge functions fit into 64 bits
@@ -23,12 +24,10 @@ DEPTH_MARGIN = 1e-6  # depth values are float32
 _HALF, _ONE, _ZERO = np.float32(0.5), np.float32(1.0), np.float32(0.0)
 _SUB, _GUARD = np.float32(SUBPIXELS), np.float32(GUARD_PX)
 
-_jit: Any = njit(nogil=True, cache=True, error_model="numpy")
+_jit: Any = kernel()
 # For loops over finite numbers that need not mind the order of sums: they vectorise. Nothing is
 # contracted: a vertex has the same place in every cluster, wherever in a vector it is worked out.
-_jit_lanes: Any = njit(
-    nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}
-)
+_jit_lanes: Any = kernel(fastmath={"reassoc", "nsz", "nnan"})
 
 
 @_jit_lanes

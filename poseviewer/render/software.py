@@ -54,6 +54,8 @@ def kernels_are_compiled() -> bool:
 
 
 def _is_compiled(kernel: Any) -> bool:
+    if not kernel.stats.cache_path:  # there is no place to keep it
+        return False
     source = Path(kernel.py_func.__code__.co_filename)
     cached = Path(kernel.stats.cache_path).glob(f"{source.stem}.*.nbi")
     return any(index.stat().st_mtime >= source.stat().st_mtime for index in cached)
