@@ -75,6 +75,8 @@ class Session:
     """The pose that the compared pixels are about (see ``PaintRequest``)."""
     saved: Pose | None = None
     """The pose that stands in a file."""
+    typed: tuple[str, Document] | None = None
+    """The number that was last typed, and the document that it led to."""
     complaint: str = NO_COMPLAINT
     """What the last command could not do, and why: a sentence for the user."""
 

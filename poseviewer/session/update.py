@@ -165,7 +165,11 @@ def _set_number(session: Session, command: c.SetNumber) -> Session:
     if float(numbers[index]) == command.value:
         return session
     numbers[index] = command.value
-    return _with_pose(session, chart.to_pose(numbers))
+    changed = _with_pose(session, chart.to_pose(numbers))
+    if session.typed == (command.name, session.document) and not session.history.future:
+        # One step back leads to before the whole of what was typed, not to its first digit.
+        changed = replace(changed, history=session.history)
+    return replace(changed, typed=(command.name, changed.document))
 
 
 def _set_pose(session: Session, command: c.SetPose) -> Session:

@@ -220,6 +220,19 @@ def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
         assert same is session
 
 
+def test_what_is_typed_digit_by_digit_is_one_step():
+    session = make_session()
+    name, other = session.document.chart.names[0], session.document.chart.names[1]
+    typed = after(session, *(c.SetNumber(name, value) for value in (0.1, 0.12, 0.125)))
+    assert typed.document.numbers[0] == pytest.approx(0.125)
+    assert after(typed, c.Undo()).document is session.document
+    both = after(typed, c.SetNumber(other, 0.2), c.SetNumber(name, 0.3))
+    assert after(both, c.Undo(), c.Undo()).document is typed.document
+    again = after(typed, c.Nudge("move", 5.0), c.Undo(), c.SetNumber(name, 0.2))
+    assert not again.history.future
+    assert after(again, c.Undo()).document is typed.document
+
+
 @CAMERAS
 def test_projection_and_camera_keep_the_centres_pixel_and_size(camera):
     session = make_session(camera)
