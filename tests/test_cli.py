@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from poseviewer import cli
+from poseviewer.demo import demo_case
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo, save_image
@@ -306,10 +307,10 @@ def test_help_imports_nothing_heavy():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
-def test_ctrl_c_keeps_the_best_pose(scene, tmp_path):
-    out = tmp_path / "pose.json"
-    command = [sys.executable, "-m", "poseviewer.cli", "fit", scene.photo, scene.model, "--pose",
-               scene.start, "--out", out, "--tolerance", "1e-300"]  # fmt: skip
+def test_ctrl_c_keeps_the_best_pose(tmp_path):
+    case, out = demo_case(), tmp_path / "pose.json"
+    files = [case.photo, case.model, "--pose", case.start, "--out"]
+    command = [sys.executable, "-m", "poseviewer.cli", "fit", *files, out, "--tolerance", "1e-300"]
     process = subprocess.Popen(
         [str(part) for part in command],
         stdout=subprocess.PIPE,
@@ -323,8 +324,7 @@ def test_ctrl_c_keeps_the_best_pose(scene, tmp_path):
     printed, _ = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Stopped by the user" in printed
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
-               tmp_path / "start.json", "--evaluations", 1) == 0  # fmt: skip
+    assert run("fit", *files, tmp_path / "start.json", "--evaluations", 1) == 0
     before, after = (json.loads(p.read_text())["loss"] for p in (tmp_path / "start.json", out))
     assert after < before
 

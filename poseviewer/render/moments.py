@@ -43,9 +43,14 @@ class PhotoAttributes:
     """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12)."""
 
     def __post_init__(self) -> None:
-        channels = frozen_array(self.channels, (-1, -1, -1), np.float32)
-        height, width, _ = channels.shape
-        planar = frozen_array(np.moveaxis(channels, 2, 0), (-1, height, width), np.float32)
+        values = np.asarray(self.channels)
+        if values.ndim != 3:
+            raise ValueError(
+                f"channels of shape {values.shape} where (height, width, n) was wanted"
+            )
+        # One channel after the other in memory, as the kernels read them.
+        planar = frozen_array(np.moveaxis(values, 2, 0), (-1, -1, -1), np.float32)
+        _, height, width = planar.shape
         object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
         object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
 
