@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "readme"
 SIZE = (1500, 860)
 PHOTO = (960, 720)
 QUALITY = 84
-FRAMES, FRAME_MS, ANIMATION_WIDTH = 60, 350, 800
+FRAMES, FRAME_MS, ANIMATION_WIDTH = 60, 60, 800
 
 
 def main() -> None:
@@ -92,7 +92,7 @@ def watch_a_search(tab: AppPage) -> list[Image.Image]:
             .convert("RGB")
             .crop((int(left), int(top), int(right), int(bottom)))
         )
-        if index == 12:
+        if index == 4:
             save(tab, "app_search")
         if tab.page.get_by_text("Converged").count():
             break
