@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -311,17 +313,18 @@ def test_ctrl_c_keeps_the_best_pose(tmp_path):
     case, out = demo_case(), tmp_path / "pose.json"
     files = [case.photo, case.model, "--pose", case.start, "--out"]
     command = [sys.executable, "-m", "poseviewer.cli", "fit", *files, out, "--tolerance", "1e-300"]
+    # On a terminal the progress is shown at once; in a pipe only every few seconds.
+    terminal, its_end = pty.openpty()
+    termios.tcsetwinsize(its_end, (24, 120))
     process = subprocess.Popen(
-        [str(part) for part in command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
     )
-    assert process.stderr is not None
-    _wait_for(process.stderr, "loss")
-    process.send_signal(signal.SIGINT)
-    printed, _ = process.communicate(timeout=60)
+    os.close(its_end)
+    with os.fdopen(terminal, errors="replace") as shown:
+        for _ in range(10):  # ten times shown: it has come some way
+            _wait_for(shown, "loss")
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Stopped by the user" in printed
     assert run("fit", *files, tmp_path / "start.json", "--evaluations", 1) == 0

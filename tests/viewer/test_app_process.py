@@ -69,7 +69,7 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
         page.wait_until(lambda: page.value("Seed") == SEED)
         assert page.value("Pixels") == "whole photo"
         assert not page.shown.modals
-        assert page.text_with("● unsaved")
+        page.wait_until(lambda: page.text_with("● unsaved"))
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))
         found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)

@@ -207,13 +207,19 @@ def test_each_pin_is_its_two_numbers(page: AppPage, demo: AppProcess):
         page.page.keyboard.press("z")
 
 
+FIRST_CELL = """() => {
+    const cell = document.querySelector(".pv-cell");  // maps that are drawn anew replace it
+    const box = cell === null ? { width: 0 } : cell.getBoundingClientRect();
+    return box.width > 0 ? [box.x, box.y, box.width, box.height] : null;
+}"""
+
+
 def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     before = page.saved_pose(path)["chart"]["numbers"]
     page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
-    box = page.page.locator(".pv-cell").first.bounding_box()
-    assert box is not None
-    page.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.25 * box["height"])
+    x, y, width, height = page.page.wait_for_function(FIRST_CELL).json_value()
+    page.page.mouse.click(x + 0.75 * width, y + 0.25 * height)
     page.page.wait_for_timeout(500)
     after = page.saved_pose(path)["chart"]["numbers"]
     changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
