@@ -9,7 +9,7 @@ from poseviewer.fit.landscape import Slice
 from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
-from poseviewer.render.many import RendererPool
+from poseviewer.render.many import RendererPool, processors
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.jobs import (
     QUICK_SIZES,
@@ -74,7 +74,7 @@ class Mapper:
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
-        self._fine = RendererPool(renderer, begin=yield_to_others)
+        self._fine = RendererPool(renderer, threads=_spare(), begin=yield_to_others)
         self._quick: tuple[FitProblem, FitProblem, RendererPool] | None = None
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
@@ -101,7 +101,7 @@ class Mapper:
         """The problem on a coarser level of the photo, and what draws it; made once."""
         if self._quick is None or self._quick[0] is not problem:
             level = quick_level(problem, pose, self._renderer)
-            pool = RendererPool(level.renderer, begin=yield_to_others)
+            pool = RendererPool(level.renderer, threads=_spare(), begin=yield_to_others)
             if self._quick is not None:
                 self._quick[2].close()
             self._quick = problem, replace(problem, photo=level.photo), pool
@@ -113,3 +113,8 @@ class Mapper:
             self._problem = landscape_problem(job.registration, job.anchor, job.settings)
             self._anchor, self._settings = job.anchor, job.settings
         return self._problem
+
+
+def _spare() -> int:
+    """Threads for the maps: one processor is left to drawing and to the page."""
+    return max(processors() - 1, 1)
