@@ -182,7 +182,7 @@ def _listen(host: str, port: int | None) -> socket.socket:
     problem: OSError | None = None
     for candidate in ports:
         try:
-            return socket.create_server((address, candidate), family=family)
+            listening = socket.create_server((address, candidate), family=family)
         except OSError as error:
             if error.errno == errno.EADDRNOTAVAIL:
                 raise SettingsError(
@@ -190,6 +190,11 @@ def _listen(host: str, port: int | None) -> socket.socket:
                     "is."
                 ) from error
             problem = error
+        else:
+            # asyncio sets this only on sockets that say they are TCP; what is accepted here does
+            # not. Without it the end of a message waits until the page has something to send.
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return listening
     where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
     why = "" if problem is None or problem.errno is None else os.strerror(problem.errno)
     raise SettingsError(

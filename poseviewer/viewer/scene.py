@@ -69,6 +69,7 @@ class PhotoScene:
 
     def show(self, session: Session) -> None:
         """Bring the page to the session; what has not changed is not sent."""
+        drawn = self._shown.get("model")
         with self._server.atomic():
             self._show_photo(session)
             painting = session.painting
@@ -78,6 +79,9 @@ class PhotoScene:
             self._show_pins(session)
             self._show_rings(session)
             self._show_region(session)
+        if self._shown.get("model") is not drawn:
+            # viser gathers messages for a while before it sends them; a drag must not wait.
+            self._server.flush()
 
     def place(self, points: FloatArray, depth: float) -> FloatArray:
         """World points (..., 3) over photo points (..., 2), ``depth`` times as deep as it."""

@@ -17,7 +17,7 @@ from websockets.typing import Origin, Subprotocol
 
 from poseviewer.errors import SettingsError
 from poseviewer.viewer.access import AccessPolicy, Asked, is_loopback
-from poseviewer.viewer.guard import GuardedServer, serve
+from poseviewer.viewer.guard import GuardedServer, _listen, serve
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 Headers = dict[str, str]
@@ -308,3 +308,12 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
     if sys.platform != "win32":
         with socket.create_server(("127.0.0.1", port)):
             pass
+
+
+def test_messages_are_sent_at_once() -> None:
+    # With Nagle's algorithm the second half of a message waits for the page's next one.
+    with _listen("127.0.0.1", 0) as listening:
+        with socket.create_connection(listening.getsockname()):
+            accepted, _ = listening.accept()
+            with accepted:
+                assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
