@@ -89,11 +89,13 @@ class Page:
         if now < self._next_panels:
             return
         self._late = False
-        self._open.show(session)
-        self._place.show(session)
-        self._fit.show(session)
-        self._look.show(session)
-        self._save.show(session, where)
+        # Together: who answers to one field must not find the next one still to be written.
+        with self._server.atomic():
+            self._open.show(session)
+            self._place.show(session)
+            self._fit.show(session)
+            self._look.show(session)
+            self._save.show(session, where)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
 
