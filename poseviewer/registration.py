@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +35,7 @@ from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import structured
 from poseviewer.render.moments import PhotoAttributes
 
 RendererName = Literal["software", "opengl"]
@@ -41,6 +44,9 @@ PixelsName = Literal["near", "whole", "clip"]
 NEAR_MARGIN = 0.25
 """How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
 
+MOST_PIXELS = 20_000
+"""Of the model's convex outline at the start: finer photos are made smaller to be compared. A pose
+is told to a tenth of a pixel, or to less than a thousandth of the model's size."""
 LEAST_COLOUR = 0.02
 """Standard deviation, across the photo's own main line of colour, from which on it has colours:
 5 grey levels of 255. Sensor noise has 1 or 2; the real photos we know have 10 and more."""
@@ -133,13 +139,11 @@ def make_photo_attributes(
             )
     clipped = settings.pixels == "clip"
     coloured = not settings.grey and _has_colour(photo, weights)
-    attributes = PhotoAttributes(
-        photo.as_float() if coloured else photo.grey()[..., None],
-        weights,
-        clipped,
-        settings.colour_reflectance,
-    )
-    wanted = fewest_pixels(attributes.channels.shape[2] + attributes.model_channels)
+    channels = photo.as_float() if coloured else photo.grey()[..., None]
+    attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
+    if not clipped:
+        attributes = structured(attributes, _working_factor(mesh, start))
+    wanted = fewest_pixels(attributes.photo_channels + attributes.model_channels)
     if np.count_nonzero(weights) < wanted:
         raise SettingsError(
             f"{photo.name}: {np.count_nonzero(weights)} pixels count, and a fit needs at least "
@@ -205,7 +209,8 @@ def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
 
     The search may look at less, or at more, than what the light on the model is best judged by.
     """
-    return replace(photo, clipped=True, colour_reflectance=photo.channels.shape[2] == 3)
+    coloured = photo.channels.shape[2] == 3
+    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
 
 
 def make_record(
@@ -285,6 +290,17 @@ def _inside(
     rows = slice(int(max(top, 0)), int(max(bottom, 0)))
     inside[rows, int(max(left, 0)) : int(max(right, 0))] = 1.0
     return inside
+
+
+def _working_factor(mesh: Mesh, start: Pose) -> int:
+    """How many times smaller a photo is compared: the model about the start has ``MOST_PIXELS``."""
+    seen = start.project(hull_points(mesh))
+    seen = seen[np.all(np.isfinite(seen), axis=1)].astype(np.float32)
+    if len(seen) < 3:
+        return 1
+    whole = float(start.camera.width * start.camera.height)
+    area = min(float(cv2.contourArea(cv2.convexHull(seen))), whole)
+    return max(1, math.ceil(math.sqrt(area / MOST_PIXELS)))
 
 
 def _box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:

@@ -20,7 +20,7 @@ import numpy as np
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo
-from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.pose_fit import FitProblem, fit_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.chart_choice import choose_chart
@@ -94,7 +94,7 @@ def _fit_case(
             pose_error(mesh, end.pose, truth).percent,
             end.start_loss,
             end.loss,
-            lighting_loss(renderer.moments(truth, attributes)),
+            registration_loss(renderer.moments(truth, attributes)),
             end.evaluations,
             end.seconds,
             end.status.name,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.moments import Moments
+from poseviewer.render.moments import Moments, PhotoAttributes
 
 CONSTANT_VARIANCE = 1e-12
 """A channel whose variance is below this share of its mean square counts as constant."""
@@ -23,6 +23,8 @@ RANK_TOLERANCE = 1e-7
 float32 are no more exact, and no light is so strong that what varies 3,000 times less than the
 rest would show. Where a channel varies so little that its rounding to float32 weighs more, that is
 the limit."""
+EDGE_WEIGHT = 1.0
+"""Of the edges' disagreement, in [0, 2], beside the loss."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
@@ -54,6 +56,26 @@ def lighting_loss(moments: Moments) -> float:
     correlations = (photo @ covariance[:n, n:] @ model.T).ravel()
     explained = float(correlations @ correlations)
     return min(max(worst - explained, 0.0), worst)
+
+
+def worst_registration_loss(photo: PhotoAttributes) -> float:
+    """What a pose costs that shows nothing of the model."""
+    worst = float(min(photo.photo_channels, photo.model_channels))
+    return worst if photo.structure is None else worst + 2.0 * EDGE_WEIGHT
+
+
+def registration_loss(moments: Moments) -> float:
+    """What a search minimises: ``lighting_loss``, and where edges are compared what they disagree.
+
+        loss = lighting_loss + EDGE_WEIGHT * (1 - edge cosine)
+
+    In [0, ``worst_registration_loss``]; the worst where too little of the model is seen.
+    """
+    loss = lighting_loss(moments)
+    if moments.edge_cosine is None:
+        return loss
+    unseen = loss >= worst_loss(moments)
+    return loss + EDGE_WEIGHT * (2.0 if unseen else 1.0 - moments.edge_cosine)
 
 
 def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:

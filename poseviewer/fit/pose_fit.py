@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
 from poseviewer.fit.simplex import SimplexState
 from poseviewer.fit.stages import Stage, make_stages
@@ -80,7 +80,7 @@ class FitProblem:
     @property
     def worst_loss(self) -> float:
         """What numbers cost that show nothing of the model, or stand for no pose."""
-        return float(min(self.photo.channels.shape[2], self.photo.model_channels))
+        return worst_registration_loss(self.photo)
 
     def complete(self, free_numbers: FloatArray) -> FloatArray:
         """(..., d): the start's numbers with the free ones replaced by (..., k)."""
@@ -128,7 +128,7 @@ def _loss(
         pose = problem.chart.to_pose(numbers)
     except OutsideChartError:
         return problem.worst_loss
-    return lighting_loss(renderer.moments(pose, photo))
+    return registration_loss(renderer.moments(pose, photo))
 
 
 def fit_pose(problem: FitProblem, renderer: Renderer) -> Iterator[FitProgress]:

@@ -20,6 +20,8 @@ FEWEST_PIXELS = 5000
 """The coarsest level still shows the model at the start in so many pixels: 70 along each side.
 With a fourth of it the side valleys reach up to the start: on the demo half as many scouts end in
 the right one."""
+FEWEST_OF_STRUCTURE = 2000
+"""The same where classes and edges are compared: they reach farther than shades do."""
 COARSE_SCOUTS = 1.5
 COARSE_STEP = 2.0
 """Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
@@ -46,7 +48,8 @@ def make_stages(
     A model that covers too few pixels for a coarser level is searched on the photo alone.
     """
     full = Level(1, photo, renderer)
-    coarse = coarsest_level(photo, renderer, start, FEWEST_PIXELS)
+    fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
+    coarse = coarsest_level(photo, renderer, start, fewest)
     if coarse.factor == 1:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))

@@ -17,12 +17,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.level_pose import level_pose, reduced_size
 from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.simplified import simplify
 from poseviewer.render.software import SoftwareRenderer
+from poseviewer.render.structure import make_structure
 
 LARGEST_FACTOR = 16
 FACES_PER_PIXEL = 1.0
@@ -68,7 +70,8 @@ def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewes
 
     It is the photo itself where the model covers fewer than four times as many.
     """
-    pixels = int(np.count_nonzero(renderer.covers(pose) & (photo.weights > 0.0)))
+    covered = renderer.covers(level_pose(pose, photo.factor))
+    pixels = int(np.count_nonzero(covered & (photo.weights > 0.0)))
     return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
 
 
@@ -94,7 +97,7 @@ def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     if factor == 1:
         return photo
     height, width, n = photo.channels.shape
-    rows, columns = _reduced_size(height, factor), _reduced_size(width, factor)
+    rows, columns = reduced_size(height, factor), reduced_size(width, factor)
     weights = np.zeros((rows, columns), np.float32)
     channels = np.zeros((rows, columns, n), np.float32)
     # What does not count costs nothing: only the box of the pixels that do is looked at.
@@ -105,18 +108,8 @@ def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     sums = _averaged(seen * counts[..., None], factor)
     known = mean[..., None] > 0.0
     channels[box.level] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
-    return replace(photo, channels=channels, weights=weights)
-
-
-def level_pose(pose: Pose, factor: int) -> Pose:
-    """The pose in the picture of a level: sizes rounded up, coordinates divided exactly."""
-    camera = pose.camera
-    width, height = _reduced_size(camera.width, factor), _reduced_size(camera.height, factor)
-    cx, cy = camera.cx / factor, camera.cy / factor
-    if isinstance(camera, Perspective):
-        smaller = Perspective(camera.fx / factor, camera.fy / factor, cx, cy, width, height)
-        return Pose(smaller, pose.camera_from_model)
-    return Pose(Parallel(camera.scale / factor, cx, cy, width, height), pose.camera_from_model)
+    structure = None if photo.structure is None else make_structure(channels, weights)
+    return replace(photo, channels=channels, weights=weights, structure=structure)
 
 
 class LevelRenderer:
@@ -154,6 +147,12 @@ class LevelRenderer:
         return self._renderer.moments(level_pose(pose, self._factor), photo)
 
 
+def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo ``factor`` times smaller with its classes and edges; takes the same poses."""
+    small = coarser(photo, factor)
+    return replace(small, factor=factor, structure=make_structure(small.channels, small.weights))
+
+
 def _reduced(renderer: Renderer, pixels: float) -> Renderer:
     """A renderer of the same model for a picture in which it covers ``pixels`` px."""
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
@@ -170,10 +169,6 @@ def _reduced(renderer: Renderer, pixels: float) -> Renderer:
 @lru_cache(maxsize=8)
 def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
     return SoftwareRenderer(simplify(mesh, faces), two_sided)
-
-
-def _reduced_size(size: int, factor: int) -> int:
-    return -(-size // factor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +192,7 @@ def _box(weights: NDArray[np.float32], factor: int) -> _Box:
 
 def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """The means over squares of ``factor`` px of (height, width) or (height, width, n)."""
-    height, width = (_reduced_size(size, factor) for size in image.shape[:2])
+    height, width = (reduced_size(size, factor) for size in image.shape[:2])
     missing = [(0, height * factor - image.shape[0]), (0, width * factor - image.shape[1])]
     if missing != [(0, 0), (0, 0)]:
         image = np.pad(image, missing + [(0, 0)] * (image.ndim - 2))

@@ -11,6 +11,14 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.render.structure import (
+    MARGIN_PX,
+    MODEL_NOISE,
+    PhotoStructure,
+    counted,
+    edge_agreement,
+    orientation_field,
+)
 
 if TYPE_CHECKING:
     from poseviewer.render.attributes import AttributeImage
@@ -41,6 +49,11 @@ class PhotoAttributes:
     it, the surroundings would have to look like a black part of the model."""
     colour_reflectance: bool = False
     """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12)."""
+    structure: PhotoStructure | None = None
+    """Where there is one, F is the membership in its K classes instead of ``channels``, and edges
+    are compared too. It is over the whole region: such photos are not clipped."""
+    factor: int = 1
+    """The photo that poses are of is so many times larger along each side than ``channels``."""
 
     def __post_init__(self) -> None:
         values = np.asarray(self.channels)
@@ -79,6 +92,11 @@ class PhotoAttributes:
         return RegionSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
 
     @property
+    def photo_channels(self) -> int:
+        """n, the number of attributes of the photo."""
+        return self.channels.shape[2] if self.structure is None else len(self.structure.shares)
+
+    @property
     def model_channels(self) -> int:
         """m, the number of attributes of the model: 4 or 12, and 1 more where not clipped."""
         return (12 if self.colour_reflectance else 4) + (not self.clipped)
@@ -98,6 +116,8 @@ class Moments:
     """(n + m, n + m): weighted covariances, normalised by ``weight``; symmetric."""
     photo_channels: int
     """n, where F ends and M begins."""
+    edge_cosine: float | None = None
+    """In [-1, 1]: how well the edges of model and photo agree; None where they are not compared."""
 
     def __post_init__(self) -> None:
         size = np.shape(self.mean)[0]
@@ -142,8 +162,31 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
     return np.concatenate([attributes, image.mask[..., None].astype(float)], axis=-1)
 
 
+def moments_of_classes(
+    photo: PhotoAttributes,
+    structure: PhotoStructure,
+    pixels: int,
+    by_class: FloatArray,
+    second: FloatArray,
+    edge_cosine: float,
+) -> Moments:
+    """Of memberships F and attributes M, from sums of M by class (K, m) and of ``M M^T`` (m, m)."""
+    n, size = len(structure.shares), len(structure.shares) + photo.model_channels
+    weight = float(structure.shares.sum())
+    if weight <= 0.0:
+        return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n, edge_cosine)
+    mean = np.concatenate([structure.shares, by_class.sum(axis=0)]) / weight
+    joint = np.empty((size, size))
+    joint[:n, :n] = np.diag(structure.shares)
+    joint[:n, n:], joint[n:, :n] = by_class, by_class.T
+    joint[n:, n:] = second
+    return Moments(pixels, weight, mean, joint / weight - np.outer(mean, mean), n, edge_cosine)
+
+
 def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
     """The plain path: pictures of all attributes, then sums over P. The measure for fast paths."""
+    if photo.structure is not None:
+        return _classes_of_images(image, photo, photo.structure)
     weights = photo.weights.astype(float)
     covered = image.mask & (weights > 0.0)
     region = covered if photo.clipped else weights > 0.0
@@ -160,3 +203,20 @@ def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
     mean = w @ joint / total
     centred = joint - mean
     return Moments(pixels, total, mean, (w[:, None] * centred).T @ centred / total, channels)
+
+
+def _classes_of_images(
+    image: AttributeImage, photo: PhotoAttributes, structure: PhotoStructure
+) -> Moments:
+    covered = image.mask & (photo.weights > 0.0)
+    weights = photo.weights[covered].astype(float)
+    model = model_attributes(image, photo)[covered]
+    by_class = np.zeros((len(structure.shares), model.shape[1]))
+    np.add.at(by_class, structure.labels[covered], weights[:, None] * model)
+    rows, columns = counted(image.mask, MARGIN_PX)
+    grey = image.reflectance @ GREY_WEIGHTS
+    shown = np.dstack([grey, image.normals, image.mask])[rows, columns].astype(np.float32)
+    field = orientation_field(shown, MODEL_NOISE)
+    cosine = edge_agreement(structure, photo.weights, field, rows, columns) if shown.size else 0.0
+    second = (weights[:, None] * model).T @ model
+    return moments_of_classes(photo, structure, int(covered.sum()), by_class, second, cosine)

@@ -12,6 +12,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.gl_context import opengl_unavailable_reason
 from poseviewer.render.interpolation import AttributeInterpolator
+from poseviewer.render.level_pose import level_pose
 from poseviewer.render.moments import Moments, PhotoAttributes, moments_of_images
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class OpenGLRenderer:
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments of the photo's and the model's attributes, from pictures of both."""
-        return moments_of_images(self.render(pose), photo)
+        return moments_of_images(self.render(level_pose(pose, photo.factor)), photo)
 
     def face_ids(self, pose: Pose) -> NDArray[np.int32]:
         """(height, width): the visible face of each pixel centre, -1 for none; raises as above."""

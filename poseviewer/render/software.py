@@ -22,11 +22,14 @@ from poseviewer.render import (
     kernel_coverage,
     kernel_moments,
     kernel_pieces,
+    kernel_structure,
     kernel_visibility,
 )
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.clusters import make_clusters
-from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.level_pose import level_pose
+from poseviewer.render.moments import Moments, PhotoAttributes, moments_of_classes
+from poseviewer.render.structure import MARGIN_PX, MODEL_NOISE, PhotoStructure, edge_agreement
 from poseviewer.render.texture import flatten_textures
 
 NEAR_PER_DIAMETER = 1e-3
@@ -108,6 +111,7 @@ class SoftwareRenderer:
         self._weighted = np.empty(width)
         self._run = np.empty((0, width), np.float32)
         self._drawn: Box = (0, 0, 0, 0)
+        self._pictures = np.empty((2, 0, 0, 3), np.float32)
 
     def _seen_from_outside(self) -> NDArray[np.bool_]:
         """(F,): the mesh's faces that others do not hide all around."""
@@ -139,23 +143,10 @@ class SoftwareRenderer:
         box = self._rasterise(pose)
         reflectance = np.zeros((height, width, 3), np.float32)
         normals = np.zeros((height, width, 3), np.float32)
-        rotation = pose.camera_from_model.rotation
-        surface = self._surface
-        kernel_attributes.shade(
-            box,
-            self._ids,
-            self._planes,
-            surface.colours,
-            rotation,
-            self._attributes,
-            self._camera,
-            self._textures,
-            reflectance,
-            normals,
-        )
+        self._shade(pose, box, reflectance, normals)
         face_ids = np.full((height, width), -1, np.int32)
         left, top, right, bottom = box
-        ids = self._ids[top:bottom, left:right]
+        surface, ids = self._surface, self._ids[top:bottom, left:right]
         face_ids[top:bottom, left:right] = np.where(ids >= 0, surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
@@ -173,8 +164,11 @@ class SoftwareRenderer:
         Raises:
             ValueError: the pose's camera has another picture size than the photo.
         """
+        pose = level_pose(pose, photo.factor)
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
+        if photo.structure is not None:
+            return self._classes(pose, photo, photo.structure)
         box = self._rasterise(pose)
         surface, n = self._surface, photo.channels.shape[2]
         size = n + photo.model_channels
@@ -213,6 +207,57 @@ class SoftwareRenderer:
         # They are ours alone: to freeze them here saves two copies for every pose.
         mean.flags.writeable = covariance.flags.writeable = False
         return Moments(pixels, weight, mean, covariance, n)
+
+    def _classes(self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure) -> Moments:
+        """The moments of classes, and the agreement of edges, from a picture of the attributes."""
+        height, width = structure.labels.shape
+        box = self._rasterise(pose)
+        left, top, right, bottom = box
+        if self._pictures.shape[1:3] != (height, width):
+            self._pictures = np.empty((2, height, width, 3), np.float32)
+        reflectance, normals = self._pictures  # what is not covered is left as it was
+        self._shade(pose, box, reflectance, normals)
+        pixels, by_class, second = kernel_structure.class_sums(
+            box,
+            self._ids,
+            reflectance,
+            normals,
+            photo.weights,
+            structure.labels,
+            len(structure.shares),
+            photo.colour_reflectance,
+            GREY_WEIGHTS,
+        )
+        rows = slice(max(top - MARGIN_PX, 0), min(bottom + MARGIN_PX, height))
+        columns = slice(max(left - MARGIN_PX, 0), min(right + MARGIN_PX, width))
+        part = columns.start, rows.start, columns.stop, rows.stop
+        planes = kernel_structure.attribute_planes(
+            box, part, self._ids, reflectance, normals, GREY_WEIGHTS.astype(np.float32)
+        )
+        field = kernel_structure.orientation(planes, MODEL_NOISE)
+        cosine = edge_agreement(structure, photo.weights, field, rows, columns)
+        return moments_of_classes(photo, structure, pixels, by_class, second, cosine)
+
+    def _shade(
+        self,
+        pose: Pose,
+        box: Box,
+        reflectance: NDArray[np.float32],
+        normals: NDArray[np.float32],
+    ) -> None:
+        """Write what was rasterised last to pictures (height, width, 3)."""
+        kernel_attributes.shade(
+            box,
+            self._ids,
+            self._planes,
+            self._surface.colours,
+            pose.camera_from_model.rotation,
+            self._attributes,
+            self._camera,
+            self._textures,
+            reflectance,
+            normals,
+        )
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.landscape import Slice, landscape, strides
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, fit_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -132,7 +132,7 @@ class Painter:
                 self._note = str(error)
         if self._attributes is None:
             return None
-        return lighting_loss(self._weigher.moments(request.pose, self._attributes))
+        return registration_loss(self._weigher.moments(request.pose, self._attributes))
 
     def _fine_lines(self, request: PaintRequest, loss: float | None) -> Painting:
         camera = request.pose.camera

@@ -1,0 +1,137 @@
+"""Classes and edges: what alters them, what does not, and that all renderers see the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.fit.loss import EDGE_WEIGHT, lighting_loss, registration_loss
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.level_pose import level_pose
+from poseviewer.render.levels import structured
+from poseviewer.render.moments import PhotoAttributes, moments_of_images
+from poseviewer.render.software import SoftwareRenderer
+from poseviewer.render.structure import CLASSES, make_structure
+from tests.meshes import make_bumpy
+
+MESH = make_bumpy(4)
+LIGHT = np.array([0.4, -0.7, -0.6])
+
+
+def make_pose(turn: float = 0.0, shift: float = 0.0, parallel: bool = False) -> Pose:
+    camera = (
+        Parallel(60.0, 113.0, 77.0, 220, 160)
+        if parallel
+        else Perspective(400.0, 400.0, 113.0, 77.0, 220, 160)
+    )
+    rotation = [0.4 + turn, -0.3, 0.2]
+    return Pose(camera, RigidTransform.from_rotation_vector(rotation, [0.1 + shift, 0.05, 7.0]))
+
+
+def make_channels(pose: Pose) -> np.ndarray:
+    image = SoftwareRenderer(MESH).render(pose)
+    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
+    ground = np.random.default_rng(1).normal(0.4, 0.02, (*lit.shape[:2], 3))
+    return np.clip(np.where(image.mask[..., None], lit, ground), 0.0, 1.0).astype(np.float32)
+
+
+def make_photo(pose: Pose, factor: int = 1, **settings) -> PhotoAttributes:
+    channels = make_channels(pose)
+    weights = np.ones(channels.shape[:2], np.float32)
+    weights[:20, :30] = 0.0
+    weights[40:60] = 0.5
+    return structured(PhotoAttributes(channels, weights, False, **settings), factor)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("coloured", [False, True])
+@pytest.mark.parametrize("factor", [1, 3])
+def test_the_fast_path_gives_the_plain_moments(parallel, coloured, factor):
+    """Also where the model is cut off by the picture, or out of it."""
+    photo = make_photo(make_pose(parallel=parallel), factor, colour_reflectance=coloured)
+    renderer = SoftwareRenderer(MESH)
+    for shift in (0.0, 0.4, -1.6, 1.9, 30.0):
+        pose = make_pose(0.2, shift, parallel)
+        fast = renderer.moments(pose, photo)
+        plain = moments_of_images(renderer.render(level_pose(pose, factor)), photo)
+        assert fast.pixels == plain.pixels
+        np.testing.assert_allclose(fast.mean, plain.mean, atol=1e-6)
+        np.testing.assert_allclose(fast.covariance, plain.covariance, atol=1e-6)
+        assert fast.edge_cosine == pytest.approx(plain.edge_cosine, abs=1e-5)
+
+
+def test_the_loss_rises_away_from_the_truth():
+    photo, renderer = make_photo(make_pose()), SoftwareRenderer(MESH)
+
+    def loss(turn: float, shift: float) -> float:
+        return registration_loss(renderer.moments(make_pose(turn, shift), photo))
+
+    for way in (1.0, -1.0):
+        turned = [loss(way * t, 0.0) for t in (0.0, 0.03, 0.08, 0.15)]
+        shifted = [loss(0.0, way * s) for s in (0.0, 0.03, 0.1, 0.2)]
+        assert turned == sorted(turned)
+        assert shifted == sorted(shifted)
+
+
+def test_edges_of_the_model_itself_agree_best():
+    photo, renderer = make_photo(make_pose()), SoftwareRenderer(MESH)
+    true = renderer.moments(make_pose(), photo).edge_cosine
+    assert true is not None
+    assert true > 0.6
+    assert renderer.moments(make_pose(shift=0.15), photo).edge_cosine < 0.7 * true
+    assert renderer.moments(make_pose(shift=30.0), photo).edge_cosine == 0.0
+
+
+def test_a_photo_in_negative_has_the_same_edges():
+    """Strength and sign of an edge say nothing; the tone curve in front of it does a little."""
+    channels = make_channels(make_pose())
+    weights = np.ones(channels.shape[:2], np.float32)
+    field = make_structure(channels, weights).field
+    negative = make_structure((1.0 - channels ** (1 / 2.2)) ** 2.2, weights).field
+    assert float(np.vdot(field, negative)) > 0.999
+
+
+def test_exchanged_colours_change_no_class():
+    channels = make_channels(make_pose())
+    weights = np.ones(channels.shape[:2], np.float32)
+    photo = PhotoAttributes(channels, weights, False, structure=make_structure(channels, weights))
+    assert photo.structure is not None
+    order = np.random.default_rng(0).permutation(len(photo.structure.shares))
+    renamed = replace(
+        photo.structure,
+        labels=order[photo.structure.labels].astype(np.uint8),
+        shares=photo.structure.shares[np.argsort(order)],
+    )
+    renderer = SoftwareRenderer(MESH)
+    before = lighting_loss(renderer.moments(make_pose(0.1), photo))
+    after = lighting_loss(renderer.moments(make_pose(0.1), replace(photo, structure=renamed)))
+    assert after == pytest.approx(before, rel=1e-9)
+
+
+def test_a_photo_of_few_colours_has_as_many_classes():
+    channels = np.zeros((40, 50, 3), np.float32)
+    channels[10:, :, 0], channels[20:, :, 1] = 0.5, 0.8
+    structure = make_structure(channels, np.ones((40, 50), np.float32))
+    assert len(structure.shares) == 3
+    assert structure.shares.sum() == 40 * 50
+    many = np.random.default_rng(0).uniform(size=(60, 60, 3)).astype(np.float32)
+    assert len(make_structure(many, np.ones((60, 60), np.float32)).shares) == CLASSES
+
+
+def test_what_does_not_count_changes_nothing():
+    photo = make_photo(make_pose())
+    other = photo.channels.copy()
+    other[:20, :30] = 0.9
+    again = structured(PhotoAttributes(other, photo.weights, False), 1)
+    renderer = SoftwareRenderer(MESH)
+    one, two = (renderer.moments(make_pose(0.1), p) for p in (photo, again))
+    assert lighting_loss(one) == pytest.approx(lighting_loss(two), abs=1e-9)
+
+
+def test_a_pose_that_shows_nothing_costs_the_most():
+    photo = make_photo(make_pose())
+    nothing = registration_loss(SoftwareRenderer(MESH).moments(make_pose(shift=30.0), photo))
+    assert nothing == 5.0 + 2.0 * EDGE_WEIGHT
