@@ -16,6 +16,8 @@ FORMAT_NAMES = (
     "poseviewer", "opencv", "matrices", "bop", "colmap", "nerfstudio", "gltf", "blender", "meshlab",
 )  # fmt: skip
 """The keys of ``files.formats.table.FORMATS``, here without importing NumPy and OpenCV."""
+UPRIGHT = ("poseviewer", "gltf")
+"""Formats whose photo is upright whatever its EXIF says."""
 UNITS = ("km", "m", "cm", "mm", "in", "ft")
 
 
@@ -71,6 +73,7 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     """
     from poseviewer.errors import PoseFileError
     from poseviewer.files.formats.table import FORMATS
+    from poseviewer.files.photo_file import is_stored_turned
 
     read = FORMATS[options.source_format].read
     if read is None:
@@ -81,6 +84,11 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     record = read(options.source, request)
     record, request = _with_files(record, request, options.source)
     yield from (f"note: {warning}" for warning in record.warnings)
+    if request.photo and options.out_format not in UPRIGHT and is_stored_turned(request.photo):
+        yield (
+            f"note: {request.photo.name} is stored turned (EXIF), and the pose is one in the "
+            "upright photo; save it upright for tools that do not turn it."
+        )
     written = FORMATS[options.out_format].write(record, options.out, request)
     yield from (f"note: {note}" for note in written.notes)
     yield from (f"{options.out_format}: {path}" for path in written.files)

@@ -61,6 +61,10 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
             "image with --image NUMBER, or convert it with that camera."
         )
     of_image = poses.setdefault(image, [])
+    if not isinstance(of_image, list):
+        raise PoseFileError(
+            f"{folder_files[1]}: image {image} is not a list; is it a scene of BOP's?"
+        )
     if entry in of_image:
         return Written(folder_files, (f"Image {image} had this very pose already.",))
     of_image.append(entry)

@@ -72,10 +72,10 @@ def read_opencv(path: Path, request: Request) -> PoseRecord:
     """
     reading = Reading(path.name, [])
     values = _json_values(path) if path.suffix.lower() == ".json" else _yaml_values(path)
-    sizes = (_whole(reading, values, "image_width"), _whole(reading, values, "image_height"))
-    width, height = size_of(reading, request, sizes)
     _refuse_distortion(reading, values)
     matrix = _matrix(reading, values, ("camera_matrix", "K"), (9,)).reshape(3, 3)
+    sizes = (_whole(reading, values, "image_width"), _whole(reading, values, "image_height"))
+    width, height = size_of(reading, request, sizes)
     camera = camera_from_intrinsics(reading, matrix, width, height)
     rotation = _matrix(reading, values, ("rvec", "R"), (3, 9))
     translation = _matrix(reading, values, ("tvec", "t"), (3,))
