@@ -55,7 +55,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     folder_files = out / "scene_camera.json", out / "scene_gt.json"
     cameras, poses = (_load_scene_file(path) for path in folder_files)
     there = cameras.setdefault(image, {"cam_K": matrix, "depth_scale": 1.0})
-    if not isinstance(there, dict) or not _alike(there.get("cam_K"), matrix):
+    if not _alike(Reading(folder_files[0].name, []), there, image, matrix):
         raise PoseFileError(
             f"{folder_files[0]}: image {image} is there with another camera; give the pose another "
             "image with --image NUMBER, or convert it with that camera."
@@ -127,11 +127,12 @@ def _object_id(record: PoseRecord, request: Request) -> int:
 
 
 def _number(given: str | None, pattern: str, name: str | None, what: str, example: str) -> int:
-    found = re.fullmatch(pattern, name or "")
-    text = given if given is not None else (found[1] if found else "")
+    said = name if given is None else given
+    found = re.fullmatch(pattern, said or "")
+    text = found[1] if found else given or ""
     if not text.isdecimal():
         raise PoseFileError(
-            f"BOP wants the {what}'s number, and found {text or name or 'none'!r}; add "
+            f"BOP wants the {what}'s number, and found {said or 'none'!r}; add "
             f"--{what} NUMBER (a file called like {example} says it by its name)."
         )
     return int(text)
@@ -145,8 +146,11 @@ def _load_scene_file(path: Path) -> SceneFile:
     return reading.object(read_json(path, LARGEST_SCENE), "its content")
 
 
-def _alike(there: Any, matrix: list[float]) -> bool:
-    return isinstance(there, list) and len(there) == 9 and np.allclose(there, matrix, rtol=1e-9)
+def _alike(reading: Reading, there: Any, image: str, matrix: list[float]) -> bool:
+    """Whether the camera that an image has is this one."""
+    entry = reading.object(there, f"image {image}")
+    numbers = reading.numbers(entry.get("cam_K"), f"{image}.cam_K", 9)
+    return np.allclose(numbers, matrix, rtol=1e-9, atol=1e-9)
 
 
 def _as_text(content: SceneFile) -> str:

@@ -38,7 +38,7 @@ def read_gltf(path: Path, request: Request) -> PoseRecord:
     try:
         index, world_from_camera = _chosen_node(reading, document, request)
         entry = document["cameras"][document["nodes"][index]["camera"]]
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise reading.error(f"its nodes are broken ({error})", "export it again") from error
     metres = metres_per_unit(request.unit or "m")
     camera = _camera(reading, reading.object(entry, "the camera"), request, metres)

@@ -87,10 +87,12 @@ def test_damaged_files_are_not_written_over(tmp_path):
     assert not (tmp_path / "scene_camera.json").exists()
 
 
-@pytest.mark.parametrize("entry", ["[]", '{"cam_K": 3}', "7"])
+@pytest.mark.parametrize(
+    "entry", ["[]", '{"cam_K": 3}', "7", '{"cam_K": [[], 0, 0, 0, 0, 0, 0, 0, 0]}']
+)
 def test_an_image_that_is_no_image_is_said(tmp_path, entry):
     (tmp_path / "scene_camera.json").write_text(f'{{"3": {entry}}}')
-    with pytest.raises(PoseFileError, match="image 3"):
+    with pytest.raises(PoseFileError, match=r"image 3|3\.cam_K"):
         write_bop(perspective_record(), tmp_path, Request())
     (tmp_path / "scene_camera.json").unlink()
     (tmp_path / "scene_gt.json").write_text('{"3": {}}')
@@ -109,6 +111,11 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     with pytest.raises(PoseFileError, match="--object NUMBER"):
         write_bop(nameless, tmp_path, Request(unit="m"))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_name_says_the_image(tmp_path):
+    write_bop(perspective_record(), tmp_path, Request(image="000012.png"))
+    assert list(load_scene(tmp_path)[1]) == [12]
 
 
 def test_one_of_many_poses_is_chosen(tmp_path):

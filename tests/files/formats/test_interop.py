@@ -186,6 +186,10 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
     corners = [[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]]
     np.testing.assert_allclose(seen, corners, atol=0.01)
+    # trimesh counts v upwards: the picture's upper left is at the plane's upper left.
+    np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
+    shown = np.asarray(plane.visual.material.baseColorTexture)
+    assert shown[40, 130, :2].tolist() == [130, 40]
 
 
 def scene_of(path: Path):
