@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -75,6 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
     info.set_defaults(command="info")
     _add_bench(commands)
+    add_convert(commands)
     return parser
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from poseviewer import describe
+from poseviewer import converting, describe
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
@@ -186,6 +186,13 @@ def bench(options: Namespace) -> int:
     if options.plot:
         save_figure(options.plot, make_bench_sheet(make_sheet(report)))
         print(f"\nplot: {options.plot}")
+    return 0
+
+
+def convert(options: Namespace) -> int:
+    """Write a pose for another tool, or read one from it."""
+    for line in converting.convert(options):
+        print(line)
     return 0
 
 

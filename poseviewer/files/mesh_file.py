@@ -245,6 +245,11 @@ def srgb_from_linear(linear: NDArray) -> NDArray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
+def linear_from_srgb(colours: NDArray) -> NDArray:
+    """Linear colours from display-encoded ones, both in [0, 1]."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
 READERS: dict[str, Callable[[Path], Read]] = {
     ".obj": read_obj,
     ".ply": read_ply,

@@ -110,6 +110,16 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, path.name, hashlib.sha256(data).hexdigest(), focal, tuple(notes))
 
 
+def is_stored_turned(path: str | Path) -> bool:
+    """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored.
+
+    Raises:
+        PhotoFileError: it cannot be read.
+    """
+    path = Path(path)
+    return _inspect(path.name, _read(path, "a photo"))[0] != 1
+
+
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
     """(height, width) weights in [0, 1] from a picture, white 1 and black 0.
 

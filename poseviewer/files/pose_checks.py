@@ -85,8 +85,8 @@ def kind_of(value: Any) -> str:
     return "missing" if value is None else repr(value)[:60]
 
 
-def read_json(path: Path) -> Any:
-    """What a JSON file holds.
+def read_json(path: Path, largest: int = LARGEST_FILE) -> Any:
+    """What a JSON file of at most ``largest`` bytes holds.
 
     Raises:
         PoseFileError: there is no such file, or it is not JSON.
@@ -94,7 +94,7 @@ def read_json(path: Path) -> Any:
     if path.is_dir():
         raise PoseFileError(f"{path.name or path}: is a folder; wanted a pose file (.json).")
     try:
-        if path.stat().st_size > LARGEST_FILE:
+        if path.stat().st_size > largest:
             raise PoseFileError(f"{path.name}: larger than any pose file; wanted a pose file.")
         return json.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:

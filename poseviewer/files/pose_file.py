@@ -102,7 +102,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         raise reading.error(
             f"version is {version!r}", f"this poseviewer reads version {VERSION}, try a newer one"
         )
-    pose = Pose(_camera(reading, data, width, height), _transform(reading, data))
+    pose = Pose(camera_from_json(reading, data, width, height), _transform(reading, data))
     photo = _photo(reading, data.get("photo"))
     if photo is not None:
         _warn_of_size(reading, photo, width, height)
@@ -147,16 +147,13 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:
     """What a pose file says, as JSON has it."""
-    camera = camera_as_integer_centres(record.pose.camera)
-    names = ("fx", "fy", "cx", "cy") if isinstance(camera, Perspective) else ("scale", "cx", "cy")
     transform = record.pose.camera_from_model
     data: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
         "photo": _without_none(record.photo, ("file", "width", "height", "sha256")),
         "model": _without_none(record.model, ("file", "sha256", "unit")),
-        "projection": "perspective" if isinstance(camera, Perspective) else "parallel",
-        "camera": {name: float(getattr(camera, name)) for name in names},
+        **camera_as_json(record.pose.camera),
         "camera_from_model": {
             "rotation": transform.rotation.tolist(),
             "translation": transform.translation.tolist(),
@@ -172,6 +169,17 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
     return {key: value for key, value in data.items() if value is not None}
 
 
+def camera_as_json(camera: Camera) -> dict[str, Any]:
+    """``projection`` and ``camera`` as a pose file says them, pixel centres at integers."""
+    camera = camera_as_integer_centres(camera)
+    perspective = isinstance(camera, Perspective)
+    names = ("fx", "fy", "cx", "cy") if perspective else ("scale", "cx", "cy")
+    return {
+        "projection": "perspective" if perspective else "parallel",
+        "camera": {name: float(getattr(camera, name)) for name in names},
+    }
+
+
 def _without_none(reference: object, names: tuple[str, ...]) -> dict[str, Any] | None:
     if reference is None:
         return None
@@ -179,7 +187,12 @@ def _without_none(reference: object, names: tuple[str, ...]) -> dict[str, Any] |
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _camera(reading: Reading, data: dict[str, Any], width: int, height: int) -> Camera:
+def camera_from_json(reading: Reading, data: dict[str, Any], width: int, height: int) -> Camera:
+    """The camera in a pose file's ``projection`` and ``camera``, pixel centres at i + 0.5.
+
+    Raises:
+        PoseFileError: it is not there, or not one.
+    """
     projection = data.get("projection")
     if projection not in ("perspective", "parallel"):
         raise reading.error(

@@ -12,13 +12,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from poseviewer.geometry.camera import Camera
+from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.transform import RigidTransform
 
 HALF_PIXEL = 0.5
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """OpenGL cameras look along -z with y up; it is its own inverse."""
+BLENDER_FROM_GLTF = RigidTransform(
+    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.zeros(3)
+)
+"""Blender's glTF importer turns y up into z up: (x, y, z) becomes (x, -z, y)."""
 
 
 def camera_from_integer_centres(camera: Camera) -> Camera:
@@ -29,3 +33,8 @@ def camera_from_integer_centres(camera: Camera) -> Camera:
 def camera_as_integer_centres(camera: Camera) -> Camera:
     """A camera as used inside, with cx, cy counted from pixel centres (OpenCV, files)."""
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
+
+
+def camera_with_rows_from_below(camera: Perspective) -> Perspective:
+    """The camera with cy counted from the lower edge, as MeshLab does; its own inverse."""
+    return replace(camera, cy=camera.height - camera.cy)

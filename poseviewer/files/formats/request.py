@@ -1,0 +1,133 @@
+"""What a user asks of a conversion besides the pose, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.pose_checks import Reading
+from poseviewer.files.pose_file import ModelReference, PhotoReference, PoseRecord
+from poseviewer.geometry.camera import Perspective, Pose
+
+METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Length units by name, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is not in the file that is read, or is to be other than it says."""
+
+    photo: Path | None = None
+    """The photo's file."""
+    model: Path | None = None
+    """The model's file."""
+    photo_size: tuple[int, int] | None = None
+    """Width and height of the photo in px, for files that do not say it."""
+    unit: str | None = None
+    """The model's length unit, a key of ``METRES``."""
+    image: str | None = None
+    """Which image of a file with several: its name, or its number (BOP)."""
+    object_id: int | None = None
+    """Which object (BOP)."""
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What a writer wrote."""
+
+    files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
+    """What the user should know about it."""
+
+
+def require_perspective(record: PoseRecord, tool: str) -> Perspective:
+    """The record's camera, pixel centres at i + 0.5.
+
+    Raises:
+        PoseFileError: the projection is parallel, which this tool's files cannot say.
+    """
+    if isinstance(record.pose.camera, Perspective):
+        return record.pose.camera
+    raise PoseFileError(
+        f"The pose is one of parallel projection, which {tool} files cannot hold; convert it to "
+        "matrices, gltf or blender, or fit it in perspective."
+    )
+
+
+def refuse_existing(request: Request, *paths: Path) -> None:
+    """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
+    for path in paths:
+        if path.is_dir():
+            raise PoseFileError(f"{path}: is a folder; name a file in it.")
+        if path.exists() and not request.overwrite:
+            raise PoseFileError(
+                f"{path}: is there already and was not touched; name another, or add --overwrite."
+            )
+
+
+def require_file(path: Path | None, what: str, tool: str) -> Path:
+    """A photo or model that a format cannot do without.
+
+    Raises:
+        PoseFileError: none is known, or there is no such file.
+    """
+    if path is None:
+        raise PoseFileError(f"{tool} files name the {what}, and none is known; add --{what} FILE.")
+    if not path.is_file():
+        raise PoseFileError(f"{path}: no such file; name the {what} with --{what} FILE.")
+    return path
+
+
+def metres_per_unit(unit: str) -> float:
+    """The size of a length unit.
+
+    Raises:
+        PoseFileError: nobody here knows it.
+    """
+    if unit not in METRES:
+        raise PoseFileError(
+            f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
+        )
+    return METRES[unit]
+
+
+def unit_of(record: PoseRecord, request: Request) -> str | None:
+    """The model's unit: what the user says, else what the pose file says."""
+    return request.unit or (record.model.unit if record.model else None)
+
+
+def size_of(
+    reading: Reading, request: Request, found: tuple[int | None, int | None] = (None, None)
+) -> tuple[int, int]:
+    """Width and height of the photo in px: what the file says, else what the user says.
+
+    Raises:
+        PoseFileError: neither says it, or they differ.
+    """
+    width, height = found
+    if width is None or height is None:
+        if request.photo_size is None:
+            raise reading.error(
+                "it does not say how large the photo is", "add --photo-size WIDTHxHEIGHT"
+            )
+        return request.photo_size
+    if request.photo_size not in (None, (width, height)):
+        raise reading.error(
+            f"it is for a photo of {width}x{height} px", f"not of {_by(request.photo_size)} px"
+        )
+    return width, height
+
+
+def _by(size: tuple[int, int] | None) -> str:
+    return "x".join(map(str, size or ()))
+
+
+def make_record(
+    reading: Reading, pose: Pose, photo: str | None = None, unit: str | None = None
+) -> PoseRecord:
+    """The record of a pose that was read from another tool's file."""
+    reference = PhotoReference(photo, pose.camera.width, pose.camera.height)
+    model = ModelReference(unit=unit) if unit else None
+    return PoseRecord(pose, reference, model, warnings=tuple(reading.warnings))

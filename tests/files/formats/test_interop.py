@@ -1,0 +1,218 @@
+"""The other tools' own readers see the model where we see it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.demo import demo_case
+from poseviewer.files.formats.blender_script import write_blender
+from poseviewer.files.formats.colmap_model import write_colmap
+from poseviewer.files.formats.gltf_file import write_gltf
+from poseviewer.files.formats.meshlab_project import write_meshlab
+from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
+from poseviewer.files.formats.opencv_file import write_opencv
+from poseviewer.files.formats.own_file import read_own
+from poseviewer.files.formats.request import Request
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.pose_file import PoseRecord
+from poseviewer.geometry.camera import Perspective
+from poseviewer.render.software import SoftwareRenderer
+from tests.files.formats.cases import (
+    HEIGHT,
+    WIDTH,
+    parallel_record,
+    perspective_record,
+    write_files,
+)
+from tests.files.formats.foreign import read_with
+from tests.meshes import make_bumpy
+
+HALF_A_PIXEL_SHOWS = 0.1
+"""px: a slip between conventions moves everything by 0.5."""
+
+
+@pytest.mark.parametrize("name", ["pose.yml", "pose.json"])
+def test_opencv_projects_the_same(tmp_path, name):
+    mesh, request = write_files(tmp_path)
+    record = perspective_record()
+    write_opencv(record, tmp_path / name, request)
+    storage = cv2.FileStorage(str(tmp_path / name), cv2.FILE_STORAGE_READ)
+    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
+    rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
+    seen, _ = cv2.projectPoints(mesh.vertices, rvec, tvec, camera, distortion)
+    # OpenCV counts from the centre of the upper left pixel, we from the picture's corner.
+    np.testing.assert_allclose(seen[:, 0] + 0.5, record.pose.project(mesh.vertices), atol=1e-9)
+    assert int(storage.getNode("image_width").real()) == WIDTH
+
+
+def test_colmap_projects_the_same_and_counts_pixels_the_same(tmp_path):
+    mesh, request = write_files(tmp_path)
+    record = perspective_record()
+    write_colmap(record, tmp_path / "model", request)
+    points, spots = tmp_path / "points.json", tmp_path / "spots.png"
+    points.write_text(json.dumps(mesh.vertices[:50].tolist()))
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    spot = 200.0 * np.exp(-((rows - 60) ** 2 + (columns - 90) ** 2) / 32.0)
+    cv2.imwrite(str(spots), spot.astype(np.uint8))
+    answer = read_with("pycolmap", tmp_path / "model", points, spots, out=tmp_path / "out.json")
+    np.testing.assert_allclose(
+        answer["points"], record.pose.project(mesh.vertices[:50]), rtol=0.0, atol=1e-9
+    )
+    # A spot in the middle of pixel (90, 60) is for COLMAP where it is inside poseviewer.
+    np.testing.assert_allclose(answer["features"][0], [90.5, 60.5], atol=0.01)
+    assert answer["size"] == [WIDTH, HEIGHT]
+    assert answer["name"] == "000003.png"
+
+
+@pytest.fixture(scope="module")
+def in_meshlab(tmp_path_factory) -> dict:
+    folder = tmp_path_factory.mktemp("meshlab")
+    _, request = write_files(folder)
+    write_meshlab(perspective_record(), folder / "project.mlp", request)
+    return read_with("pymeshlab", folder / "project.mlp", out=folder / "out.json")
+
+
+def test_meshlab_has_the_same_camera(in_meshlab):
+    """What it read, as it says it in Bundler's and Agisoft's words: six digits."""
+    assert in_meshlab["rasters"] == 1
+    numbers = np.array(" ".join(in_meshlab["bundler"].splitlines()[2:7]).split(), float)
+    focal, rotation, translation = numbers[0], numbers[3:12].reshape(3, 3), numbers[12:]
+    lens = ElementTree.fromstring(in_meshlab["agisoft"]).find(".//calibration")
+    assert lens is not None
+    fx, fy, cx, cy = (float(lens.findtext(name) or "nan") for name in ("fx", "fy", "cx", "cy"))
+    points = some_points() @ rotation.T + translation  # Bundler: x right, y up, z backward
+    flat = -points[:, :2] / points[:, 2:]
+    seen = np.column_stack([fx * flat[:, 0] + cx, (HEIGHT - cy) - fy * flat[:, 1]])
+    np.testing.assert_allclose(seen, perspective_record().pose.project(some_points()), atol=1e-3)
+    assert focal == fx
+
+
+def some_points() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
+
+
+def test_meshlab_finds_the_same_pixel_for_every_vertex(in_meshlab):
+    if in_meshlab["seen"] is None:
+        pytest.skip("MeshLab fetches colours only with a display and Qt's platform plugins")
+    vertices = np.array(in_meshlab["seen"]["vertices"])
+    assert len(vertices) == len(make_bumpy(3).vertices)
+    seen = perspective_record().pose.project(vertices)
+    assert np.all((seen > 0) & (seen < (WIDTH, HEIGHT)))
+    clear = np.all(np.abs(seen - np.rint(seen)) > 1e-3, axis=1)  # of the pixels' borders
+    assert np.mean(clear) > 0.9
+    pixels = np.array(in_meshlab["seen"]["colours"])[:, :2]
+    np.testing.assert_array_equal(pixels[clear], np.floor(seen[clear]))
+
+
+@pytest.mark.parametrize("make_record", [perspective_record, parallel_record])
+def test_blender_draws_the_same_silhouette(tmp_path, make_record):
+    mesh, request = write_files(tmp_path)
+    record = make_record()
+    write_blender(record, tmp_path / "scene.py", request)
+    answer, drawn = draw_in_blender(tmp_path / "scene.py", WIDTH, HEIGHT)
+    assert_alike(drawn, silhouette(mesh, record))
+    assert answer["backgrounds"] == [[WIDTH, HEIGHT]]
+
+
+def test_blender_draws_the_demo_on_its_photo(tmp_path):
+    case = demo_case()
+    request = Request(case.photo, case.model)
+    record = read_own(case.truth, request)
+    write_blender(record, tmp_path / "scene.py", request)
+    _, drawn = draw_in_blender(tmp_path / "scene.py", 960, 720)
+    assert_alike(drawn, silhouette(load_mesh(case.model), record))
+
+
+@pytest.mark.parametrize("make_record", [perspective_record, parallel_record])
+@pytest.mark.parametrize("unit", ["m", "cm"])
+def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
+    """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
+    mesh, request = write_files(tmp_path)
+    record, wide = make_record(), (224, 168)
+    write_gltf(record, tmp_path / "scene.glb", replace(request, unit=unit))
+    answer, drawn = draw_in_blender(tmp_path / "scene.glb", *wide, aspect_of(record))
+    # cx = 112 of 200: the wider view is 224 px wide, and begins where the photo does;
+    # cy = 66 of 150: it is 168 px high, and begins 18 px above the photo.
+    assert_alike(drawn[18:, :WIDTH], silhouette(mesh, record))
+    assert "photo plane" in answer["objects"]
+
+
+def aspect_of(record: PoseRecord) -> float:
+    """Width by height of that wider view, in the scene: a pixel need not be square."""
+    camera = record.pose.camera
+    pixel = camera.fx / camera.fy if isinstance(camera, Perspective) else 1.0
+    return 224 / 168 / pixel
+
+
+def draw_in_blender(
+    file: Path, width: int, height: int, aspect: float = 1.0
+) -> tuple[dict, np.ndarray]:
+    """What Blender found, and the model's silhouette (height, width) as it draws it."""
+    picture = file.parent / "drawn.png"
+    answer = read_with("bpy", file, width, height, aspect, picture, out=file.parent / "out.json")
+    drawn = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
+    assert drawn is not None
+    assert drawn.shape == (height, width, 4)
+    return answer, drawn[..., 3] > 127
+
+
+def silhouette(mesh, record: PoseRecord) -> np.ndarray:
+    return SoftwareRenderer(mesh).render(record.pose).mask > 0
+
+
+def assert_alike(drawn: np.ndarray, ours: np.ndarray) -> None:
+    assert (drawn & ours).sum() / (drawn | ours).sum() >= 0.99
+    middles = [np.argwhere(mask).mean(axis=0) for mask in (drawn, ours)]
+    np.testing.assert_allclose(middles[0], middles[1], rtol=0.0, atol=HALF_A_PIXEL_SHOWS)
+
+
+def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
+    """The plane's corners are seen at the photo's corners."""
+    _, request = write_files(tmp_path)
+    record = perspective_record(unit="cm")
+    write_gltf(record, tmp_path / "scene.glb", request)
+    plane = next(
+        geometry
+        for name, geometry in scene_of(tmp_path / "scene.glb").geometry.items()
+        if name.startswith("photo")
+    )
+    seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
+    corners = [[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]]
+    np.testing.assert_allclose(seen, corners, atol=0.01)
+    # trimesh counts v upwards: the picture's upper left is at the plane's upper left.
+    np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
+    shown = np.asarray(plane.visual.material.baseColorTexture)
+    assert shown[40, 130, :2].tolist() == [130, 40]
+
+
+def scene_of(path: Path):
+    import trimesh
+
+    return trimesh.load_scene(path, process=False)
+
+
+def test_nerfstudio_looks_through_the_same_pixels(tmp_path):
+    """Its published rule (Cameras.generate_rays), as there is no small reader of it."""
+    _, request = write_files(tmp_path)
+    record = perspective_record()
+    write_nerfstudio(record, tmp_path / "transforms.json", request)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    world_from_camera = np.array(data["frames"][0]["transform_matrix"])
+    row, column = 40, 130
+    direction = np.array(
+        [(column + 0.5 - data["cx"]) / data["fl_x"], -(row + 0.5 - data["cy"]) / data["fl_y"], -1.0]
+    )
+    along = world_from_camera[:3, :3] @ direction
+    points = world_from_camera[:3, 3] + np.array([[2.0], [5.0]]) * along
+    np.testing.assert_allclose(record.pose.project(points), [[column + 0.5, row + 0.5]] * 2)
+    camera = record.pose.camera
+    assert isinstance(camera, Perspective)
+    assert (data["w"], data["h"], data["fl_x"]) == (WIDTH, HEIGHT, camera.fx)
+    assert (tmp_path / data["frames"][0]["file_path"]).is_file()

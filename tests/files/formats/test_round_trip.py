@@ -1,0 +1,154 @@
+"""What is written reads back; what a format cannot say is refused; nothing is overwritten."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer import converting
+from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.request import METRES, Request
+from poseviewer.files.formats.table import FORMATS, formats_as_markdown
+from poseviewer.files.pose_file import PoseRecord
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.transform import RigidTransform
+from tests.files.formats.cases import (
+    HEIGHT,
+    WIDTH,
+    parallel_record,
+    perspective_record,
+    write_files,
+)
+
+ENDINGS = {
+    "poseviewer": "json", "matrices": "json", "nerfstudio": "json", "gltf": "glb",
+    "blender": "py", "meshlab": "mlp", "bop": "scene", "colmap": "model",
+}  # fmt: skip
+OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
+OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
+READ = [(name, out) for name, out in OUTS if FORMATS[name].read]
+
+
+def read(name: str, path: Path, request: Request) -> PoseRecord:
+    reader = FORMATS[name].read
+    assert reader is not None
+    return reader(path, request)
+
+
+def assert_same(found: PoseRecord, wanted: PoseRecord, depth_counts: bool = True) -> None:
+    kinds = type(found.pose.camera), type(wanted.pose.camera)
+    assert kinds[0] is kinds[1]
+    names = wanted.pose.camera.__slots__
+    cameras = [[getattr(r.pose.camera, name) for name in names] for r in (found, wanted)]
+    np.testing.assert_allclose(cameras[0], cameras[1], rtol=0.0, atol=1e-9)
+    places = [r.pose.camera_from_model for r in (found, wanted)]
+    np.testing.assert_allclose(places[0].rotation, places[1].rotation, rtol=0.0, atol=1e-9)
+    axes = slice(None) if depth_counts else slice(2)
+    np.testing.assert_allclose(
+        places[0].translation[axes], places[1].translation[axes], rtol=0.0, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(("name", "out"), READ)
+@pytest.mark.parametrize("turn", [(0.4, -2.3, 0.7), (0.0, np.pi, 0.0), (0.0, 0.0, 0.0)], ids=str)
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
+    _, request = write_files(tmp_path)
+    record = perspective_record(unit)
+    place = RigidTransform.from_rotation_vector(turn, [0.15, -0.1, 6.0])
+    record = replace(record, pose=replace(record.pose, camera_from_model=place))
+    FORMATS[name].write(record, tmp_path / out, request)
+    asked = replace(request, photo_size=(WIDTH, HEIGHT), unit=unit)
+    assert_same(read(name, tmp_path / out, asked), record)
+
+
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in READ if FORMATS[n].parallel])
+def test_parallel_projection_reads_back(tmp_path, name, out):
+    _, request = write_files(tmp_path)
+    FORMATS[name].write(parallel_record(), tmp_path / out, request)
+    found = read(name, tmp_path / out, replace(request, unit="m"))
+    assert_same(found, parallel_record(), depth_counts=name != "gltf")
+
+
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if not FORMATS[n].parallel])
+def test_parallel_projection_is_refused_where_it_cannot_be_said(tmp_path, name, out):
+    _, request = write_files(tmp_path)
+    with pytest.raises(PoseFileError, match="parallel projection"):
+        FORMATS[name].write(parallel_record(), tmp_path / out, request)
+    assert not (tmp_path / out).exists()
+
+
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n != "bop"])
+def test_nothing_is_overwritten_unasked(tmp_path, name, out):
+    _, request = write_files(tmp_path)
+    FORMATS[name].write(perspective_record(), tmp_path / out, request)
+    before = contents(tmp_path)
+    moved = replace(perspective_record(), pose=parallel_record().pose)
+    moved = moved if FORMATS[name].parallel else with_focal_length(perspective_record(), 400.0)
+    with pytest.raises(PoseFileError, match="--overwrite"):
+        FORMATS[name].write(moved, tmp_path / out, request)
+    assert contents(tmp_path) == before
+    FORMATS[name].write(moved, tmp_path / out, replace(request, overwrite=True))
+    assert contents(tmp_path) != before
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def with_focal_length(record: PoseRecord, focal: float) -> PoseRecord:
+    camera = record.pose.camera
+    assert isinstance(camera, Perspective)
+    return replace(record, pose=replace(record.pose, camera=replace(camera, fx=focal)))
+
+
+@pytest.mark.parametrize(("name", "out"), READ)
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"", b"{", b"\0\1\2", b"[]", b"{}", b"%YAML:1.0\n---\nR: 3\n", b"<a></a>", b"1 2\n3 4\n",
+        b'{"3": 3}', b'{"nodes": [[]]}', b'{"nodes": [{"camera": 0}]}', b'{"frames": [3]}',
+        b'{"frames": [{"transform_matrix": [[1, 0, 0, NaN]]}], "fl_x": 1, "cx": 1, "cy": 2}',
+        b'{"opencv": 3}', b'{"camera_matrix": {"data": ["a"]}}', b'{"K": [1, [2, "x"]]}',
+    ],
+)  # fmt: skip
+def test_garbage_is_one_clear_sentence(tmp_path, name, out, content):
+    path = tmp_path / out
+    names = {"bop": ("scene_gt.json", "scene_camera.json"), "colmap": ("images.txt", "cameras.txt")}
+    for file in names.get(name, ()):
+        path.mkdir(exist_ok=True)
+        (path / file).write_bytes(content)
+    if name not in names:
+        path.write_bytes(content)
+    _, request = write_files(tmp_path)
+    with pytest.raises(PoseFileError) as caught:
+        read(name, path, replace(request, photo_size=(WIDTH, HEIGHT)))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("name", "out"), READ)
+def test_a_file_that_is_not_there_is_said(tmp_path, name, out):
+    _, request = write_files(tmp_path)
+    with pytest.raises(PoseFileError, match=r"[nN]o such"):
+        read(name, tmp_path / "none" / out, request)
+
+
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in READ if n not in ("bop",)])
+def test_a_photo_of_another_size_is_refused(tmp_path, name, out):
+    _, request = write_files(tmp_path)
+    FORMATS[name].write(perspective_record(), tmp_path / out, request)
+    with pytest.raises(PoseFileError, match="200x150"):
+        read(name, tmp_path / out, replace(request, photo_size=(100, 75)))
+
+
+def test_the_command_knows_all_formats_and_units():
+    assert tuple(FORMATS) == converting.FORMAT_NAMES
+    assert tuple(METRES) == converting.UNITS
+
+
+def test_the_documentation_has_the_table():
+    page = Path(__file__).resolve().parents[3] / "docs" / "formats.md"
+    assert formats_as_markdown() in page.read_text(encoding="utf-8")
