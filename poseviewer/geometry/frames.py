@@ -9,23 +9,36 @@ Camera frames are OpenCV's: x right, y down, z forward. Image coordinates:
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from poseviewer.geometry.camera import Camera
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.transform import RigidTransform
 
 HALF_PIXEL = 0.5
+AnyCamera = TypeVar("AnyCamera", Perspective, Parallel, Perspective | Parallel)
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """OpenGL cameras look along -z with y up; it is its own inverse."""
 
 
-def camera_from_integer_centres(camera: Camera) -> Camera:
+def camera_from_integer_centres(camera: AnyCamera) -> AnyCamera:
     """A camera whose cx, cy count from pixel centres (OpenCV, files), as used inside."""
     return replace(camera, cx=camera.cx + HALF_PIXEL, cy=camera.cy + HALF_PIXEL)
 
 
-def camera_as_integer_centres(camera: Camera) -> Camera:
+def camera_as_integer_centres(camera: AnyCamera) -> AnyCamera:
     """A camera as used inside, with cx, cy counted from pixel centres (OpenCV, files)."""
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
+
+
+def points_from_integer_centres(points: FloatArray) -> FloatArray:
+    """Image points (..., 2) that count from pixel centres (OpenCV, files), as used inside."""
+    return points + HALF_PIXEL
+
+
+def points_as_integer_centres(points: FloatArray) -> FloatArray:
+    """Image points (..., 2) as used inside, counted from pixel centres (OpenCV, files)."""
+    return points - HALF_PIXEL
