@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -34,11 +35,11 @@ def camera_as_integer_centres(camera: AnyCamera) -> AnyCamera:
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
 
 
-def points_from_integer_centres(points: FloatArray) -> FloatArray:
+def points_from_integer_centres(points: ArrayLike) -> FloatArray:
     """Image points (..., 2) that count from pixel centres (OpenCV, files), as used inside."""
-    return points + HALF_PIXEL
+    return np.asarray(points, dtype=float) + HALF_PIXEL
 
 
-def points_as_integer_centres(points: FloatArray) -> FloatArray:
+def points_as_integer_centres(points: ArrayLike) -> FloatArray:
     """Image points (..., 2) as used inside, counted from pixel centres (OpenCV, files)."""
-    return points - HALF_PIXEL
+    return np.asarray(points, dtype=float) - HALF_PIXEL

@@ -157,7 +157,8 @@ def _seen_radii(lens: Lens, radii: FloatArray) -> FloatArray:
     k[: len(lens.coefficients)] = lens.coefficients
     if lens.model == "fisheye":
         angles = np.arctan(radii)
-        return angles * np.polyval([k[3], k[2], k[1], k[0], 1.0], angles**2)
+        seen = angles * np.polyval([k[3], k[2], k[1], k[0], 1.0], angles**2)
+        return np.asarray(seen, dtype=float)
     squares = radii**2
     below = np.polyval([k[7], k[6], k[5], 1.0], squares)
     above = np.polyval([k[4], k[1], k[0], 1.0], squares)
