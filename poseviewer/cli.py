@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from poseviewer.calibration_options import add_calibration
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "undistort")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -73,8 +74,14 @@ def make_parser() -> argparse.ArgumentParser:
     _add_landscape(commands)
     info = commands.add_parser("info", help="say what poseviewer understood of a file")
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
+    add_calibration(info, _rectangle, _positive)
     info.set_defaults(command="info")
     _add_bench(commands)
+    undistort = commands.add_parser("undistort", help="write the photo that the poses belong to")
+    undistort.add_argument("photo", type=Path, metavar="PHOTO")
+    undistort.add_argument("--out", type=Path, required=True, metavar="UNDISTORTED.png")
+    add_calibration(undistort, _rectangle, _positive, required=True)
+    undistort.set_defaults(command="undistort")
     return parser
 
 
@@ -89,6 +96,7 @@ def _add_app(parser: argparse.ArgumentParser) -> None:
         help="serve others than this machine as well; the address then bears a token",
     )
     parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
+    add_calibration(parser, _rectangle, _positive)
     parser.set_defaults(command="app")
 
 
@@ -163,6 +171,7 @@ def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL")
     parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
+    add_calibration(parser, _rectangle, _positive)
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:

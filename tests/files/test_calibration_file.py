@@ -180,6 +180,8 @@ BROKEN = {
     "empty.yml": ("", "empty"),
     "notes.yml": ("just some words", "OpenCV reads"),
     "cut.yml": ("%YAML:1.0\n---\ncamera_matrix: [1, 2", "OpenCV reads"),
+    "deep.yml": ("%YAML:1.0\n---\na: " + "[" * 200_000, "too deeply"),
+    "deep.xml": ('<?xml version="1.0"?>\n<opencv_storage>' + "<a>" * 200_000, "too deeply"),
     "cut.json": ('{"camera_matrix": [', "not JSON"),
     "list.json": ("[1, 2]", "no object"),
     "other.json": ('{"a": 1}', "no camera_matrix"),

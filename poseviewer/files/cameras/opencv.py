@@ -8,6 +8,7 @@ Pixel centres are at integers. Names as in OpenCV's own samples (``camera_matrix
 from __future__ import annotations
 
 import re
+from itertools import accumulate
 from typing import Any
 
 import cv2
@@ -31,6 +32,8 @@ DISTORTION_NAMES = ("distortioncoefficients", "distcoeffs", "distcoeff", "dist",
 FISHEYE_NAMES = ("fisheye", "equidistant")
 STANDARD_NAMES = ("plumbbob", "rationalpolynomial", "opencv", "pinhole", "standard", "radtan")
 DEEPEST = 8
+DEEPEST_TEXT = 100
+BRACKETS = re.compile(r"[\[{]|[\]}]|</|/>|<[A-Za-z_]")
 
 
 def parse_opencv(name: str, text: str) -> dict[str, Any]:
@@ -42,6 +45,8 @@ def parse_opencv(name: str, text: str) -> dict[str, Any]:
     head = text.lstrip()[:3]
     if head[:1] not in ("%", "<"):  # ROS writes plain YAML
         text = "%YAML:1.0\n" + ("" if head == "---" else "---\n") + text
+    if _depth(text) > DEEPEST_TEXT:  # OpenCV's parser would overflow its stack, and end us
+        raise problem(name, "nested too deeply", "wanted a calibration")
     mode = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
     try:
         with quiet_libraries():
@@ -133,6 +138,12 @@ def _model(name: str, plain: dict[str, Any], fisheye: bool) -> LensModel:
                     name, f"{key} is {said[:40]!r}", "wanted OpenCV's standard or fisheye model"
                 )
     return "fisheye" if fisheye else "opencv"
+
+
+def _depth(text: str) -> int:
+    """How many brackets or tags are open at most."""
+    steps = (-1 if found in ("]", "}", "</", "/>") else 1 for found in BRACKETS.findall(text))
+    return max(accumulate(steps), default=0)
 
 
 def _tree(node: Any, depth: int) -> Any:
