@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert", "undistort")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -74,9 +75,15 @@ def make_parser() -> argparse.ArgumentParser:
     _add_landscape(commands)
     info = commands.add_parser("info", help="say what poseviewer understood of a file")
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
+    add_calibration(info, _rectangle, _positive)
     info.set_defaults(command="info")
     _add_bench(commands)
     add_convert(commands)
+    undistort = commands.add_parser("undistort", help="write the photo that the poses belong to")
+    undistort.add_argument("photo", type=Path, metavar="PHOTO")
+    undistort.add_argument("--out", type=Path, required=True, metavar="UNDISTORTED.png")
+    add_calibration(undistort, _rectangle, _positive, required=True)
+    undistort.set_defaults(command="undistort")
     return parser
 
 
@@ -91,6 +98,7 @@ def _add_app(parser: argparse.ArgumentParser) -> None:
         help="serve others than this machine as well; the address then bears a token",
     )
     parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
+    add_calibration(parser, _rectangle, _positive)
     parser.set_defaults(command="app")
 
 
@@ -165,6 +173,7 @@ def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL")
     parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
+    add_calibration(parser, _rectangle, _positive)
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from poseviewer import converting, describe
+from poseviewer.calibration_options import calibration_of
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
@@ -22,6 +23,7 @@ from poseviewer.errors import (
 )
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import check_kind, save_figure
+from poseviewer.files.calibrated_photo import load_calibrated_photo, photo_text, pixels_for
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
@@ -54,6 +56,8 @@ def app(options: Namespace) -> int:
     if photo is None:
         if pose is not None:
             raise SettingsError("--pose without PHOTO and MODEL; name all three")
+        if options.calibration is not None:
+            raise SettingsError("--calibration without PHOTO and MODEL; name all three")
         case = demo_case("perspective")
         photo, model, pose = case.photo, case.model, case.start
     elif model is None:
@@ -67,6 +71,7 @@ def app(options: Namespace) -> int:
         photo,
         model,
         pose,
+        calibration_of(options),
         host=options.host,
         port=options.port,
         browser=not options.no_browser,
@@ -118,19 +123,32 @@ def landscape_sheet(options: Namespace) -> int:
         ) from None
     slices = _map_all(problem, renderer, options)
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
-    title = f"{registration.photo.name}: loss about the pose, ±{options.range:.0%}"
+    title = f"{registration.photo.label}: loss about the pose, ±{options.range:.0%}"
     save_figure(
         sheet, make_landscape_sheet(slices, problem.chart.names, problem.start, title=title)
     )
     spans = problem.chart.spans(problem.start)
-    save_landscape(data, problem.chart.names, problem.start, spans, slices)
+    text = photo_text(registration.photo)
+    save_landscape(data, problem.chart.names, problem.start, spans, slices, text)
     print(f"maps: {sheet}\nnumbers: {data}")
     return 0
 
 
 def info(options: Namespace) -> int:
     """Say what was understood of a photo, a model or a pose."""
-    print(describe.file(options.path))
+    print(describe.file(options.path, calibration_of(options)))
+    return 0
+
+
+def undistort(options: Namespace) -> int:
+    """Write the undistorted photo; say its camera."""
+    _require_folder(options.out, PhotoFileError)
+    photo = load_calibrated_photo(options.photo, calibration_of(options))
+    if photo.undistortion is None:
+        raise SettingsError(f"{options.calibration}: a camera without distortion; nothing to undo")
+    save_image(options.out, pixels_for(options.out, photo), photo_text(photo))
+    print(describe.camera_of(photo))
+    print(f"undistorted: {options.out}")
     return 0
 
 
@@ -198,7 +216,9 @@ def convert(options: Namespace) -> int:
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     settings = _settings(options)
-    registration = load_registration(options.photo, options.model, options.pose)
+    registration = load_registration(
+        options.photo, options.model, options.pose, calibration_of(options)
+    )
     photo = registration.photo
     mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
     problem, note = make_problem(registration, settings, mask)
@@ -310,7 +330,7 @@ def _save_look(
         return lighting.apply(model_attributes(image, attributes))
 
     view = View(photo, registration.mesh, renderer, pose, relight)
-    save_image(path, draw_look(look, view))
+    save_image(path, draw_look(look, view), photo_text(registration.photo))
 
 
 def _require_folder(path: Path, error: type[PoseViewerError]) -> None:

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from poseviewer.files.calibrated_photo import load_calibrated_photo
+from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import READERS, load_mesh
-from poseviewer.files.photo_file import load_photo
+from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import PoseRecord, load_pose
 from poseviewer.fit.pose_fit import FitProgress
 from poseviewer.geometry.camera import Perspective
@@ -26,12 +28,15 @@ def fit_result(progress: FitProgress) -> str:
     )
 
 
-def file(path: Path) -> str:
-    """What was understood of a photo, a model or a pose file, told apart by its ending.
+def file(path: Path, calibration: Calibration | None = None) -> str:
+    """What was understood of a photo, a model or a pose file, told apart by its ending; of a photo
+    with a calibration, what it is undistorted.
 
     Raises:
         PoseViewerError: it cannot be used as what its ending says.
     """
+    if calibration is not None:
+        return _photo_file(path, calibration)
     if path.suffix.lower() == ".json":
         return _pose_file(path)
     if path.suffix.lower() in READERS:
@@ -39,20 +44,49 @@ def file(path: Path) -> str:
     return _photo_file(path)
 
 
-def _photo_file(path: Path) -> str:
-    photo = load_photo(path)
+def camera_of(photo: Photo) -> str:
+    """A photo's calibrated camera, in a line or two.
+
+    Raises:
+        ValueError: it has none.
+    """
+    if photo.camera is None:
+        raise ValueError("no calibrated camera")
+    undistortion = photo.undistortion
+    lens = "no distortion: the photo stays as taken"
+    if undistortion is not None:
+        found = undistortion.lens
+        lens = f"{found.model}, {', '.join(f'{value:.6g}' for value in found.coefficients)}"
+    if photo.covered is not None:
+        lens += f"; the undistorted photo is black in {1.0 - photo.covered.mean():.1%}"
+    of = "calibrated" if undistortion is None else "of the undistorted photo"
+    return _lines(camera=f"{_intrinsics(photo.camera)}, {of}", distortion=lens)
+
+
+def _intrinsics(camera: Perspective) -> str:
+    shifted = camera_as_integer_centres(camera)
+    return (
+        f"fx {shifted.fx:.6g}, fy {shifted.fy:.6g}, cx {shifted.cx:.6g}, cy {shifted.cy:.6g} px "
+        "(pixel centres at integers)"
+    )
+
+
+def _photo_file(path: Path, calibration: Calibration | None = None) -> str:
+    photo = load_calibrated_photo(path, calibration)
     camera = photo.default_camera()
     source = "no focal length in the file: 50 degrees assumed"
     if photo.focal_length_35mm is not None:
         source = f"from EXIF: {photo.focal_length_35mm:g} mm on 35-mm film"
     kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
-    return _lines(
-        photo=photo.name,
-        size=f"{photo.width} x {photo.height} px, {kind}, {8 * photo.pixels.itemsize} bit",
-        camera=f"fx = fy = {camera.fx:.1f} px, a first guess ({source})",
+    size = f"{photo.width} x {photo.height} px, {kind}, {8 * photo.pixels.itemsize} bit"
+    guess = _lines(camera=f"fx = fy = {camera.fx:.1f} px, a first guess ({source})")
+    seen_by = guess if photo.camera is None else camera_of(photo)
+    head = _lines(photo=photo.name, size=size)
+    rest = _lines(
         sha256=photo.sha256,
         note=photo.notes,
     )
+    return f"{head}\n{seen_by}\n{rest}"
 
 
 def _model_file(path: Path) -> str:
@@ -91,6 +125,7 @@ def _pose_file(path: Path) -> str:
         model=(record.model.file if record.model else None) or "not said",
         projection="perspective" if perspective else "parallel",
         camera=f"{lens}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px (pixel centres at integers)",
+        distortion=_distortion_of(record),
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         chart=_chart_of(record),
@@ -115,6 +150,13 @@ def _photo_of(record: PoseRecord) -> str:
         return "not said"
     size = f", {photo.width} x {photo.height} px" if photo.width and photo.height else ""
     return (photo.file or "not said") + size
+
+
+def _distortion_of(record: PoseRecord) -> str:
+    if record.undistortion is None:
+        return "none: the camera is that of the photo as taken"
+    lens = record.undistortion.lens
+    return f"{lens.model}, undone: the camera is that of the undistorted photo"
 
 
 def _chart_of(record: PoseRecord) -> str:

@@ -20,6 +20,10 @@ class PoseFileError(PoseViewerError):
     """A pose file that cannot be used."""
 
 
+class CalibrationFileError(PoseViewerError):
+    """A file of cameras that cannot be used, or not with this photo."""
+
+
 class AutosaveError(PoseViewerError):
     """A session that could not be kept for later, or cannot be taken up again."""
 

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import RendererUnavailableError, SettingsError
+from poseviewer.files.calibrated_photo import load_calibrated_photo, matched
+from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import Photo, load_photo
+from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import (
     ChartNumbers,
     ModelReference,
@@ -93,15 +95,20 @@ class Registration:
 
 
 def load_registration(
-    photo_path: str | Path, model_path: str | Path, pose_path: str | Path
+    photo_path: str | Path,
+    model_path: str | Path,
+    pose_path: str | Path,
+    calibration: Calibration | None = None,
 ) -> Registration:
-    """All three files, checked against one another.
+    """All three files, checked against one another; the photo undistorted, where a calibration or
+    the pose file says by which lens it was taken.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
-    photo = load_photo(photo_path)
-    start = load_pose(pose_path, photo.width, photo.height)
+    photo = load_calibrated_photo(photo_path, calibration)
+    read = load_pose(pose_path, photo.width, photo.height)
+    photo, start, notes = matched(photo, read)
     mesh = load_mesh(model_path)
     keypoints = load_keypoints(model_path, mesh)
     mesh_sha256 = sha256_of(model_path)
@@ -110,6 +117,7 @@ def load_registration(
         *(f"{Path(model_path).name}: {note}" for note in mesh.notes),
         *start.warnings,
         *check_against(start, photo.sha256, mesh_sha256),
+        *notes,
     )
     return Registration(photo, mesh, Path(model_path).name, mesh_sha256, keypoints, start, warnings)
 
@@ -128,6 +136,8 @@ def make_photo_attributes(
             than a fit needs.
     """
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
+    if photo.covered is not None:
+        weights = weights * photo.covered
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)
     if settings.pixels == "near" and np.any(weights > 0.0):
@@ -231,6 +241,7 @@ def make_record(
         loss,
         {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
         {"name": "poseviewer", "version": version("poseviewer")},
+        photo.undistortion,
     )
 
 

@@ -4,6 +4,7 @@ Keys of an archive, with d numbers of the chart, P pairs and grids of k x k poin
 
 - ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's numbers, the pose in the middle,
   and what counts as 100 % there;
+- ``photo``, text: which photo the numbers belong to, as taken or undistorted;
 - ``pairs`` (P, 2): the indices (first, second) of each slice's two numbers;
 - ``first_values``, ``second_values`` (P, k): what they take;
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
@@ -63,23 +64,29 @@ def save_landscape(
     centre: ArrayLike,
     spans: ArrayLike,
     slices: Sequence[LossSlice],
+    photo: str = "",
 ) -> None:
     """Write the slices (all of the same size) to an .npz file, whole or not at all.
 
     Raises:
         SettingsError: the folder is missing or not to be written to.
     """
-    write_whole(Path(path), landscape_npz_bytes(names, centre, spans, slices), SettingsError)
+    write_whole(Path(path), landscape_npz_bytes(names, centre, spans, slices, photo), SettingsError)
 
 
 def landscape_npz_bytes(
-    names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
+    names: Sequence[str],
+    centre: ArrayLike,
+    spans: ArrayLike,
+    slices: Sequence[LossSlice],
+    photo: str = "",
 ) -> bytes:
-    """An archive: ``centre`` and ``spans`` (d,), slices of one size."""
+    """An archive: ``centre`` and ``spans`` (d,), slices of one size; which ``photo`` it is of."""
     memory = BytesIO()
     np.savez_compressed(
         memory,
         names=np.array(names, dtype=str),
+        photo=np.array(photo),
         centre=np.asarray(centre, dtype=float),
         spans=np.asarray(spans, dtype=float),
         pairs=np.array([[piece.first, piece.second] for piece in slices]),

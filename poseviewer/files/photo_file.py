@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import PhotoFileError
+from poseviewer.files.heic_file import decode_heic, heic_exif, is_heic, open_heic
+from poseviewer.files.picture_text import described
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Perspective
 from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.lens import Undistortion
 
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
@@ -44,6 +47,17 @@ class Photo:
     """From EXIF: 35-mm-equivalent focal length, mm."""
     notes: tuple[str, ...] = ()
     """What the user should know about how the file was read."""
+    camera: Perspective | None = None
+    """The calibrated camera of these pixels; None where it is not known."""
+    undistortion: Undistortion | None = None
+    """How these pixels were made of those in the file; None: they are the file's."""
+    covered: NDArray[np.bool_] | None = None
+    """(height, width): where the undistorted photo shows anything; None: everywhere."""
+
+    @property
+    def label(self) -> str:
+        """Which photo it is, in words: that of the file, or the undistorted one."""
+        return self.name if self.undistortion is None else f"{self.name}, undistorted"
 
     @property
     def width(self) -> int:
@@ -85,7 +99,11 @@ class Photo:
         return grey
 
     def default_camera(self) -> Perspective:
-        """From EXIF's focal length; without one, 50 degrees along the longer side."""
+        """The calibrated one; else from EXIF's focal length; without one, 50 degrees along the
+        longer side.
+        """
+        if self.camera is not None:
+            return self.camera
         if self.focal_length_35mm is not None:
             focal = self.focal_length_35mm
             return Perspective.from_focal_length_35mm(focal, self.width, self.height)
@@ -93,7 +111,8 @@ class Photo:
 
 
 def load_photo(path: str | Path) -> Photo:
-    """The photo in a JPEG, PNG, TIFF, WebP or BMP file: grey or RGB, 8 or 16 bits, upright.
+    """The photo in a JPEG, PNG, TIFF, WebP, BMP or, with its extra, HEIC file: grey or RGB, 8 or
+    16 bits, upright.
 
     Transparency is left out. The header is looked at first, so that a file that would unpack to
     more than 100 megapixels is refused before it is decoded.
@@ -103,6 +122,8 @@ def load_photo(path: str | Path) -> Photo:
     """
     path = Path(path)
     data = _read(path, "photo")
+    if is_heic(data):
+        return _heic_photo(path.name, data)
     orientation, focal = _inspect(path.name, data)
     pixels, notes = _decode(path.name, data)
     pixels = np.ascontiguousarray(_upright(pixels, orientation))
@@ -120,6 +141,20 @@ def is_stored_turned(path: str | Path) -> bool:
     return _inspect(path.name, _read(path, "a photo"))[0] != 1
 
 
+def _heic_photo(name: str, data: bytes) -> Photo:
+    picture = open_heic(name, data)
+    width, height = picture.size
+    _refuse_size(name, width, height)
+    pixels = decode_heic(name, picture)
+    notes = ()
+    if pixels.shape[2] in (2, 4):
+        pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
+    pixels = np.ascontiguousarray(pixels)
+    pixels.flags.writeable = False
+    focal = focal_35mm(heic_exif(picture), width, height)
+    return Photo(pixels, name, hashlib.sha256(data).hexdigest(), focal, notes)
+
+
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
     """(height, width) weights in [0, 1] from a picture, white 1 and black 0.
 
@@ -135,8 +170,11 @@ def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
     return mask.grey()
 
 
-def save_image(path: str | Path, rgb: NDArray[np.uint8]) -> None:
+def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
     """Write a picture (height, width, 3), RGB, in the format of the file's ending; whole or not.
+
+    A PNG keeps the ``description`` as its text of that name, a JPEG as its comment; other formats
+    have no place for it.
 
     Raises:
         PhotoFileError: the format is unknown, or the folder missing or not to be written to.
@@ -150,7 +188,7 @@ def save_image(path: str | Path, rgb: NDArray[np.uint8]) -> None:
         raise PhotoFileError(
             f"{path.name}: pictures cannot be written as {path.suffix!r}; use .png or .jpg."
         )
-    write_whole(path, data.tobytes(), PhotoFileError)
+    write_whole(path, described(data.tobytes(), description), PhotoFileError)
 
 
 def _read(path: Path, wanted: str) -> bytes:
@@ -188,7 +226,7 @@ def _inspect(name: str, data: bytes) -> tuple[int, float | None]:
                 exif = image.getexif()
                 # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
                 turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
-                focal = _focal_35mm(exif, image)
+                focal = focal_35mm(exif, image.width, image.height)
                 image.load()
         except UnidentifiedImageError:
             raise PhotoFileError(
@@ -214,7 +252,7 @@ def _refuse_size(name: str, width: int, height: int) -> None:
         )
 
 
-def _focal_35mm(exif: Image.Exif, image: Image.Image) -> float | None:
+def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     """EXIF's own 35-mm focal length, else from the focal length and the sensor's resolution."""
     try:
         tags = exif.get_ifd(ExifTags.IFD.Exif)
@@ -225,9 +263,8 @@ def _focal_35mm(exif: Image.Exif, image: Image.Image) -> float | None:
                 / MM_PER_RESOLUTION_UNIT[tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)]
             )
             # The resolution belongs to the picture as taken; it may have been shrunk since.
-            width = float(tags.get(ExifTags.Base.ExifImageWidth, 0)) or image.width
-            height = width * image.height / image.width
-            diagonal = float(np.hypot(width, height)) / per_mm
+            taken = float(tags.get(ExifTags.Base.ExifImageWidth, 0)) or width
+            diagonal = float(np.hypot(taken, taken * height / width)) / per_mm
             focal = float(tags.get(ExifTags.Base.FocalLength, 0)) * 43.2666 / diagonal
     except (KeyError, TypeError, ValueError, ZeroDivisionError, SyntaxError, OSError):
         return None

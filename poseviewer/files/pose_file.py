@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.distortion_block import distortion_as_json, distortion_from_json
 from poseviewer.files.pose_checks import Reading, checked_rotation, kind_of, read_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
+from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-pose", 1
@@ -64,6 +66,8 @@ class PoseRecord:
     loss: float | None = None
     settings: Mapping[str, Any] | None = None
     software: Mapping[str, str] | None = None
+    undistortion: Undistortion | None = None
+    """Where the pose belongs to the undistorted photo: how that is made of the one as taken."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -114,6 +118,9 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         None if data.get("loss") is None else reading.number(data["loss"], "loss"),
         _optional_object(reading, data, "settings"),
         _optional_object(reading, data, "software"),
+        None
+        if data.get("distortion") is None
+        else distortion_from_json(reading, data["distortion"], width, height),
         tuple(reading.warnings),
     )
 
@@ -162,6 +169,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "settings": None if record.settings is None else dict(record.settings),
         "software": None if record.software is None else dict(record.software),
     }
+    if record.undistortion is not None:
+        data["distortion"] = distortion_as_json(record.undistortion)
     if record.chart is not None:
         numbers = [float(number) for number in record.chart.numbers]
         names = list(record.chart.names)

@@ -20,7 +20,7 @@ FEWEST_PIXELS = 5000
 """The coarsest level still shows the model at the start in so many pixels: 70 along each side.
 With a fourth of it the side valleys reach up to the start: on the demo half as many scouts end in
 the right one."""
-FEWEST_OF_STRUCTURE = 2000
+FEWEST_OF_STRUCTURE = 1000
 """The same where classes and edges are compared: they reach farther than shades do."""
 COARSE_SCOUTS = 1.5
 COARSE_STEP = 2.0
@@ -50,7 +50,7 @@ def make_stages(
     full = Level(1, photo, renderer)
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = coarsest_level(photo, renderer, start, fewest)
-    if coarse.factor == 1:
+    if coarse.factor == 1 and photo.structure is None:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))
 

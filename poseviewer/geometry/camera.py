@@ -58,9 +58,16 @@ class Perspective:
 
     def scaled(self, factor: float) -> Perspective:
         """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
-        width, height = scaled_size(self.width, self.height, factor)
+        return self.resized(*scaled_size(self.width, self.height, factor))
+
+    def resized(self, width: int, height: int) -> Perspective:
+        """The camera of the same picture in another size, px."""
         kx, ky = width / self.width, height / self.height
         return Perspective(self.fx * kx, self.fy * ky, self.cx * kx, self.cy * ky, width, height)
+
+    def cropped(self, left: float, top: float, width: int, height: int) -> Perspective:
+        """The camera of a rectangle of the picture, px from its left and top edges."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,17 @@ Camera frames are OpenCV's: x right, y down, z forward. Image coordinates:
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from poseviewer.geometry.camera import Camera, Perspective
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.transform import RigidTransform
 
 HALF_PIXEL = 0.5
+AnyCamera = TypeVar("AnyCamera", Perspective, Parallel, Perspective | Parallel)
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """OpenGL cameras look along -z with y up; it is its own inverse."""
@@ -25,12 +29,12 @@ BLENDER_FROM_GLTF = RigidTransform(
 """Blender's glTF importer turns y up into z up: (x, y, z) becomes (x, -z, y)."""
 
 
-def camera_from_integer_centres(camera: Camera) -> Camera:
+def camera_from_integer_centres(camera: AnyCamera) -> AnyCamera:
     """A camera whose cx, cy count from pixel centres (OpenCV, files), as used inside."""
     return replace(camera, cx=camera.cx + HALF_PIXEL, cy=camera.cy + HALF_PIXEL)
 
 
-def camera_as_integer_centres(camera: Camera) -> Camera:
+def camera_as_integer_centres(camera: AnyCamera) -> AnyCamera:
     """A camera as used inside, with cx, cy counted from pixel centres (OpenCV, files)."""
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
 
@@ -38,3 +42,13 @@ def camera_as_integer_centres(camera: Camera) -> Camera:
 def camera_with_rows_from_below(camera: Perspective) -> Perspective:
     """The camera with cy counted from the lower edge, as MeshLab does; its own inverse."""
     return replace(camera, cy=camera.height - camera.cy)
+
+
+def points_from_integer_centres(points: ArrayLike) -> FloatArray:
+    """Image points (..., 2) that count from pixel centres (OpenCV, files), as used inside."""
+    return np.asarray(points, dtype=float) + HALF_PIXEL
+
+
+def points_as_integer_centres(points: ArrayLike) -> FloatArray:
+    """Image points (..., 2) as used inside, counted from pixel centres (OpenCV, files)."""
+    return np.asarray(points, dtype=float) - HALF_PIXEL

@@ -72,7 +72,7 @@ class Autosaver:
             model=_absolute(document.model_path),
             model_name=registration.mesh_name,
             model_sha256=registration.mesh_sha256,
-            pose=PoseRecord(document.pose),
+            pose=PoseRecord(document.pose, undistortion=registration.photo.undistortion),
             start=registration.start,
             settings=settings_as_json(document.settings),
             unsaved=session.unsaved,

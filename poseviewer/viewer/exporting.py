@@ -12,7 +12,9 @@ import numpy as np
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import figure_bytes
+from poseviewer.files.calibrated_photo import photo_text
 from poseviewer.files.landscape_file import landscape_csv_bytes, landscape_npz_bytes
+from poseviewer.files.picture_text import described
 from poseviewer.files.pose_file import (
     ChartNumbers,
     ModelReference,
@@ -74,6 +76,7 @@ def _plain_record(session: Session) -> PoseRecord:
         None,
         settings_as_json(document.settings),
         {"name": "poseviewer", "version": version("poseviewer")},
+        photo.undistortion,
     )
 
 
@@ -83,7 +86,8 @@ def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[
     Raises:
         PoseViewerError: there is nothing of that kind yet.
     """
-    stem = Path(session.document.registration.photo.name).stem
+    photo = session.document.registration.photo
+    stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
         text = json.dumps(record_as_json(record_of(session)), indent=2, ensure_ascii=False)
         return f"{stem}.pose.json", (text + "\n").encode()
@@ -94,12 +98,14 @@ def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[
         raise SettingsError("there are no maps yet; wait for the first ones")
     names, spans = news.problem.chart.names, news.problem.chart.spans(news.numbers)
     if what == "sheet":
-        photo = session.document.registration.photo.name
-        title = f"{photo}: loss about the pose, ±{news.half_width:.0%}"
+        title = f"{photo.label}: loss about the pose, ±{news.half_width:.0%}"
         figure = make_landscape_sheet(list(news.slices), names, news.numbers, title=title)
         return f"{stem}.landscape.png", figure_bytes(figure)
-    maker = landscape_npz_bytes if what == "maps-npz" else landscape_csv_bytes
-    content = maker(names, news.numbers, spans, list(news.slices))
+    slices = list(news.slices)
+    if what == "maps-npz":
+        content = landscape_npz_bytes(names, news.numbers, spans, slices, photo_text(photo))
+    else:
+        content = landscape_csv_bytes(names, news.numbers, spans, slices)
     return f"{stem}.landscape.{what.removeprefix('maps-')}", content
 
 
@@ -124,4 +130,5 @@ def _overlay(session: Session, renderer: SoftwareRenderer) -> bytes:
         session.look.opacity,
     )
     picture = draw_look(session.look.name, view)
-    return np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
+    data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
+    return described(data, photo_text(photo))

@@ -32,7 +32,7 @@ class OpenPanel:
         registration = session.document.registration
         photo, mesh = registration.photo, registration.mesh
         text = (
-            f"**{escape(photo.name)}**  \n{photo.width} x {photo.height} px  \n"
+            f"**{escape(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
             f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
             f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}"
         )

@@ -8,6 +8,13 @@ from pathlib import Path
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.autosave_file import AutosavedSession
+from poseviewer.files.calibrated_photo import (
+    load_calibrated_photo,
+    matched,
+    same_undistortion,
+    undistorted,
+)
+from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import Photo, load_photo
@@ -38,16 +45,19 @@ class Opened:
     """It is what an earlier session left, unsaved."""
 
 
-def open_files(photo: Path, model: Path, pose: Path | None) -> Opened:
-    """Photo and model from their files, with a start pose from one, or seen from a corner.
+def open_files(
+    photo: Path, model: Path, pose: Path | None, calibration: Calibration | None = None
+) -> Opened:
+    """Photo and model from their files, with a start pose from one, or seen from a corner; the
+    photo undistorted, where there is a calibration.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     if pose is not None:
-        registration = load_registration(photo, model, pose)
+        registration = load_registration(photo, model, pose, calibration)
     else:
-        registration = _unplaced(load_photo(photo), model)
+        registration = _unplaced(load_calibrated_photo(photo, calibration), model)
     document = Document(registration, registration.start.pose, photo_path=photo, model_path=model)
     return Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
 
@@ -80,7 +90,10 @@ def open_photo(
     document = replace(
         now, registration=registration, pose=pose, photo_path=path, settings=settings
     )
-    yield Opened(document, renderer, tuple(f"{photo.name}: {note}" for note in photo.notes))
+    warnings = [f"{photo.name}: {note}" for note in photo.notes]
+    if now.registration.photo.undistortion is not None:
+        warnings.append(f"{photo.name}: shown as taken, with its distortion; restart to calibrate.")
+    yield Opened(document, renderer, tuple(warnings))
 
 
 def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
@@ -103,10 +116,17 @@ def open_pose(now: Document, renderer: SoftwareRenderer, path: Path) -> Iterator
         PoseFileError: it holds no pose.
     """
     photo = now.registration.photo
-    record = load_pose(path, photo.width, photo.height)
-    checks = check_against(record, photo.sha256, now.registration.mesh_sha256)
+    read = load_pose(path, photo.width, photo.height)
+    checks = check_against(read, photo.sha256, now.registration.mesh_sha256)
+    other = read.undistortion and not same_undistortion(read.undistortion, photo.undistortion)
+    if other and now.photo_path is not None:
+        photo = replace(load_photo(now.photo_path), name=photo.name)
+    photo, record, notes = matched(photo, read)
+    same = photo is now.registration.photo
+    start = replace(now.registration.start, undistortion=photo.undistortion)
+    now = replace(now, registration=replace(now.registration, photo=photo, start=start))
     document = now.started_from(record.pose)
-    yield Opened(document, renderer, (*record.warnings, *checks), pose_alone=True)
+    yield Opened(document, renderer, (*record.warnings, *checks, *notes), pose_alone=same)
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
@@ -123,9 +143,12 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     assert kept.photo is not None  # both were just looked at
     assert kept.model is not None
     opened = open_files(kept.photo, kept.model, None)
+    photo = opened.document.registration.photo
+    if kept.pose.undistortion is not None:
+        photo = undistorted(photo, kept.pose.undistortion)
     registration = replace(
         opened.document.registration,
-        photo=replace(opened.document.registration.photo, name=kept.photo_name),
+        photo=replace(photo, name=kept.photo_name),
         mesh_name=kept.model_name,
         start=kept.start,
     )
@@ -144,5 +167,11 @@ def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registrati
     notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
     notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
     return Registration(
-        photo, mesh, model.name, sha256_of(model), keypoints, PoseRecord(pose), notes
+        photo,
+        mesh,
+        model.name,
+        sha256_of(model),
+        keypoints,
+        PoseRecord(pose, undistortion=photo.undistortion),
+        notes,
     )

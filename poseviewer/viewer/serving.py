@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.state_folder import state_folder
 from poseviewer.viewer.app import App
 from poseviewer.viewer.guard import serve
@@ -18,6 +19,7 @@ def serve_app(
     photo: Path,
     model: Path,
     pose: Path | None,
+    calibration: Calibration | None = None,
     *,
     host: str,
     port: int | None,
@@ -30,7 +32,7 @@ def serve_app(
         PoseViewerError: a file cannot be used, or the address is taken.
     """
     state = state_folder()
-    opened = open_files(photo, model, pose)
+    opened = open_files(photo, model, pose, calibration)
     guarded = serve(host, port, "poseviewer", state)
     app = App(guarded.server, opened, state)
 

@@ -20,7 +20,7 @@ from poseviewer.files.landscape_file import (
 from poseviewer.fit.landscape import Slice
 
 NAMES = ("mu_x", "mu_y", "psi_x")
-KEYS = {"names", "centre", "spans", "pairs", "first_values", "second_values", "losses"}
+KEYS = {"names", "centre", "spans", "pairs", "first_values", "second_values", "losses", "photo"}
 
 
 def load(path: Path) -> dict[str, NDArray]:
@@ -42,10 +42,13 @@ def make_slices(size: int = 5) -> list[Slice]:
 
 def test_what_is_saved_comes_back(tmp_path):
     slices = make_slices()
-    save_landscape(tmp_path / "a.npz", NAMES, [1.0, 2.0, 3.0], [0.1, 0.2, 1.0], slices)
+    save_landscape(
+        tmp_path / "a.npz", NAMES, [1.0, 2.0, 3.0], [0.1, 0.2, 1.0], slices, "p.jpg, undistorted"
+    )
     arrays = load(tmp_path / "a.npz")
     assert set(arrays) == KEYS
     assert tuple(arrays["names"]) == NAMES
+    assert str(arrays["photo"]) == "p.jpg, undistorted"
     assert np.array_equal(arrays["centre"], [1.0, 2.0, 3.0])
     assert np.array_equal(arrays["spans"], [0.1, 0.2, 1.0])
     for i, piece in enumerate(slices):

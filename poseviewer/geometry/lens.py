@@ -1,0 +1,172 @@
+"""Lens distortion in OpenCV's models, and the pictures that a pinhole would have taken instead.
+
+Rays are ``(x, y)`` on the plane z = 1 of the camera frame. A lens moves them before the pinhole's
+``u = fx x + cx``: https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html and, for the fisheye,
+https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.frames import camera_as_integer_centres, points_as_integer_centres
+from poseviewer.geometry.frames import points_from_integer_centres as from_integer_centres
+
+LensModel = Literal["opencv", "fisheye"]
+COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
+"""How many coefficients a model has: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
+fisheye's k1 k2 k3 k4."""
+STRIP_PIXELS = 1 << 20
+LARGEST_SIDE = 32766
+"""px: OpenCV's ``remap`` counts pixels in 16 bits."""
+FIELD_SAMPLES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """How a lens departs from a pinhole."""
+
+    model: LensModel
+    coefficients: tuple[float, ...]
+    """In OpenCV's order; as many as ``COEFFICIENTS`` allows."""
+
+    def __post_init__(self) -> None:
+        if len(self.coefficients) not in COEFFICIENTS[self.model]:
+            raise ValueError(f"{len(self.coefficients)} coefficients")
+
+    @property
+    def array(self) -> FloatArray:
+        """The coefficients as OpenCV takes them."""
+        return np.array(self.coefficients, dtype=float)
+
+
+@dataclass(frozen=True, slots=True)
+class Undistortion:
+    """From a photo as taken to the picture that a pinhole camera at its place would have taken."""
+
+    lens: Lens
+    taken: Perspective
+    """The camera of the photo as taken, without its lens; pixel centres at i + 0.5."""
+    camera: Perspective
+    """The pinhole camera of the undistorted photo."""
+
+    @classmethod
+    def of(cls, lens: Lens, taken: Perspective, zoom: float = 1.0) -> Undistortion:
+        """Into a picture of the same size, principal point and focal length times ``zoom``.
+
+        Below 1 it shows more of the edges of a wide-angle photo, with less detail.
+        """
+        return cls(lens, taken, replace(taken, fx=taken.fx * zoom, fy=taken.fy * zoom))
+
+    def to_taken(self, points: ArrayLike) -> FloatArray:
+        """Points (n, 2) of the undistorted photo, px, to the photo as taken (n, 2)."""
+        rays = self.camera.rays(np.asarray(points, dtype=float).reshape(-1, 2))
+        matrix = _opencv_matrix(self.taken)
+        if self.lens.model == "fisheye":
+            flat = np.ascontiguousarray(rays[None, :, :2])
+            found = cv2.fisheye.distortPoints(flat, matrix, self.lens.array)
+        else:
+            found, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, self.lens.array)
+        return from_integer_centres(found.reshape(-1, 2))
+
+    def from_taken(self, points: ArrayLike) -> FloatArray:
+        """Points (n, 2) of the photo as taken, px, to the undistorted photo (n, 2)."""
+        taken = points_as_integer_centres(np.asarray(points, dtype=float).reshape(1, -1, 2))
+        matrix, wanted = _opencv_matrix(self.taken), _opencv_matrix(self.camera)
+        enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+        if self.lens.model == "fisheye":
+            found = cv2.fisheye.undistortPoints(
+                taken, matrix, self.lens.array, P=wanted, criteria=enough
+            )
+        else:
+            found = cv2.undistortPoints(taken, matrix, self.lens.array, P=wanted, criteria=enough)
+        return from_integer_centres(found.reshape(-1, 2))
+
+
+def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:
+    """The undistorted picture (height, width, channels) of one as taken, and where (height, width)
+    it shows what the photo does; elsewhere it is black.
+
+    Bicubic; 8 and 16 bits stay as they are.
+    """
+    camera = undistortion.camera
+    picture = np.zeros((camera.height, camera.width, pixels.shape[2]), pixels.dtype)
+    covered = np.zeros(picture.shape[:2], bool)
+    limit = _field_limit(undistortion)
+    # In strips: the maps of a large photo take eight bytes a pixel.
+    rows = max(1, STRIP_PIXELS // camera.width)
+    for start in range(0, camera.height, rows):
+        strip = camera.cropped(0, start, camera.width, min(rows, camera.height - start))
+        u, v = _maps(undistortion, strip)
+        seen = _inside(u, v, undistortion.taken) & (_radii(strip) < limit)
+        part = slice(start, start + strip.height)
+        drawn = cv2.remap(pixels, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        picture[part] = np.where(seen[..., None], drawn.reshape(*seen.shape, -1), 0)
+        covered[part] = seen
+    return picture, covered
+
+
+def _maps(undistortion: Undistortion, strip: Perspective) -> tuple[NDArray, NDArray]:
+    """For each pixel of a strip of the undistorted photo, where it is in the photo as taken."""
+    module = cv2.fisheye if undistortion.lens.model == "fisheye" else cv2
+    taken, wanted = _opencv_matrix(undistortion.taken), _opencv_matrix(strip)
+    size = (strip.width, strip.height)
+    u, v = module.initUndistortRectifyMap(
+        taken, undistortion.lens.array, np.eye(3), wanted, size, cv2.CV_32FC1
+    )
+    return u, v
+
+
+def _inside(u: NDArray, v: NDArray, camera: Perspective) -> NDArray[np.bool_]:
+    """Whether maps, which count from pixel centres, point into the picture."""
+    across = (u >= -0.5) & (u <= camera.width - 0.5)
+    return across & (v >= -0.5) & (v <= camera.height - 0.5)
+
+
+def _radii(camera: Perspective) -> NDArray[np.float32]:
+    """(height, width): the distance of each pixel's ray from the optical axis at z = 1."""
+    x = (np.arange(camera.width, dtype=np.float32) + 0.5 - camera.cx) / camera.fx
+    y = (np.arange(camera.height, dtype=np.float32) + 0.5 - camera.cy) / camera.fy
+    return np.hypot(x[None], y[:, None]).astype(np.float32)
+
+
+def _field_limit(undistortion: Undistortion) -> float:
+    """The radius at z = 1 up to which points farther out are seen farther out.
+
+    Beyond the calibrated field a polynomial turns back, and would show parts of the photo twice.
+    """
+    camera = undistortion.camera
+    corners = camera.rays(
+        [(0, 0), (camera.width, 0), (0, camera.height), (camera.width, camera.height)]
+    )
+    radii = np.linspace(0.0, float(np.linalg.norm(corners[:, :2], axis=1).max()), FIELD_SAMPLES)
+    back = np.diff(_seen_radii(undistortion.lens, radii)) <= 0.0
+    return float(radii[np.argmax(back)]) if back.any() else np.inf
+
+
+def _seen_radii(lens: Lens, radii: FloatArray) -> FloatArray:
+    """Where the lens's radial part sees rays ``radii`` from its axis."""
+    k = np.zeros(14)
+    k[: len(lens.coefficients)] = lens.coefficients
+    if lens.model == "fisheye":
+        angles = np.arctan(radii)
+        seen = angles * np.polyval([k[3], k[2], k[1], k[0], 1.0], angles**2)
+        return np.asarray(seen, dtype=float)
+    squares = radii**2
+    below = np.polyval([k[7], k[6], k[5], 1.0], squares)
+    above = np.polyval([k[4], k[1], k[0], 1.0], squares)
+    with np.errstate(divide="ignore"):
+        return np.asarray(radii * above / below, dtype=float)
+
+
+def _opencv_matrix(camera: Perspective) -> FloatArray:
+    """(3, 3): the camera matrix, which counts from pixel centres."""
+    camera = camera_as_integer_centres(camera)
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])

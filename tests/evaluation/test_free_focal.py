@@ -1,0 +1,61 @@
+"""An unknown focal length: freed, it comes nearer to the true one, and the pose with it.
+
+How near depends on how much of its perspective the model shows; this ball shows little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from poseviewer.evaluation.pose_error import pose_error
+from poseviewer.files.photo_file import Photo
+from poseviewer.files.pose_file import PoseRecord
+from poseviewer.fit.pose_fit import fit_pose
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.registration import FitSettings, Registration, make_problem
+from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session.document import with_camera
+from tests.meshes import make_bumpy
+from tests.scene import LIGHT
+
+CAMERA = Perspective(140.0, 140.0, 80.0, 60.0, 160, 120)
+TRUTH = Pose(
+    CAMERA,
+    RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 3.2]),
+)
+"""As near as three times the model's radius."""
+
+
+def photo_of(mesh: Mesh) -> Photo:
+    image = SoftwareRenderer(mesh).render(TRUTH.scaled(4.0))
+    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
+    lit = np.where(image.mask[..., None], lit, 0.0)
+    small = cv2.resize(lit, (160, 120), interpolation=cv2.INTER_AREA)
+    small = small + np.random.default_rng(0).normal(0.0, 0.01, small.shape)
+    return Photo(np.rint(np.clip(small, 0.0, 1.0) * 255.0).astype(np.uint8), "p.png", "0" * 64)
+
+
+def test_an_unknown_focal_length_comes_nearer_to_the_truth():
+    ball = make_bumpy(3)
+    mesh = replace(ball, colours=ball.colours[:, :1] * np.array([1.0, 0.8, 0.6], np.float32))
+    focal = 0.75 * CAMERA.fx
+    guess = replace(CAMERA, fx=focal, fy=focal)
+    start = with_camera(TRUTH, guess, mesh.centre)
+    photo, record = photo_of(mesh), PoseRecord(start)
+    registration = Registration(photo, mesh, "m.ply", "0" * 64, None, record, ())
+    ends = {}
+    for free in (True, False):
+        problem, _ = make_problem(registration, FitSettings(free_focal=free))
+        *_, ends[free] = fit_pose(problem, SoftwareRenderer(mesh))
+    found = ends[True].pose
+    assert isinstance(found.camera, Perspective)
+    focals = np.array([found.camera.fx, focal]) / CAMERA.fx
+    assert abs(np.log(focals[0])) < 0.7 * abs(np.log(focals[1]))
+    assert ends[True].loss < 0.9 * ends[False].loss
+    errors = {free: pose_error(mesh, end.pose, TRUTH).reprojection_px for free, end in ends.items()}
+    assert errors[True] < 0.7 * errors[False]

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens, Undistortion, undistort
+
+TAKEN = Perspective(420.0, 430.0, 321.3, 236.8, 640, 480)
+LENSES = {
+    "5": Lens("opencv", (-0.25, 0.08, 0.002, -0.0015, -0.01)),
+    "8": Lens("opencv", (0.3, -0.1, 0.001, 0.002, 0.02, 0.45, 0.05, -0.01)),
+    "12": Lens("opencv", (-0.2, 0.05, 1e-3, 1e-3, 0.0, 0.01, 0.0, 0.0, 4e-3, -1e-3, -3e-3, 1e-3)),
+    "fisheye": Lens("fisheye", (0.05, -0.02, 0.006, -0.001)),
+    "pincushion": Lens("opencv", (0.2, 0.05, 0.0, 0.0, 0.0)),
+}
+POINTS = np.array([(u, v) for u in (90.0, 250.25, 430.5, 560.0) for v in (70.0, 200.4, 410.7)])
+"""In the undistorted photo; pixel centres at i + 0.5."""
+
+
+def taken_by_the_book(points: np.ndarray, lens: Lens) -> np.ndarray:
+    """Where a lens sees points of the undistorted photo: OpenCV's formulas, written out."""
+    x, y = ((points - [TAKEN.cx, TAKEN.cy]) / [TAKEN.fx, TAKEN.fy]).T
+    r = np.hypot(x, y)
+    if lens.model == "fisheye":
+        k1, k2, k3, k4 = lens.coefficients
+        angle = np.arctan(r)
+        seen = angle * (1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8)
+        moved = np.array([x, y]) * seen / r
+    else:
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.pad(
+            lens.coefficients, (0, 12 - len(lens.coefficients))
+        )
+        radial = (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
+        moved = np.array([
+            x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2) + s1 * r**2 + s2 * r**4,
+            y * radial + p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y + s3 * r**2 + s4 * r**4,
+        ])  # fmt: skip
+    return moved.T * [TAKEN.fx, TAKEN.fy] + [TAKEN.cx, TAKEN.cy]
+
+
+def picture_of_dots(centres: np.ndarray, deep: bool = False) -> np.ndarray:
+    """(480, 640, 3): a round blot about each centre."""
+    v, u = np.mgrid[:480, :640] + 0.5
+    blots = sum(np.exp(-((u - a) ** 2 + (v - b) ** 2) / (2 * 2.5**2)) for a, b in centres)
+    top, kind = (65535.0, np.uint16) if deep else (255.0, np.uint8)
+    grey = np.rint(np.clip(blots, 0.0, 1.0) * top).astype(kind)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def centroid(picture: np.ndarray, near: np.ndarray) -> np.ndarray:
+    left, top = np.floor(near).astype(int) - 12
+    weights = picture[top : top + 25, left : left + 25, 0].astype(float)
+    v, u = np.mgrid[top : top + 25, left : left + 25] + 0.5
+    return np.array([np.sum(weights * u), np.sum(weights * v)]) / weights.sum()
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
+@pytest.mark.parametrize("deep", [False, True], ids=["8 bit", "16 bit"])
+def test_known_points_land_where_a_pinhole_sees_them(lens, deep):
+    taken = taken_by_the_book(POINTS, lens)
+    assert np.abs(taken - POINTS).max() > 10.0  # it is a lens to speak of
+    inside = np.all((taken > 12) & (taken < [628, 468]), axis=1)
+    assert inside.sum() >= 6
+    picture, covered = undistort(picture_of_dots(taken, deep), Undistortion.of(lens, TAKEN))
+    assert picture.dtype == (np.uint16 if deep else np.uint8)
+    for point in POINTS[inside]:
+        assert covered[int(point[1]), int(point[0])]
+        assert np.linalg.norm(centroid(picture, point) - point) < 0.1
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
+def test_points_go_to_the_taken_photo_and_back(lens):
+    undistortion = Undistortion.of(lens, TAKEN)
+    taken = undistortion.to_taken(POINTS)
+    np.testing.assert_allclose(taken, taken_by_the_book(POINTS, lens), atol=1e-9)
+    np.testing.assert_allclose(undistortion.from_taken(taken), POINTS, atol=1e-3)
+
+
+def test_a_wider_view_shows_more_of_the_edges():
+    edge = np.array([[30.0, 240.0]])
+    undistortion = Undistortion.of(LENSES["fisheye"], TAKEN, zoom=0.5)
+    point = undistortion.from_taken(edge)[0]
+    assert 0 < point[0] < 640
+    assert Undistortion.of(LENSES["fisheye"], TAKEN).from_taken(edge)[0, 0] < 0
+    picture, _ = undistort(picture_of_dots(edge), undistortion)
+    # It is squeezed a lot out there, and unevenly.
+    assert np.linalg.norm(centroid(picture, point) - point) < 0.5
+
+
+def test_what_the_photo_does_not_show_is_black_and_said_so():
+    white = np.full((480, 640, 1), 255, np.uint8)
+    picture, covered = undistort(white, Undistortion.of(LENSES["pincushion"], TAKEN))
+    assert not covered[0, 0]
+    assert covered[240, 320]
+    assert 0.3 < covered.mean() < 0.95
+    assert np.all(picture[covered] == 255)
+    assert np.all(picture[~covered] == 0)
+
+
+def test_a_polynomial_that_turns_back_shows_nothing_twice():
+    """Beyond r = 1 / sqrt(-3 k1) the radius falls again, into the photo."""
+    lens = Lens("opencv", (-0.8, 0.0, 0.0, 0.0, 0.0))
+    white = np.full((480, 640, 1), 255, np.uint8)
+    _, covered = undistort(white, Undistortion.of(lens, TAKEN))
+    v, u = np.nonzero(covered)
+    radii = np.hypot((u + 0.5 - TAKEN.cx) / TAKEN.fx, (v + 0.5 - TAKEN.cy) / TAKEN.fy)
+    assert radii.max() == pytest.approx(1.0 / np.sqrt(2.4), abs=0.01)
+
+
+def test_strips_of_a_large_photo_fit_together():
+    """More pixels than one strip has: the same picture as in one go, up to OpenCV's rounding."""
+    rng = np.random.default_rng(0)
+    large = TAKEN.resized(1600, 1200)
+    smooth = np.kron(rng.integers(0, 255, (12, 16, 3), dtype=np.uint8), np.ones((100, 100, 1)))
+    pixels = smooth.astype(np.uint8)
+    whole, covered = undistort(pixels, Undistortion.of(LENSES["5"], large))
+    lower = Undistortion(LENSES["5"], large, large.cropped(0, 600, 1600, 600))
+    part, seen = undistort(pixels, lower)
+    np.testing.assert_array_equal(covered[600:], seen)
+    assert np.mean(np.abs(whole[600:].astype(int) - part) > 2) < 1e-3
+
+
+@pytest.mark.parametrize(("model", "count"), [("opencv", 3), ("opencv", 6), ("fisheye", 5)])
+def test_an_unknown_number_of_coefficients_is_refused(model, count):
+    with pytest.raises(ValueError, match=f"{count} coefficients"):
+        Lens(model, (0.0,) * count)
+
+
+def test_crop_and_resize_see_the_same_points():
+    point = np.array([0.3, -0.2, 2.0])
+    seen = TAKEN.project(point)
+    np.testing.assert_allclose(TAKEN.cropped(100, 50, 300, 200).project(point), seen - [100, 50])
+    np.testing.assert_allclose(TAKEN.resized(320, 240).project(point), seen / 2)
