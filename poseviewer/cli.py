@@ -103,6 +103,12 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     _add_settings(fit)
     search = fit.add_argument_group("search")
     search.add_argument(
+        "--method",
+        choices=("default", "paper"),
+        default="default",
+        help="ours, or exactly the paper's: grey, clip or whole, no coarser levels",
+    )
+    search.add_argument(
         "--lock", default="", metavar="NAME,...", help="numbers of the chart to hold"
     )
     search.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
@@ -176,9 +182,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--pixels",
         choices=("near", "whole", "clip"),
-        default="near",
-        help="those in a box about the start, the whole photo, or what the model covers (the "
-        "paper's clipped loss)",
+        help="those in a box about the start (near), the whole photo, or what the model covers "
+        "(clip: the paper's clipped loss; its default)",
     )
     group.add_argument("--region", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="in px")
     group.add_argument("--mask", type=Path, metavar="MASK.png", help="weights: white counts")

@@ -205,6 +205,8 @@ def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
 
 def _settings(options: Namespace) -> FitSettings:
     given = vars(options)
+    method = given.get("method", "default")
+    _check_method(options, method)
     rules = RestartRules()
     if given.get("tolerance"):
         rules = replace(rules, x_tolerance=given["tolerance"])
@@ -216,14 +218,25 @@ def _settings(options: Namespace) -> FitSettings:
         lock=tuple(name.strip() for name in given.get("lock", "").split(",") if name.strip()),
         grey=options.grey,
         colour_reflectance=options.colour_reflectance,
-        pixels=options.pixels,
+        pixels=options.pixels or "near",
         region=options.region,
         mask=options.mask.name if options.mask else None,
         renderer=options.renderer,
         rules=rules,
         limits=Limits(given.get("evaluations", 1), given.get("seconds", 1.0)),
         seed=given.get("seed", 0),
+        method=method,
     )
+
+
+def _check_method(options: Namespace, method: str) -> None:
+    """The paper's method leaves some things no choice; rather say so than do something else."""
+    if method == "paper" and options.pixels == "near":
+        raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+    if method == "paper" and options.colour_reflectance:
+        raise SettingsError(
+            "--method paper with --colour-reflectance; it compares grey: leave one of them out"
+        )
 
 
 def _renderer(registration: Registration, settings: FitSettings) -> Renderer:

@@ -25,7 +25,7 @@ from poseviewer.files.pose_file import (
 )
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import fewest_pixels
-from poseviewer.fit.pose_fit import FitProblem, Limits
+from poseviewer.fit.pose_fit import FitProblem, Limits, Method
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.chart_choice import ChartName, choose_chart
@@ -48,8 +48,14 @@ LEAST_COLOUR = 0.02
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """What a user chooses for a fit; the default is all of the photo's colour, near the start."""
+    """What a user chooses for a fit; the default is all of the photo's colour, near the start.
 
+    Of the method ``paper`` are grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
+    settings that say otherwise are set so.
+    """
+
+    method: Method = "default"
+    """Ours, or exactly the paper's (``fit.paper``), kept as a reference."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""
@@ -71,6 +77,13 @@ class FitSettings:
     rules: RestartRules = field(default_factory=RestartRules)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method == "paper":
+            object.__setattr__(self, "grey", True)
+            object.__setattr__(self, "colour_reflectance", False)
+            if self.pixels == "near":
+                object.__setattr__(self, "pixels", "clip")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +191,7 @@ def make_problem(
         settings.rules,
         settings.limits,
         settings.seed,
+        settings.method,
     )
     return problem, note
 
