@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "study")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -75,6 +75,7 @@ def make_parser() -> argparse.ArgumentParser:
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
     info.set_defaults(command="info")
     _add_bench(commands)
+    _add_study(commands)
     return parser
 
 
@@ -164,6 +165,46 @@ def _add_bench(commands: argparse._SubParsersAction) -> None:
     bench.set_defaults(command="bench")
 
 
+def _add_study(commands: argparse._SubParsersAction) -> None:
+    study = commands.add_parser(
+        "study",
+        help="measure from how far off fits find the pose",
+        description="Fit from many starts, on synthetic photos and others with known poses; write "
+        "DIR/trials.csv, study.md and study.png. Rows that are there are not run again.",
+    )
+    study.add_argument("--out", type=Path, required=True, metavar="DIR")
+    study.add_argument("--method", choices=("default", "paper"), default="default")
+    study.add_argument("--pixels", choices=("near", "whole", "clip"), help="as of fit")
+    study.add_argument("--evaluations", type=_whole, default=20_000, help="limit of a fit (20000)")
+    study.add_argument("--jobs", type=_whole, metavar="N", help="processes (one per processor)")
+    study.add_argument("--quiet", action="store_true", help="no progress")
+    drawn = study.add_argument_group("deviations of a vehicle's numbers")
+    drawn.add_argument("--starts", type=_whole, metavar="N", help="for each point (10)")
+    drawn.add_argument("--deviations", type=_listed(_positive), metavar="PERCENT,...")
+    drawn.add_argument(
+        "--readings", type=_listed(str), metavar="NAME,...", help="relative,absolute"
+    )
+    drawn.add_argument(
+        "--kinds",
+        type=_listed(str),
+        metavar="NAME,...",
+        help="plain,background,photo-parallel,photo-perspective",
+    )
+    drawn.add_argument("--photos", type=_whole, metavar="N", help="synthetic ones of a kind (5)")
+    drawn.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of these (640x480)")
+    drawn.add_argument("--projection", choices=("parallel", "perspective"), help="of these")
+    drawn.add_argument("--model", type=Path, help="a vehicle (the bundled one)")
+    drawn.add_argument("--backgrounds", type=Path, metavar="FOLDER", help="of photos")
+    drawn.add_argument("--cars", type=Path, metavar="FOLDER", help="of cases.json, for photo-...")
+    drawn.add_argument("--seed", type=int)
+    real = study.add_argument_group("real photos with fixed starts")
+    real.add_argument("--real", type=Path, metavar="FOLDER", help="of cases.json and starts.json")
+    real.add_argument("--degrees", type=_listed(_whole), metavar="N,...", help="(5,15)")
+    real.add_argument("--cases", metavar="PATTERN", help="a part of the id, or with * and ?")
+    real.add_argument("--draws", type=_whole, metavar="N", help="starts of each case (5)")
+    study.set_defaults(command="study")
+
+
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
@@ -195,6 +236,16 @@ def _number(text: str, kind: type[int] | type[float], wanted: str) -> float:
         return kind(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}") from None
+
+
+def _listed(kind: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
+    """Several, with commas between them."""
+    return lambda text: tuple(kind(part.strip()) for part in text.split(","))
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return _whole(width), _whole(height)
 
 
 def _positive(text: str) -> float:

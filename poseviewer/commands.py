@@ -41,7 +41,7 @@ from poseviewer.registration import (
     shown_attributes,
 )
 from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.many import RendererPool
+from poseviewer.render.many import RendererPool, processors
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import View, draw_look
 
@@ -186,6 +186,29 @@ def bench(options: Namespace) -> int:
     if options.plot:
         save_figure(options.plot, make_bench_sheet(make_sheet(report)))
         print(f"\nplot: {options.plot}")
+    return 0
+
+
+def study(options: Namespace) -> int:
+    """Measure from how far off fits find the pose; print the table."""
+    from poseviewer.evaluation.study import options as wanted
+    from poseviewer.evaluation.study import run as studies
+
+    plan = wanted.read_plan(options)
+    tell = _say_nothing if options.quiet else _tell
+    try:
+        if isinstance(plan, wanted.RealPlan):
+            run = studies.open_real(plan)
+        else:
+            run = studies.open_study(plan, tell)
+        with _bar(len(run.left), options.quiet) as bar:
+            for _ in run.trials(options.jobs or processors()):
+                bar.update()
+    except KeyboardInterrupt:
+        _tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
+        return EXIT_INTERRUPTED
+    print(studies.report(run).as_text())
+    print(f"\nrows, summary: {run.out}")
     return 0
 
 

@@ -30,12 +30,11 @@ LIGHT = np.array([0.5, 0.4, -0.7, -0.6])
 def make_photo(clipped: bool, ground: float) -> PhotoAttributes:
     """Grey: the model under one light on ground of one grey, and a little noise."""
     image = RENDERER.render(POSE)
-    attributes = model_attributes(
-        image, PhotoAttributes(np.zeros((240, 320, 1)), np.ones((240, 320)))
-    )
+    all_pixels = np.ones((240, 320), np.float32)
+    attributes = model_attributes(image, PhotoAttributes(all_pixels[..., None], all_pixels))
     lit = np.where(image.mask, attributes @ LIGHT, ground)
     lit = lit + np.random.default_rng(0).normal(0.0, 0.02, lit.shape)
-    return PhotoAttributes(lit[..., None], np.ones(lit.shape), clipped)
+    return PhotoAttributes(lit[..., None].astype(np.float32), all_pixels, clipped)
 
 
 @pytest.mark.parametrize("clipped", [True, False])
