@@ -188,7 +188,7 @@ def _add_study(commands: argparse._SubParsersAction) -> None:
         "--kinds",
         type=_listed(str),
         metavar="NAME,...",
-        help="plain,background,photo-parallel,photo-perspective",
+        help="plain,background,photo-parallel,photo-perspective (these), grey",
     )
     drawn.add_argument("--photos", type=_whole, metavar="N", help="synthetic ones of a kind (5)")
     drawn.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of these (640x480)")

@@ -22,17 +22,22 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.opengl import opengl_unavailable_reason
 
-Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
+Kind = Literal["plain", "grey", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {
-    "plain": "synthetic, plain ground",
+    "plain": "synthetic, plain black ground",
+    "grey": "synthetic, plain grey ground",
     "background": "synthetic, real background",
     "photo-parallel": "photo, parallel",
     "photo-perspective": "photo, perspective, 7 numbers",
 }
-"""What each is called in tables. The first two are drawn here; the others are taken as they are."""
+"""What each is called in tables. The first three are drawn here; the others are taken as they are.
 
-PLAIN_GREY = (0.1, 0.9)
-"""A plain ground is of one grey, drawn from this range."""
+``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
+of the model. ``grey`` shows what becomes of that on another ground."""
+DRAWN = ("plain", "grey", "background")
+
+GREYS = (0.1, 0.9)
+"""From which a ``grey`` ground, of one grey all over, is drawn."""
 QUALITY = PhotoQuality(blur_px=0.7, noise=2.0)
 
 
@@ -59,7 +64,7 @@ class StudyPhoto:
 
     def is_found(self, error_px: float, error_percent: float) -> bool:
         """Within 1 px where the photo is drawn here, else within the truth's accuracy + 1 %."""
-        if self.kind in ("plain", "background"):
+        if self.kind in DRAWN:
             return error_px < 1.0
         return error_percent < self.accuracy_percent + 1.0
 
@@ -110,7 +115,9 @@ def _draw(
     pose = random_view(studio.mesh, studio.keypoints, studio.size, studio.parallel, random)
     lighting = random_lighting(random)
     if kind == "plain":
-        behind = np.full(3, random.uniform(*PLAIN_GREY))
+        behind = np.zeros(3)
+    elif kind == "grey":
+        behind = np.full(3, random.uniform(*GREYS))
     else:
         behind = _cut(studio.backgrounds[index % len(studio.backgrounds)], studio.size, random)
     pixels = photographer.photograph(pose, lighting, behind, QUALITY, shadows=True, seed=seed)

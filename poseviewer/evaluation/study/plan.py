@@ -12,7 +12,7 @@ from poseviewer.demo import demo_case
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.evaluation.study.backgrounds import background_files
 from poseviewer.evaluation.study.deviations import READINGS, Reading
-from poseviewer.evaluation.study.photos import KINDS, Kind
+from poseviewer.evaluation.study.photos import DRAWN, Kind
 from poseviewer.evaluation.study.real_cases import CASES, STARTS
 from poseviewer.files.pose_checks import read_json
 from poseviewer.files.writing import sha256_of, write_whole
@@ -36,7 +36,7 @@ class StudyPlan:
     """Of each kind; starts take turns on them."""
     percents: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
     readings: tuple[Reading, ...] = READINGS
-    kinds: tuple[Kind, ...] = tuple(KINDS)
+    kinds: tuple[Kind, ...] = ("plain", "background", "photo-parallel", "photo-perspective")
     size: tuple[int, int] = (640, 480)
     """Of synthetic photos, px."""
     parallel: bool = True
@@ -61,7 +61,7 @@ class StudyPlan:
         """
         choices: tuple[PixelsName, ...] = ("near",)
         if self.method == "paper":
-            choices = ("whole", "clip") if kind in ("plain", "background") else ("clip",)
+            choices = ("whole", "clip") if kind in DRAWN else ("clip",)
         if self.pixels:
             choices = (self.pixels,)
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in choices]

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.study.backgrounds import load_backgrounds
 from poseviewer.evaluation.study.cars import load_cars
-from poseviewer.evaluation.study.photos import Studio, StudyPhoto, make_photos
+from poseviewer.evaluation.study.photos import DRAWN, Studio, StudyPhoto, make_photos
 from poseviewer.evaluation.study.plan import RealPlan, StudyPlan, open_folder
 from poseviewer.evaluation.study.pool import run_all
 from poseviewer.evaluation.study.real import RealTrial, real_tasks, run_real_trial
@@ -128,7 +128,7 @@ def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> Iterator[Task]
 
 
 def _photos(plan: StudyPlan, kind: Any, tell: Callable[[str], None]) -> Sequence[StudyPhoto]:
-    if kind not in ("plain", "background"):
+    if kind not in DRAWN:
         return load_cars(kind, plan.cars)
     folder = plan.out / PHOTOS
     folder.mkdir(exist_ok=True)

@@ -80,7 +80,7 @@ def test_starts_are_as_far_off_as_is_said(study):
 def test_it_ends_in_a_table_and_a_figure(study):
     assert {name for name in OUTPUTS if (study / name).is_file()} == set(OUTPUTS)
     text = (study / "study.md").read_text()
-    assert "paper: synthetic, plain ground, whole" in text
+    assert "paper: synthetic, plain black ground, whole" in text
     assert "study.png" in text
     assert load_photo(study / "study.png").width > 1000
 
@@ -89,7 +89,7 @@ def test_rows_that_are_there_are_not_run_again(model, study, capsys):
     before = (study / "trials.csv").read_bytes()
     assert run(model, study) == 0
     assert (study / "trials.csv").read_bytes() == before
-    assert "default: synthetic, plain ground" in capsys.readouterr().out
+    assert "default: synthetic, plain black ground" in capsys.readouterr().out
 
 
 def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(model, study, tmp_path):
@@ -118,11 +118,11 @@ def test_more_starts_are_added_to_those_there(model, tmp_path):
 def test_real_backgrounds_and_photos_of_cars(tmp_path):
     require_opengl()
     assert cli.main(["study", "--out", str(tmp_path), "--kinds",
-                     "background,photo-parallel,photo-perspective", "--starts", "1",
+                     "grey,background,photo-parallel,photo-perspective", "--starts", "1",
                      "--deviations", "4", "--readings", "relative", "--size", "96x72",
                      "--evaluations", "25", "--jobs", "1", "--quiet"]) == 0  # fmt: skip
     rows = {row["kind"]: row for row in rows_of(tmp_path)}
-    assert len(rows) == 3
+    assert len(rows) == 4
     assert rows["photo-perspective"]["names"].split()[-1] == "width_per_focal"
     assert len(rows["photo-parallel"]["names"].split()) == 6
 
