@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import TypeVar
 
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
@@ -28,7 +29,7 @@ def run_all(work: Callable[[Task], Row], tasks: Sequence[Task], jobs: int) -> It
     if jobs == 1 or len(tasks) < 2:
         yield from map(work, tasks)
         return
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_end_quietly)
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_end_with_the_study)
     try:
         for done in as_completed([pool.submit(work, task) for task in tasks]):
             yield done.result()
@@ -41,6 +42,16 @@ def run_all(work: Callable[[Task], Row], tasks: Sequence[Task], jobs: int) -> It
         pool.shutdown(cancel_futures=True)
 
 
-def _end_quietly() -> None:
-    """On Ctrl-C: the study's own process says what there is to say."""
+def _end_with_the_study() -> None:
+    """On Ctrl-C, without a word, as the study's own process says what there is to say; and when
+    that process is no more, for which a process of a pool would wait for ever.
+    """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
+    threading.Thread(target=_wait_for_the_end, daemon=True).start()
+
+
+def _wait_for_the_end() -> None:
+    study = parent_process()
+    if study is not None:
+        study.join()
+        os._exit(EXIT_INTERRUPTED)
