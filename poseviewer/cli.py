@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert", "undistort")
+COMMANDS = (
+    "app",
+    "fit",
+    "overlay",
+    "landscape",
+    "info",
+    "demo",
+    "bench",
+    "study",
+    "convert",
+    "undistort",
+)
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -84,6 +95,7 @@ def make_parser() -> argparse.ArgumentParser:
     undistort.add_argument("--out", type=Path, required=True, metavar="UNDISTORTED.png")
     add_calibration(undistort, _rectangle, _positive, required=True)
     undistort.set_defaults(command="undistort")
+    _add_study(commands)
     return parser
 
 
@@ -112,6 +124,12 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     fit.add_argument("--look", choices=LOOKS, default="outline", help="of the overlay")
     _add_settings(fit)
     search = fit.add_argument_group("search")
+    search.add_argument(
+        "--method",
+        choices=("default", "paper"),
+        default="default",
+        help="ours, or exactly the paper's: grey, clip or whole, no coarser levels",
+    )
     search.add_argument(
         "--lock", default="", metavar="NAME,...", help="numbers of the chart to hold"
     )
@@ -168,6 +186,46 @@ def _add_bench(commands: argparse._SubParsersAction) -> None:
     bench.set_defaults(command="bench")
 
 
+def _add_study(commands: argparse._SubParsersAction) -> None:
+    study = commands.add_parser(
+        "study",
+        help="measure from how far off fits find the pose",
+        description="Fit from many starts, on synthetic photos and others with known poses; write "
+        "DIR/trials.csv, study.md and study.png. Rows that are there are not run again.",
+    )
+    study.add_argument("--out", type=Path, required=True, metavar="DIR")
+    study.add_argument("--method", choices=("default", "paper"), default="default")
+    study.add_argument("--pixels", choices=("near", "whole", "clip"), help="as of fit")
+    study.add_argument("--evaluations", type=_whole, default=20_000, help="limit of a fit (20000)")
+    study.add_argument("--jobs", type=_whole, metavar="N", help="processes (one per processor)")
+    study.add_argument("--quiet", action="store_true", help="no progress")
+    drawn = study.add_argument_group("deviations of a vehicle's numbers")
+    drawn.add_argument("--starts", type=_whole, metavar="N", help="for each point (10)")
+    drawn.add_argument("--deviations", type=_listed(_positive), metavar="PERCENT,...")
+    drawn.add_argument(
+        "--readings", type=_listed(str), metavar="NAME,...", help="relative,absolute"
+    )
+    drawn.add_argument(
+        "--kinds",
+        type=_listed(str),
+        metavar="NAME,...",
+        help="plain,background,photo-parallel,photo-perspective (these), grey",
+    )
+    drawn.add_argument("--photos", type=_whole, metavar="N", help="synthetic ones of a kind (5)")
+    drawn.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of these (640x480)")
+    drawn.add_argument("--projection", choices=("parallel", "perspective"), help="of these")
+    drawn.add_argument("--model", type=Path, help="a vehicle (the bundled one)")
+    drawn.add_argument("--backgrounds", type=Path, metavar="FOLDER", help="of photos")
+    drawn.add_argument("--cars", type=Path, metavar="FOLDER", help="of cases.json, for photo-...")
+    drawn.add_argument("--seed", type=int)
+    real = study.add_argument_group("real photos with fixed starts")
+    real.add_argument("--real", type=Path, metavar="FOLDER", help="of cases.json and starts.json")
+    real.add_argument("--degrees", type=_listed(_whole), metavar="N,...", help="(5,15)")
+    real.add_argument("--cases", metavar="PATTERN", help="a part of the id, or with * and ?")
+    real.add_argument("--draws", type=_whole, metavar="N", help="starts of each case (5)")
+    study.set_defaults(command="study")
+
+
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
@@ -187,9 +245,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--pixels",
         choices=("near", "whole", "clip"),
-        default="near",
-        help="those in a box about the start, the whole photo, or what the model covers (the "
-        "paper's clipped loss)",
+        help="those in a box about the start (near), the whole photo, or what the model covers "
+        "(clip: the paper's clipped loss; its default)",
     )
     group.add_argument("--region", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="in px")
     group.add_argument("--mask", type=Path, metavar="MASK.png", help="weights: white counts")
@@ -201,6 +258,16 @@ def _number(text: str, kind: type[int] | type[float], wanted: str) -> float:
         return kind(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}") from None
+
+
+def _listed(kind: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
+    """Several, with commas between them."""
+    return lambda text: tuple(kind(part.strip()) for part in text.split(","))
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return _whole(width), _whole(height)
 
 
 def _positive(text: str) -> float:

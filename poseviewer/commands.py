@@ -43,7 +43,7 @@ from poseviewer.registration import (
     shown_attributes,
 )
 from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.many import RendererPool
+from poseviewer.render.many import RendererPool, processors
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import View, draw_look
 
@@ -211,6 +211,28 @@ def convert(options: Namespace) -> int:
     """Write a pose for another tool, or read one from it."""
     for line in converting.convert(options):
         print(line)
+
+
+def study(options: Namespace) -> int:
+    """Measure from how far off fits find the pose; print the table."""
+    from poseviewer.evaluation.study import options as wanted
+    from poseviewer.evaluation.study import run as studies
+
+    plan = wanted.read_plan(options)
+    tell = _say_nothing if options.quiet else _tell
+    try:
+        if isinstance(plan, wanted.RealPlan):
+            run = studies.open_real(plan)
+        else:
+            run = studies.open_study(plan, tell)
+        with _bar(len(run.left), options.quiet) as bar:
+            for _ in run.trials(options.jobs or processors()):
+                bar.update()
+    except KeyboardInterrupt:
+        _tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
+        return EXIT_INTERRUPTED
+    print(studies.report(run).as_text())
+    print(f"\nrows, summary: {run.out}")
     return 0
 
 
@@ -232,6 +254,8 @@ def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
 
 def _settings(options: Namespace) -> FitSettings:
     given = vars(options)
+    method = given.get("method", "default")
+    _check_method(options, method)
     rules = RestartRules()
     if given.get("tolerance"):
         rules = replace(rules, x_tolerance=given["tolerance"])
@@ -243,14 +267,25 @@ def _settings(options: Namespace) -> FitSettings:
         lock=tuple(name.strip() for name in given.get("lock", "").split(",") if name.strip()),
         grey=options.grey,
         colour_reflectance=options.colour_reflectance,
-        pixels=options.pixels,
+        pixels=options.pixels or "near",
         region=options.region,
         mask=options.mask.name if options.mask else None,
         renderer=options.renderer,
         rules=rules,
         limits=Limits(given.get("evaluations", 1), given.get("seconds", 1.0)),
         seed=given.get("seed", 0),
+        method=method,
     )
+
+
+def _check_method(options: Namespace, method: str) -> None:
+    """The paper's method leaves some things no choice; rather say so than do something else."""
+    if method == "paper" and options.pixels == "near":
+        raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+    if method == "paper" and options.colour_reflectance:
+        raise SettingsError(
+            "--method paper with --colour-reflectance; it compares grey: leave one of them out"
+        )
 
 
 def _renderer(registration: Registration, settings: FitSettings) -> Renderer:

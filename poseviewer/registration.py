@@ -29,7 +29,7 @@ from poseviewer.files.pose_file import (
 )
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import fewest_pixels
-from poseviewer.fit.pose_fit import FitProblem, Limits
+from poseviewer.fit.pose_fit import FitProblem, Limits, Method
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.chart_choice import ChartName, choose_chart
@@ -56,8 +56,14 @@ LEAST_COLOUR = 0.02
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """What a user chooses for a fit; the default is all of the photo's colour, near the start."""
+    """What a user chooses for a fit; the default is all of the photo's colour, near the start.
 
+    Of the method ``paper`` are grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
+    settings that say otherwise are set so.
+    """
+
+    method: Method = "default"
+    """Ours, or exactly the paper's (``fit.paper``), kept as a reference."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""
@@ -79,6 +85,13 @@ class FitSettings:
     rules: RestartRules = field(default_factory=RestartRules)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method == "paper":
+            object.__setattr__(self, "grey", True)
+            object.__setattr__(self, "colour_reflectance", False)
+            if self.pixels == "near":
+                object.__setattr__(self, "pixels", "clip")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +164,7 @@ def make_photo_attributes(
     coloured = not settings.grey and _has_colour(photo, weights)
     channels = photo.as_float() if coloured else photo.grey()[..., None]
     attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
-    if not clipped:
+    if not clipped and settings.method == "default":
         attributes = structured(attributes, _working_factor(mesh, start))
     wanted = fewest_pixels(attributes.photo_channels + attributes.model_channels)
     if np.count_nonzero(weights) < wanted:
@@ -192,6 +205,7 @@ def make_problem(
         settings.rules,
         settings.limits,
         settings.seed,
+        settings.method,
     )
     return problem, note
 

@@ -40,7 +40,9 @@ def test_only_the_command_line_prints():
 def test_no_thread_outside_the_worker():
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text()
-        assert path.name == "worker.py" or "threading" not in text, path
+        # A process of the study's pool has one that ends it with the study, and does nothing else.
+        allowed = ("worker.py", "pool.py")
+        assert path.name in allowed or "threading" not in text, path
 
 
 def test_files_stay_readable():

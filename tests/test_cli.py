@@ -82,6 +82,23 @@ def test_locked_numbers_stay(scene, tmp_path):
     assert numbers["rotation_x"] != pytest.approx(0.0, abs=1e-3)
 
 
+def test_the_papers_method_is_said_in_the_pose_file(scene, tmp_path):
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--method", "paper", "--evaluations", 50, "--quiet") == 0  # fmt: skip
+    data = json.loads(out.read_text())["settings"]
+    assert (data["method"], data["grey"], data["pixels"]) == ("paper", True, "clip")
+    assert data["photo_channels"] == 1
+
+
+@pytest.mark.parametrize("other", [["--pixels", "near"], ["--colour-reflectance"]])
+def test_what_the_paper_does_not_have_is_refused_with_its_method(scene, tmp_path, capsys, other):
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
+               tmp_path / "pose.json", "--method", "paper", *other) == 2  # fmt: skip
+    assert other[0] in capsys.readouterr().err
+    assert not (tmp_path / "pose.json").exists()
+
+
 @pytest.mark.parametrize(
     "settings",
     [

@@ -8,7 +8,13 @@ import pytest
 from poseviewer.files.photo_file import Photo
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.registration import FitSettings, make_photo_attributes, shown_attributes
+from poseviewer.registration import (
+    FitSettings,
+    make_photo_attributes,
+    settings_as_json,
+    settings_from_json,
+    shown_attributes,
+)
 from tests.meshes import make_box
 
 MESH = make_box()
@@ -62,3 +68,15 @@ def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
     assert shown.clipped
     assert shown.model_channels == 12
     assert np.shares_memory(shown.channels, made.channels)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "used"), [("near", "clip"), ("clip", "clip"), ("whole", "whole")]
+)
+def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
+    settings = FitSettings(method="paper", pixels=chosen, colour_reflectance=True)
+    assert settings.pixels == used
+    made = make_photo_attributes(make_photo(30.0), MESH, START, settings)
+    assert made.channels.shape == (120, 160, 1)
+    assert not made.colour_reflectance
+    assert settings_from_json(settings_as_json(settings)) == settings

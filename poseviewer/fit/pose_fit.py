@@ -6,11 +6,13 @@ import enum
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
+from poseviewer.fit.paper import paper_loss, paper_stages
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
 from poseviewer.fit.simplex import SimplexState
 from poseviewer.fit.stages import Stage, make_stages
@@ -20,6 +22,8 @@ from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.levels import Level
 from poseviewer.render.moments import PhotoAttributes
+
+Method = Literal["default", "paper"]
 
 JUDGED_EVERY = 16
 """After so many evaluations on a coarse level, the best of them is judged on the photo."""
@@ -66,6 +70,8 @@ class FitProblem:
     rules: RestartRules = field(default_factory=RestartRules)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+    method: Method = "default"
+    """How poses are judged and searched for: ours, or as in ``fit.paper``."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free numbers."""
 
@@ -128,7 +134,10 @@ def _loss(
         pose = problem.chart.to_pose(numbers)
     except OutsideChartError:
         return problem.worst_loss
-    return registration_loss(renderer.moments(pose, photo))
+    moments = renderer.moments(pose, photo)
+    if problem.method == "paper":
+        return paper_loss(moments, photo.clipped)
+    return registration_loss(moments)
 
 
 def fit_pose(problem: FitProblem, renderer: Renderer) -> Iterator[FitProgress]:
@@ -141,6 +150,12 @@ def fit_pose(problem: FitProblem, renderer: Renderer) -> Iterator[FitProgress]:
         yield progress
         if progress.status is not Status.RUNNING:
             return
+
+
+def _stages(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Stage, ...]:
+    if problem.method == "paper":
+        return paper_stages(problem.photo, renderer, problem.rules)
+    return make_stages(problem.photo, renderer, start, problem.rules)
 
 
 class _Search:
@@ -159,7 +174,7 @@ class _Search:
         """Progress after every evaluation, and once more at the end of every descent."""
         problem = self._problem
         renderer = self._photo.renderer
-        for stage in make_stages(problem.photo, renderer, self._pose, problem.rules):
+        for stage in _stages(problem, renderer, self._pose):
             yield from (self._on_the_photo if stage.level.factor == 1 else self._coarsely)(stage)
             self._restart += 1
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from poseviewer.evaluation.bench.paths import NAMES
 from poseviewer.evaluation.bench.run import Report
 from poseviewer.evaluation.bench.searches import FitTime, MapsTime
 from poseviewer.evaluation.bench.timing import Row
+from poseviewer.evaluation.text_table import Table
 
 PAPER_MS = (170.0, 40.0)
 """What the paper says it needed to render, and for its loss."""
@@ -23,34 +24,6 @@ PAPER = {
 DRAWING, SUMMING = ("render", "rasterise"), ("moments", "moments and loss")
 NONE = "–"  # noqa: RUF001 - a dash in a table
 PAPER_NAME = "the paper's own, on its machine of 2010"
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Words and figures; the first column is text, the others are numbers."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def as_markdown(self) -> str:
-        """For a README."""
-        rule = "|".join(["---", *["---:"] * (len(self.columns) - 1)])
-        lines = [" | ".join(cells) for cells in (self.columns, *self.rows)]
-        lines = [f"| {line} |" for line in lines]
-        return "\n".join([f"*{self.title}*", "", lines[0], f"|{rule}|", *lines[1:]])
-
-    def as_text(self) -> str:
-        """For a terminal."""
-        cells = [self.columns, *self.rows]
-        widths = [max(len(row[i]) for row in cells) for i in range(len(self.columns))]
-        lines = []
-        for row in cells:
-            first, *others = (cell.ljust(w) for cell, w in zip(row, widths, strict=True))
-            others = [cell.strip().rjust(w) for cell, w in zip(others, widths[1:], strict=True)]
-            lines.append("  ".join([first, *others]))
-        rule = "-" * len(lines[0])
-        return "\n".join([self.title, rule, lines[0], rule, *lines[1:]])
 
 
 def as_json(report: Report) -> dict[str, Any]:

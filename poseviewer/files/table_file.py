@@ -1,0 +1,92 @@
+"""Tables that grow by a row at a time, and are taken up again where a run was cut off (CSV)."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, fields
+from inspect import get_annotations
+from io import StringIO
+from pathlib import Path
+from typing import Any, Generic, TypeVar, get_type_hints
+
+from poseviewer.errors import SettingsError
+from poseviewer.files.writing import write_whole
+
+Row = TypeVar("Row")
+
+
+class RowTable(Generic[Row]):
+    """Rows of a dataclass of texts, numbers and truth values, a line each."""
+
+    def __init__(self, path: Path, row_type: type[Row]) -> None:
+        """Read what is there; a last line that was cut off is dropped.
+
+        Raises:
+            SettingsError: the file is a table of something else, or cannot be read or written.
+        """
+        self._path, self._type = path, row_type
+        self._hints = get_type_hints(row_type)
+        self.columns = _columns(row_type)
+        text = _read(path)
+        whole = text[: text.rfind("\n") + 1]
+        self.rows: list[Row] = self._parse(whole) if whole else []
+        if whole != text or not whole:
+            write_whole(path, (whole or self._line(self.columns)).encode(), SettingsError)
+
+    def append(self, row: Row) -> None:
+        """Add a row, here and in the file.
+
+        Raises:
+            SettingsError: the file cannot be written to.
+        """
+        values = asdict(row)  # type: ignore[call-overload]
+        line = self._line([values[name] for name in self.columns])
+        try:
+            with self._path.open("a", encoding="utf-8", newline="") as file:
+                file.write(line)
+        except OSError as error:
+            raise SettingsError(
+                f"{self._path}: cannot be written to ({error.strerror}); free the place and run "
+                "the same again"
+            ) from None
+        self.rows.append(row)
+
+    def _line(self, values: list[Any]) -> str:
+        memory = StringIO()
+        csv.writer(memory, lineterminator="\n").writerow(values)
+        return memory.getvalue()
+
+    def _parse(self, text: str) -> list[Row]:
+        reader = csv.DictReader(StringIO(text))
+        if reader.fieldnames != self.columns:
+            raise SettingsError(
+                f"{self._path}: is not a table of such trials; name another folder, or take it away"
+            )
+        try:
+            return [self._type(**self._typed(cells)) for cells in reader]
+        except (ValueError, TypeError, KeyError) as error:
+            raise SettingsError(
+                f"{self._path}: holds a row that cannot be read ({error}); mend it, or name "
+                "another folder"
+            ) from None
+
+    def _typed(self, cells: dict[str, str]) -> dict[str, Any]:
+        truth = {"True": True, "False": False}.__getitem__
+        kinds: dict[type, Any] = {bool: truth}
+        return {
+            name: kinds.get(self._hints[name], self._hints[name])(cells[name]) for name in cells
+        }
+
+
+def _columns(row_type: type) -> list[str]:
+    """A class's own fields before those it inherits."""
+    names = [field.name for field in fields(row_type)]
+    own = get_annotations(row_type)
+    return sorted(names, key=lambda name: name not in own)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8") if path.exists() else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: cannot be read ({error}); name another folder") from None

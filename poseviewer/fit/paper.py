@@ -1,0 +1,37 @@
+"""The paper's method as it stands, a reference that other methods are measured against.
+
+Jayawardena, Hutter and Brewer (2010): grey photo (n = 1), four attributes of the model (m = 4), P
+either what the model covers ("clipped") or the whole photo, where all attributes are 0 beside the
+model; one downhill simplex on the photo itself, rebuilt where it ended until that gains nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.restarts import RestartRules
+from poseviewer.fit.stages import Stage
+from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import Level
+from poseviewer.render.moments import Moments, PhotoAttributes
+
+
+def paper_loss(moments: Moments, clipped: bool) -> float:
+    """The loss in [0, min(n, m)], without the attribute that tells model and surroundings apart.
+
+    ``clipped``: whether P is what the model covers, where there is no such attribute.
+    """
+    return lighting_loss(moments if clipped else _without_indicator(moments))
+
+
+def paper_stages(
+    photo: PhotoAttributes, renderer: Renderer, rules: RestartRules
+) -> tuple[Stage, ...]:
+    """One stage: the photo itself; the first restart that gains nothing ends it."""
+    return (Stage(Level(1, photo, renderer), replace(rules, scouts=0, patience=1)),)
+
+
+def _without_indicator(moments: Moments) -> Moments:
+    """It is the last attribute: see ``PhotoAttributes.clipped``."""
+    return replace(moments, mean=moments.mean[:-1], covariance=moments.covariance[:-1, :-1])

@@ -1,0 +1,76 @@
+"""The paper's method: four attributes, one simplex, the photo alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.paper import paper_loss, paper_stages
+from poseviewer.fit.pose_fit import FitProblem, Status, fit_pose, pose_loss
+from poseviewer.fit.restarts import RestartRules
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.moments import PhotoAttributes, model_attributes
+from poseviewer.render.software import SoftwareRenderer
+from tests.meshes import make_bumpy
+
+MESH = make_bumpy(4)
+RENDERER = SoftwareRenderer(MESH)
+POSE = Pose(
+    Perspective(640.0, 640.0, 166.0, 118.0, 320, 240),
+    RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]),
+)
+LIGHT = np.array([0.5, 0.4, -0.7, -0.6])
+
+
+def make_photo(clipped: bool, ground: float) -> PhotoAttributes:
+    """Grey: the model under one light on ground of one grey, and a little noise."""
+    image = RENDERER.render(POSE)
+    all_pixels = np.ones((240, 320), np.float32)
+    attributes = model_attributes(image, PhotoAttributes(all_pixels[..., None], all_pixels))
+    lit = np.where(image.mask, attributes @ LIGHT, ground)
+    lit = lit + np.random.default_rng(0).normal(0.0, 0.02, lit.shape)
+    return PhotoAttributes(lit[..., None].astype(np.float32), all_pixels, clipped)
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+def test_the_loss_is_one_minus_the_squared_correlation_with_the_best_light(clipped):
+    photo = make_photo(clipped, ground=0.3)
+    image = RENDERER.render(POSE)
+    pixels = image.mask if clipped else np.ones_like(image.mask)
+    model = model_attributes(image, replace(photo, clipped=True))[pixels]
+    grey = photo.channels[pixels][:, 0].astype(float)
+    known = np.column_stack([model, np.ones(len(model))])
+    left = grey - known @ np.linalg.lstsq(known, grey, rcond=None)[0]
+    found = paper_loss(RENDERER.moments(POSE, photo), clipped)
+    assert found == pytest.approx(left.var() / grey.var(), rel=1e-3)
+
+
+def test_beside_the_model_it_has_no_colour_of_its_own():
+    photo = make_photo(clipped=False, ground=0.6)
+    moments = RENDERER.moments(POSE, photo)
+    assert paper_loss(moments, clipped=False) > lighting_loss(moments) + 0.01
+
+
+def test_it_searches_the_photo_alone_and_without_scouts():
+    stages = paper_stages(make_photo(True, 0.0), RENDERER, RestartRules())
+    assert [stage.level.factor for stage in stages] == [1]
+    assert (stages[0].rules.scouts, stages[0].rules.patience) == (0, 1)
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+def test_it_finds_a_pose_nearby_and_stops_when_a_restart_gains_nothing(clipped):
+    chart = FreeBodyChart.near(MESH, POSE)
+    start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
+    problem = FitProblem(make_photo(clipped, 0.0), chart, start, method="paper")
+    search = list(fit_pose(problem, RENDERER))
+    end = search[-1]
+    assert end.status is Status.CONVERGED
+    assert {progress.factor for progress in search} == {1}
+    assert end.restart >= 1
+    assert end.loss == pose_loss(problem, RENDERER, end.numbers) < end.start_loss
+    assert np.abs(end.numbers).max() < 5e-3

@@ -1,0 +1,37 @@
+"""A small vehicle in a file: a lump of many greys with wheels said to be at its sides."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from tests.meshes import make_bumpy
+
+LENGTHS = np.array([2.0, 0.8, 0.6])
+
+
+def save_vehicle(folder: Path) -> Path:
+    """Write model and key points; x is forward and z up."""
+    mesh = make_bumpy(3)
+    path = folder / "vehicle.ply"
+    shape = trimesh.Trimesh(
+        mesh.vertices * LENGTHS,
+        mesh.faces,
+        vertex_colors=np.rint(mesh.colours * 255).astype(np.uint8),
+        process=False,
+    )
+    shape.export(str(path))
+    sides = {
+        name: {
+            "rear_wheel": [-1.2, 0.7 * out, -0.4],
+            "front_wheel": [1.2, 0.7 * out, -0.4],
+            "axle": [0.0, out, 0.0],
+        }
+        for name, out in (("left", 1.0), ("right", -1.0))
+    }
+    data = {"format": "poseviewer-keypoints", "version": 1, **sides}
+    (folder / "vehicle.keypoints.json").write_text(json.dumps(data))
+    return path
