@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from poseviewer import describe
+from poseviewer.api import draw_pose
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
@@ -27,7 +28,6 @@ from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.landscape import Slice, landscape
-from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
@@ -38,12 +38,9 @@ from poseviewer.registration import (
     make_problem,
     make_record,
     make_renderer,
-    shown_attributes,
 )
-from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.many import RendererPool
-from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay import View, draw_look
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -295,15 +292,7 @@ def _save_look(
     pose: Pose,
     path: Path,
 ) -> None:
-    photo = np.rint(registration.photo.as_float() * 255.0).astype(np.uint8)
-    attributes = shown_attributes(problem.photo)
-    lighting = recover_lighting(renderer.moments(pose, attributes))
-
-    def relight(image: AttributeImage) -> np.ndarray:
-        return lighting.apply(model_attributes(image, attributes))
-
-    view = View(photo, registration.mesh, renderer, pose, relight)
-    save_image(path, draw_look(look, view))
+    save_image(path, draw_pose(registration, problem, renderer, pose, look))
 
 
 def _require_folder(path: Path, error: type[PoseViewerError]) -> None:
