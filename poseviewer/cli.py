@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "batch")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -75,6 +75,7 @@ def make_parser() -> argparse.ArgumentParser:
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
     info.set_defaults(command="info")
     _add_bench(commands)
+    _add_batch(commands)
     return parser
 
 
@@ -105,8 +106,7 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     search.add_argument(
         "--lock", default="", metavar="NAME,...", help="numbers of the chart to hold"
     )
-    search.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
-    search.add_argument("--seconds", type=_positive, default=600.0, help="limit (600)")
+    _add_limits(search)
     search.add_argument(
         "--tolerance",
         type=_positive,
@@ -158,11 +158,33 @@ def _add_bench(commands: argparse._SubParsersAction) -> None:
     bench.set_defaults(command="bench")
 
 
+def _add_batch(commands: argparse._SubParsersAction) -> None:
+    batch = commands.add_parser(
+        "batch",
+        help="fit many photos",
+        description="Fit every row of a table with the columns photo, model and start (a pose "
+        "file); relative paths start from the table's folder. Run again, it goes on where it was.",
+    )
+    batch.add_argument("jobs", type=Path, metavar="JOBS.csv")
+    batch.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    batch.add_argument("--processes", type=_whole, metavar="N", help="(one for each processor)")
+    batch.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on")
+    batch.add_argument("--quiet", action="store_true", help="no progress")
+    _add_settings(batch)
+    _add_limits(batch.add_argument_group("search"))
+    batch.set_defaults(command="batch")
+
+
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
     parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
+
+
+def _add_limits(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
+    group.add_argument("--seconds", type=_positive, default=600.0, help="limit (600)")
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:

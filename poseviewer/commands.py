@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from argparse import Namespace
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from poseviewer.api import draw_pose
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
+    EXIT_MENDABLE,
     PhotoFileError,
     PoseFileError,
     PoseViewerError,
@@ -184,6 +186,31 @@ def bench(options: Namespace) -> int:
         save_figure(options.plot, make_bench_sheet(make_sheet(report)))
         print(f"\nplot: {options.plot}")
     return 0
+
+
+def batch(options: Namespace) -> int:
+    """Fit the rows of a table; write a pose and a picture for each, a table and a report."""
+    from poseviewer.batch.results import REPORT, TABLE
+    from poseviewer.batch.run import open_batch, run_batch, save_outcome
+
+    opened = open_batch(options.jobs, options.out, _settings(options), options.mask)
+    if opened.done and not options.quiet:
+        _tell(f"{len(opened.done)} of {len(opened.jobs)} rows were done before.")
+    fresh, stopped = [], False
+    results = run_batch(opened, scheduler=options.scheduler, processes=options.processes)
+    with closing(results), _bar(len(opened.to_do), options.quiet) as bar:
+        try:
+            for result in results:
+                fresh.append(result)
+                bar.update()
+        except KeyboardInterrupt:
+            stopped = True
+    known = save_outcome(opened, fresh)
+    print(describe.batch_result(len(opened.jobs), [result.failed for result in known], stopped))
+    print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
+    if stopped:
+        return EXIT_INTERRUPTED
+    return EXIT_MENDABLE if any(result.failed for result in known) else 0
 
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,13 @@ def fit_result(progress: FitProgress) -> str:
         f"{progress.evaluations} evaluations, {progress.restart} restarts, "
         f"{progress.seconds:.1f} s"
     )
+
+
+def batch_result(rows: int, failed: Sequence[bool], stopped: bool) -> str:
+    """How a batch of so many ``rows`` ended; ``failed`` says it of each that came to an end."""
+    count = sum(failed)
+    text = f"{len(failed) - count} of {rows} rows fitted, {count} failed"
+    return f"{text}; stopped, run it again to go on" if stopped else text
 
 
 def file(path: Path) -> str:
