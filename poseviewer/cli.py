@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "batch")
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "batch", "identify")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -76,6 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
     info.set_defaults(command="info")
     _add_bench(commands)
     _add_batch(commands)
+    _add_identify(commands)
     return parser
 
 
@@ -173,6 +174,23 @@ def _add_batch(commands: argparse._SubParsersAction) -> None:
     _add_settings(batch)
     _add_limits(batch.add_argument_group("search"))
     batch.set_defaults(command="batch")
+
+
+def _add_identify(commands: argparse._SubParsersAction) -> None:
+    identify = commands.add_parser(
+        "identify",
+        help="say which of several models the photo shows",
+        description="Fit every model from one start, and rank them by their losses over the same "
+        "pixels. The models share a frame: the start is meant for each of them.",
+    )
+    identify.add_argument("photo", type=Path, metavar="PHOTO")
+    identify.add_argument("models", type=Path, nargs="+", metavar="MODEL")
+    identify.add_argument("--start", type=Path, required=True, metavar="POSE.json")
+    identify.add_argument("--json", type=Path, metavar="FILE", help="write ranks and poses")
+    identify.add_argument("--quiet", action="store_true", help="no progress, no notes")
+    _add_settings(identify)
+    _add_limits(identify.add_argument_group("search"))
+    identify.set_defaults(command="identify")
 
 
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from argparse import Namespace
@@ -211,6 +212,34 @@ def batch(options: Namespace) -> int:
     if stopped:
         return EXIT_INTERRUPTED
     return EXIT_MENDABLE if any(result.failed for result in known) else 0
+
+
+def identify(options: Namespace) -> int:
+    """Fit several models to one photo; print which explains it best."""
+    from poseviewer.identify import identify as identify_models
+
+    if options.json:
+        _require_folder(options.json, SettingsError)
+    settings = _settings(options)
+    opened = [load_registration(options.photo, model, options.start) for model in options.models]
+    photo = opened[0].photo
+    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
+    if not options.quiet:
+        for warning in dict.fromkeys(text for one in opened for text in one.warnings):
+            _tell(f"note: {warning}")
+    with _bar(None, options.quiet) as bar:
+
+        def watch(name: str, progress: FitProgress) -> None:
+            bar.set_description_str(f"{name}, loss {progress.loss:.5f}", refresh=False)
+            bar.update()
+
+        ranked = identify_models(opened, settings, mask, watch)
+    print(describe.ranking(ranked))
+    if options.json:
+        text = json.dumps(describe.ranking_as_json(ranked), indent=2, allow_nan=False)
+        write_whole(options.json, (text + "\n").encode(), SettingsError)
+        print(f"json: {options.json}")
+    return 0
 
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:

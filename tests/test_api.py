@@ -16,7 +16,8 @@ import poseviewer
 from poseviewer.demo import demo_case
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.keypoints_file import keypoints_path
-from poseviewer.files.pose_file import load_pose
+from poseviewer.files.photo_file import load_photo, save_image
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.pose_fit import FitProgress, Status
 from poseviewer.registration import load_model
 
@@ -25,16 +26,20 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch, capsys):
     case = demo_case()
-    shutil.copy(case.photo, tmp_path / "photo.jpg")
+    # At half its size: the same pose, and a test of seconds.
+    photo = load_photo(case.photo)
+    save_image(tmp_path / "photo.jpg", photo.as_rgb8(photo.width // 2, photo.height // 2))
+    start = load_pose(case.start, photo.width, photo.height)
+    save_pose(tmp_path / "start.json", PoseRecord(start.pose.scaled(0.5)))
     shutil.copy(case.model, tmp_path / "car.glb")
     shutil.copy(keypoints_path(case.model), keypoints_path(tmp_path / "car.glb"))
-    shutil.copy(case.start, tmp_path / "start.json")
     readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
     lines = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(compile(lines[0], "README.md", "exec"), {})
     assert "Converged" in capsys.readouterr().out
-    found, truth = (load_pose(p, 960, 720).pose for p in (tmp_path / "pose.json", case.truth))
+    found = load_pose(tmp_path / "pose.json", photo.width // 2, photo.height // 2).pose.scaled(2.0)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
     assert pose_error(load_model(case.model).mesh, found, truth).percent < 1.0
     with np.load(tmp_path / "maps.npz", allow_pickle=False) as maps:
         assert maps["losses"].shape == (15, 9, 9)

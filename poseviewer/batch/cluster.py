@@ -29,11 +29,15 @@ def run_on_cluster(jobs: Sequence[Job], plan: Plan, address: str) -> Iterator[Jo
             KilledWorker,
             as_completed,
         )
+        from distributed.comm import (  # pyright: ignore[reportMissingImports]
+            get_address_host_port,
+        )
     except ImportError:
         raise BatchError(
             "--scheduler needs Dask: pip install 'poseviewer[cluster]', here and on the workers."
         ) from None
     try:
+        get_address_host_port(address)  # a client of no address is long in ending
         client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:  # a TimeoutError is an OSError
         raise BatchError(
@@ -43,7 +47,7 @@ def run_on_cluster(jobs: Sequence[Job], plan: Plan, address: str) -> Iterator[Jo
     with client:
         flying = {client.submit(run_job, job, plan, key=_name(job, plan)): job for job in jobs}
         try:
-            for future in as_completed(list(flying)):
+            for future in as_completed(list(flying), loop=client.loop):
                 try:
                     yield future.result()
                 except KilledWorker:
