@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,3 +126,10 @@ def test_mistakes_are_one_sentence(scene, tmp_path):
         case.start.draw(tmp_path / "x.png", look="fancy")
     with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):
         case.start.draw(tmp_path / "x.doc")
+
+
+def test_the_citation_names_this_version():
+    citation = (REPOSITORY / "poseviewer" / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {project['version']}\n" in citation
+    assert "Illumination-Invariant Loss" in citation

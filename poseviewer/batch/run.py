@@ -27,7 +27,11 @@ class Batch:
     def to_do(self) -> tuple[Job, ...]:
         """The first job of each key that is not done: rows alike are fitted once."""
         rows = {result.row for result in self.done}
-        return tuple({job.key: job for job in reversed(self.jobs) if job.row not in rows}.values())
+        first: dict[str, Job] = {}
+        for job in self.jobs:
+            if job.row not in rows:
+                first.setdefault(job.key, job)
+        return tuple(first.values())
 
 
 def open_batch(
