@@ -1,1 +1,33 @@
-"""Register a known 3D model onto one photo."""
+"""Register a known 3D model onto one photo.
+
+As a library (``poseviewer.api``)::
+
+    import poseviewer
+
+    case = poseviewer.load("photo.jpg", "car.glb", "start.json")
+    found = case.fit()
+    found.save("pose.json")
+
+The names below are loaded when they are first asked for: ``import poseviewer`` alone costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from poseviewer.api import Case, FitResult, FitSettings, LossMaps, PoseViewerError, load
+
+__all__ = ["Case", "FitResult", "FitSettings", "LossMaps", "PoseViewerError", "load"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from poseviewer import api
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -12,18 +12,8 @@ from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = (
-    "app",
-    "fit",
-    "overlay",
-    "landscape",
-    "info",
-    "demo",
-    "bench",
-    "study",
-    "convert",
-    "undistort",
-)
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "batch", "identify")
+COMMANDS += ("bench", "study", "convert", "undistort")
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -96,6 +86,8 @@ def make_parser() -> argparse.ArgumentParser:
     add_calibration(undistort, _rectangle, _positive, required=True)
     undistort.set_defaults(command="undistort")
     _add_study(commands)
+    _add_batch(commands)
+    _add_identify(commands)
     return parser
 
 
@@ -133,8 +125,7 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     search.add_argument(
         "--lock", default="", metavar="NAME,...", help="numbers of the chart to hold"
     )
-    search.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
-    search.add_argument("--seconds", type=_positive, default=600.0, help="limit (600)")
+    _add_limits(search)
     search.add_argument(
         "--tolerance",
         type=_positive,
@@ -226,12 +217,51 @@ def _add_study(commands: argparse._SubParsersAction) -> None:
     study.set_defaults(command="study")
 
 
+def _add_batch(commands: argparse._SubParsersAction) -> None:
+    batch = commands.add_parser(
+        "batch",
+        help="fit many photos",
+        description="Fit every row of a table with the columns photo, model and start (a pose "
+        "file); relative paths start from the table's folder. Run again, it goes on where it was.",
+    )
+    batch.add_argument("jobs", type=Path, metavar="JOBS.csv")
+    batch.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    batch.add_argument("--processes", type=_whole, metavar="N", help="(one for each processor)")
+    batch.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on")
+    batch.add_argument("--quiet", action="store_true", help="no progress")
+    _add_settings(batch)
+    _add_limits(batch.add_argument_group("search"))
+    batch.set_defaults(command="batch")
+
+
+def _add_identify(commands: argparse._SubParsersAction) -> None:
+    identify = commands.add_parser(
+        "identify",
+        help="say which of several models the photo shows",
+        description="Fit every model from one start, and rank them by their losses over the same "
+        "pixels. The models share a frame: the start is meant for each of them.",
+    )
+    identify.add_argument("photo", type=Path, metavar="PHOTO")
+    identify.add_argument("models", type=Path, nargs="+", metavar="MODEL")
+    identify.add_argument("--start", type=Path, required=True, metavar="POSE.json")
+    identify.add_argument("--json", type=Path, metavar="FILE", help="write ranks and poses")
+    identify.add_argument("--quiet", action="store_true", help="no progress, no notes")
+    _add_settings(identify)
+    _add_limits(identify.add_argument_group("search"))
+    identify.set_defaults(command="identify")
+
+
 def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
     parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
     add_calibration(parser, _rectangle, _positive)
+
+
+def _add_limits(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
+    group.add_argument("--seconds", type=_positive, default=600.0, help="limit (600)")
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from argparse import Namespace
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +14,12 @@ import numpy as np
 from tqdm import tqdm
 
 from poseviewer import converting, describe
+from poseviewer.api import draw_pose
 from poseviewer.calibration_options import calibration_of
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
+    EXIT_MENDABLE,
     PhotoFileError,
     PoseFileError,
     PoseViewerError,
@@ -29,7 +33,6 @@ from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.landscape import Slice, landscape
-from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
@@ -40,12 +43,9 @@ from poseviewer.registration import (
     make_problem,
     make_record,
     make_renderer,
-    shown_attributes,
 )
-from poseviewer.render.attributes import AttributeImage, Renderer
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.many import RendererPool, processors
-from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay import View, draw_look
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -211,6 +211,7 @@ def convert(options: Namespace) -> int:
     """Write a pose for another tool, or read one from it."""
     for line in converting.convert(options):
         print(line)
+    return 0
 
 
 def study(options: Namespace) -> int:
@@ -233,6 +234,59 @@ def study(options: Namespace) -> int:
         return EXIT_INTERRUPTED
     print(studies.report(run).as_text())
     print(f"\nrows, summary: {run.out}")
+    return 0
+
+
+def batch(options: Namespace) -> int:
+    """Fit the rows of a table; write a pose and a picture for each, a table and a report."""
+    from poseviewer.batch.results import REPORT, TABLE
+    from poseviewer.batch.run import open_batch, run_batch, save_outcome
+
+    opened = open_batch(options.jobs, options.out, _settings(options), options.mask)
+    if opened.done and not options.quiet:
+        _tell(f"{len(opened.done)} of {len(opened.jobs)} rows were done before.")
+    fresh, stopped = [], False
+    results = run_batch(opened, scheduler=options.scheduler, processes=options.processes)
+    with closing(results), _bar(len(opened.to_do), options.quiet) as bar:
+        try:
+            for result in results:
+                fresh.append(result)
+                bar.update()
+        except KeyboardInterrupt:
+            stopped = True
+    known = save_outcome(opened, fresh)
+    print(describe.batch_result(len(opened.jobs), [result.failed for result in known], stopped))
+    print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
+    if stopped:
+        return EXIT_INTERRUPTED
+    return EXIT_MENDABLE if any(result.failed for result in known) else 0
+
+
+def identify(options: Namespace) -> int:
+    """Fit several models to one photo; print which explains it best."""
+    from poseviewer.identify import identify as identify_models
+
+    if options.json:
+        _require_folder(options.json, SettingsError)
+    settings = _settings(options)
+    opened = [load_registration(options.photo, model, options.start) for model in options.models]
+    photo = opened[0].photo
+    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
+    if not options.quiet:
+        for warning in dict.fromkeys(text for one in opened for text in one.warnings):
+            _tell(f"note: {warning}")
+    with _bar(None, options.quiet) as bar:
+
+        def watch(name: str, progress: FitProgress) -> None:
+            bar.set_description_str(f"{name}, loss {progress.loss:.5f}", refresh=False)
+            bar.update()
+
+        ranked = identify_models(opened, settings, mask, watch)
+    print(describe.ranking(ranked))
+    if options.json:
+        text = json.dumps(describe.ranking_as_json(ranked), indent=2, allow_nan=False)
+        write_whole(options.json, (text + "\n").encode(), SettingsError)
+        print(f"json: {options.json}")
     return 0
 
 
@@ -357,15 +411,8 @@ def _save_look(
     pose: Pose,
     path: Path,
 ) -> None:
-    photo = np.rint(registration.photo.as_float() * 255.0).astype(np.uint8)
-    attributes = shown_attributes(problem.photo)
-    lighting = recover_lighting(renderer.moments(pose, attributes))
-
-    def relight(image: AttributeImage) -> np.ndarray:
-        return lighting.apply(model_attributes(image, attributes))
-
-    view = View(photo, registration.mesh, renderer, pose, relight)
-    save_image(path, draw_look(look, view), photo_text(registration.photo))
+    picture = draw_pose(registration, problem, renderer, pose, look)
+    save_image(path, picture, photo_text(registration.photo))
 
 
 def _require_folder(path: Path, error: type[PoseViewerError]) -> None:

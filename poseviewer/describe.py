@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,11 @@ from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import READERS, load_mesh
 from poseviewer.files.photo_file import Photo
-from poseviewer.files.pose_file import PoseRecord, load_pose
+from poseviewer.files.pose_file import PoseRecord, load_pose, record_as_json
 from poseviewer.fit.pose_fit import FitProgress
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.identify import Ranked
 
 
 def fit_result(progress: FitProgress) -> str:
@@ -26,6 +29,48 @@ def fit_result(progress: FitProgress) -> str:
         f"{progress.evaluations} evaluations, {progress.restart} restarts, "
         f"{progress.seconds:.1f} s"
     )
+
+
+def batch_result(rows: int, failed: Sequence[bool], stopped: bool) -> str:
+    """How a batch of so many ``rows`` ended; ``failed`` says it of each that came to an end."""
+    count = sum(failed)
+    text = f"{len(failed) - count} of {rows} rows fitted, {count} failed"
+    return f"{text}; stopped, run it again to go on" if stopped else text
+
+
+def ranking(ranked: Sequence[Ranked]) -> str:
+    """Models in their order, a line each, and how clear the first one's place is."""
+    width = max(len(one.candidate.name) for one in ranked)
+    lines = [f"{'':3}{'model':{width}}  {'loss':>8}  {'margin':>7}  {'start':>8}"]
+    for one in ranked:
+        found = one.candidate
+        margin = "" if one.margin is None else f"{one.margin:+.1%}"
+        lines.append(
+            f"{one.rank:<3}{found.name:{width}}  {found.loss:8.5f}  {margin:>7}  "
+            f"{found.start_loss:8.5f}"
+        )
+    lines.append("margin: how much greater the next model's loss is, over the same pixels")
+    return "\n".join(lines)
+
+
+def ranking_as_json(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
+    """Rank, name, losses, margin and pose (OpenCV axes) of each model."""
+    return [
+        {
+            "rank": one.rank,
+            "model": one.candidate.name,
+            "loss": one.candidate.loss,
+            "start_loss": one.candidate.start_loss,
+            "margin": one.margin,
+            "status": one.candidate.status,
+            **_placing(record_as_json(PoseRecord(one.candidate.pose))),
+        }
+        for one in ranked
+    ]
+
+
+def _placing(pose: dict[str, Any]) -> dict[str, Any]:
+    return {key: pose[key] for key in ("projection", "camera", "camera_from_model")}
 
 
 def file(path: Path, calibration: Calibration | None = None) -> str:

@@ -32,6 +32,10 @@ class SettingsError(PoseViewerError):
     """A combination of settings that cannot work."""
 
 
+class BatchError(PoseViewerError):
+    """A batch that cannot be run, or not gone on with."""
+
+
 class SingularChartError(PoseViewerError):
     """A pose at which the vehicle chart has no well-defined numbers (a car seen head-on)."""
 

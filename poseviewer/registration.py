@@ -95,6 +95,17 @@ class FitSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LoadedModel:
+    """A model file as it was read: many photos can share one."""
+
+    mesh: Mesh
+    name: str
+    """The file's name, without its folder."""
+    sha256: str
+    keypoints: VehicleKeypoints | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Registration:
     """What is open: the photo, the model and where the model starts."""
 
@@ -107,32 +118,41 @@ class Registration:
     warnings: tuple[str, ...]
 
 
+def load_model(path: str | Path) -> LoadedModel:
+    """A model and its key points.
+
+    Raises:
+        PoseViewerError: one of them cannot be used.
+    """
+    mesh = load_mesh(path)
+    return LoadedModel(mesh, Path(path).name, sha256_of(path), load_keypoints(path, mesh))
+
+
 def load_registration(
     photo_path: str | Path,
-    model_path: str | Path,
+    model: str | Path | LoadedModel,
     pose_path: str | Path,
     calibration: Calibration | None = None,
 ) -> Registration:
-    """All three files, checked against one another; the photo undistorted, where a calibration or
-    the pose file says by which lens it was taken.
+    """Photo, model (a file, or one that is loaded) and start, checked against one another; the
+    photo undistorted, where a calibration or the pose file says by which lens it was taken.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     photo = load_calibrated_photo(photo_path, calibration)
-    read = load_pose(pose_path, photo.width, photo.height)
-    photo, start, notes = matched(photo, read)
-    mesh = load_mesh(model_path)
-    keypoints = load_keypoints(model_path, mesh)
-    mesh_sha256 = sha256_of(model_path)
+    photo, start, notes = matched(photo, load_pose(pose_path, photo.width, photo.height))
+    model = model if isinstance(model, LoadedModel) else load_model(model)
     warnings = (
         *(f"{photo.name}: {note}" for note in photo.notes),
-        *(f"{Path(model_path).name}: {note}" for note in mesh.notes),
+        *(f"{model.name}: {note}" for note in model.mesh.notes),
         *start.warnings,
-        *check_against(start, photo.sha256, mesh_sha256),
+        *check_against(start, photo.sha256, model.sha256),
         *notes,
     )
-    return Registration(photo, mesh, Path(model_path).name, mesh_sha256, keypoints, start, warnings)
+    return Registration(
+        photo, model.mesh, model.name, model.sha256, model.keypoints, start, warnings
+    )
 
 
 def make_photo_attributes(
@@ -154,7 +174,7 @@ def make_photo_attributes(
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)
     if settings.pixels == "near" and np.any(weights > 0.0):
-        weights = weights * _inside(photo, *_box_near(mesh, start))
+        weights = weights * _inside(photo, *box_near(mesh, start))
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
@@ -328,7 +348,7 @@ def _working_factor(mesh: Mesh, start: Pose) -> int:
     return max(1, math.ceil(math.sqrt(area / MOST_PIXELS)))
 
 
-def _box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:
+def box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:
     """Left, top, right, bottom in px of the model at the start, with a margin around it."""
     size = np.array([start.camera.width, start.camera.height])
     seen = start.project(hull_points(mesh))

@@ -7,6 +7,7 @@ job displaces the old one between two items; nobody waits for anybody.
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import threading
 import time
@@ -173,3 +174,16 @@ def yield_to_others() -> None:
     """Give this thread a lower priority: on Linux, threads have one of their own."""
     if hasattr(os, "setpriority") and os.uname().sysname == "Linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
+
+
+def end_with_parent() -> None:
+    """End this process when the one that started it has ended, however that came."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)  # nobody is left to hand a result to
+
+    threading.Thread(target=watch, name="end with parent", daemon=True).start()

@@ -1,0 +1,109 @@
+"""The rows of a table of jobs: which photo, which model, from which start."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+from poseviewer.errors import BatchError
+from poseviewer.registration import FitSettings, settings_as_json
+
+COLUMNS = ("photo", "model", "start")
+AUTOMATIC = "auto"
+"""In the column ``start``: find one."""
+KEY_LENGTH = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One row: one photo to be fitted."""
+
+    row: int
+    """From 1; the line of column names does not count."""
+    photo: str
+    """As the table has it, and so are ``model`` and ``start``."""
+    model: str
+    start: str
+    folder: str
+    """What relative paths start from: the table's own folder, absolute."""
+    key: str = ""
+    """The same for the same files, unchanged, and the same settings: a result has it as a name."""
+
+    def path(self, text: str) -> Path:
+        """The absolute path of a file that the row names."""
+        return Path(self.folder) / text
+
+
+def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
+    """The rows of a CSV file with the columns ``photo``, ``model`` and ``start``, in their order.
+
+    Other columns are left alone; relative paths start from the file's folder. Whether the files
+    of a row are there is found out when it is that row's turn.
+
+    Raises:
+        BatchError: there is no such file, no such column, or no row.
+    """
+    path = Path(path)
+    rows = _read_rows(path)
+    folder = str(path.resolve().parent)
+    jobs = [
+        Job(number, _cell(row, "photo"), _cell(row, "model"), _cell(row, "start"), folder)
+        for number, row in enumerate(rows, 1)
+    ]
+    if not jobs:
+        raise BatchError(f"{path.name}: no rows; wanted a photo, a model and a start in each.")
+    return tuple(_with_key(job, settings) for job in jobs)
+
+
+def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise BatchError(f"{path.name}: no such file in {path.parent}; check the path.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = "is not UTF-8 text" if isinstance(error, ValueError) else error.strerror
+        raise BatchError(f"{path.name}: cannot be read ({reason}); save it as CSV.") from None
+    head = text.split("\n", 1)[0]
+    # Spreadsheets of half the world write semicolons.
+    between = ";" if ";" in head and "," not in head else ","
+    try:
+        table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
+        names = [(name or "").strip().lower() for name in table.fieldnames or ()]
+        table.fieldnames = names
+        rows = list(table)
+    except csv.Error as error:
+        raise BatchError(f"{path.name}: not a CSV file ({error}); save it as CSV.") from None
+    missing = [column for column in COLUMNS if column not in names]
+    if missing:
+        found = ", ".join(names)[:100] or "nothing"
+        raise BatchError(
+            f"{path.name}: no column {missing[0]!r} in its first line, which has {found}; "
+            f"wanted {', '.join(COLUMNS)}."
+        )
+    return rows
+
+
+def _cell(row: Mapping[str, str | None], column: str) -> str:
+    return (row[column] or "").strip()
+
+
+def _with_key(job: Job, settings: FitSettings) -> Job:
+    files = [job.path(text) for text in (job.photo, job.model, job.start)]
+    content = [[str(path), *_stamp(path)] for path in files]
+    text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
+    key = hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+    return Job(job.row, job.photo, job.model, job.start, job.folder, key)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    """Size and time of a file, by which a changed one is told; zeros where there is none."""
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        return 0, 0
+    return state.st_size, state.st_mtime_ns

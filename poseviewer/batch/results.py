@@ -1,0 +1,129 @@
+"""What came of each row: kept one by one as it comes, gathered in a table at the end.
+
+A result is a JSON file in ``rows/`` named by the job's key. It is written last, after the pose and
+the picture it names, whole or not at all: where it is, the row is done, and where it is not, the
+row is to be done, whenever a batch was killed.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from io import StringIO
+from pathlib import Path
+
+from poseviewer.batch.jobs import Job
+from poseviewer.errors import BatchError
+from poseviewer.files.writing import write_whole
+
+ROWS, POSES, PICTURES = "rows", "poses", "pictures"
+TABLE, REPORT = "results.csv", "report.html"
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """A row that was fitted, or why it was not."""
+
+    row: int
+    photo: str
+    model: str
+    start: str
+    status: str
+    """How the search ended, in a sentence; ``Failed.``"""
+    reason: str = ""
+    """Why the row failed; empty where it was fitted."""
+    loss: float | None = None
+    start_loss: float | None = None
+    evaluations: int = 0
+    seconds: float = 0.0
+    pose: str = ""
+    """The pose file, from the folder of results."""
+    picture: str = ""
+    """The picture of the pose, from the folder of results."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no pose."""
+        return bool(self.reason)
+
+
+def failed_result(job: Job, reason: str) -> JobResult:
+    """A row that could not be fitted."""
+    return JobResult(job.row, job.photo, job.model, job.start, "Failed.", reason)
+
+
+def distrust(result: JobResult) -> float:
+    """How little to trust a row, from 0 on; the report starts with the greatest.
+
+    For now what is left of the loss at the start; the verdict of a fit belongs here. Rows that
+    failed come first.
+    """
+    if result.failed or result.loss is None or result.start_loss is None:
+        return float("inf")
+    return result.loss / max(result.start_loss, 1e-12)
+
+
+def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
+    """By ``distrust``; rows alike in that in their order."""
+    return sorted(results, key=lambda result: (-distrust(result), result.row))
+
+
+def make_folders(folder: Path) -> None:
+    """Make the folder of results and those in it.
+
+    Raises:
+        BatchError: they cannot be made.
+    """
+    try:
+        for name in (ROWS, POSES, PICTURES):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BatchError(
+            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
+        ) from None
+
+
+def load_result(folder: Path, job: Job) -> JobResult | None:
+    """What came of a job before; None if it is to be done, or what it left is no longer there."""
+    try:
+        data = json.loads((folder / ROWS / f"{job.key}.json").read_bytes())
+        known = {field.name for field in fields(JobResult)}
+        found = JobResult(**{key: data[key] for key in known})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if not all((folder / name).is_file() for name in (found.pose, found.picture)):
+        return None
+    return _as_row_of(job, found)
+
+
+def save_result(folder: Path, job: Job, result: JobResult) -> None:
+    """Keep a result: from here on the job is done.
+
+    Raises:
+        BatchError: it cannot be written.
+    """
+    text = json.dumps(asdict(result), indent=2, ensure_ascii=False)
+    write_whole(folder / ROWS / f"{job.key}.json", (text + "\n").encode(), BatchError)
+
+
+def save_table(folder: Path, results: Sequence[JobResult]) -> None:
+    """Write ``results.csv``: a line for each row, in their order.
+
+    Raises:
+        BatchError: it cannot be written.
+    """
+    text = StringIO()
+    table = csv.DictWriter(text, [f.name for f in fields(JobResult)], lineterminator="\n")
+    table.writeheader()
+    table.writerows(asdict(result) for result in sorted(results, key=lambda r: r.row))
+    write_whole(folder / TABLE, text.getvalue().encode(), BatchError)
+
+
+def _as_row_of(job: Job, result: JobResult) -> JobResult:
+    """The same result under the job's row: rows move when a table is edited."""
+    values = asdict(result) | {
+        "row": job.row, "photo": job.photo, "model": job.model, "start": job.start
+    }  # fmt: skip
+    return JobResult(**values)

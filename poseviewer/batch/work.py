@@ -1,0 +1,155 @@
+"""One job from its files to its result; the same in a process of this machine and on a cluster."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from poseviewer.api import FitResult, load
+from poseviewer.batch.jobs import AUTOMATIC, COLUMNS, Job
+from poseviewer.batch.results import (
+    PICTURES,
+    POSES,
+    JobResult,
+    failed_result,
+    load_result,
+    save_result,
+)
+from poseviewer.errors import BatchError, PoseViewerError, SettingsError
+from poseviewer.files.photo_file import save_image
+from poseviewer.registration import FitSettings, LoadedModel, load_model, make_renderer
+from poseviewer.render.attributes import Renderer
+from poseviewer.render.many import Cloneable
+from poseviewer.render.overlay import Picture
+
+_log = logging.getLogger(__name__)
+
+MODELS_KEPT = 8
+"""So many models stay loaded in each process."""
+PICTURE_SIDE = 480
+"""Longer side of the pictures of the poses, px."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What all jobs of a batch share."""
+
+    folder: Path
+    """Of the results, absolute."""
+    settings: FitSettings
+    mask: Path | None = None
+
+
+class StoppedError(Exception):
+    """The batch was told to stop in the middle of a job."""
+
+
+def run_job(job: Job, plan: Plan, stopped: Callable[[], bool] = lambda: False) -> JobResult:
+    """Fit a row and keep its result; at once where that was done before.
+
+    Raises:
+        BatchError: the result cannot be written, so that no other could.
+        StoppedError: ``stopped`` became true.
+    """
+    found = load_result(plan.folder, job)
+    if found is not None:
+        return found
+    try:
+        fitted = _fit(job, plan, stopped)
+        picture = _smaller(fitted.picture())
+    except PoseViewerError as error:
+        return failed_result(job, str(error))
+    except StoppedError:
+        raise
+    except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
+        _log.debug("row %d", job.row, exc_info=error)
+        return failed_result(job, f"{type(error).__name__}: {error}")
+    return _keep(job, plan, fitted, picture)
+
+
+def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
+    for column in COLUMNS:
+        if not getattr(job, column):
+            raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
+    if job.start == AUTOMATIC:
+        raise SettingsError(
+            "the start is 'auto', and poseviewer does not find starts by itself yet; "
+            "name a pose file."
+        )
+    model_path = job.path(job.model)
+    model, renderer = _open_model(model_path, _changed(model_path), plan.settings.renderer)
+    case = load(
+        job.path(job.photo),
+        model,
+        job.path(job.start),
+        plan.settings,
+        mask=plan.mask,
+        # A renderer is for one thread at a time, and a cluster's worker may have several.
+        renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
+    )
+
+    def watch(_progress: object) -> None:
+        if stopped():
+            raise StoppedError
+
+    return case.fit(watch=watch)
+
+
+@lru_cache(maxsize=MODELS_KEPT)
+def _open_model(
+    path: Path,
+    changed: int,  # noqa: ARG001 - a part of what is remembered: a cluster's workers live long
+    renderer: str,
+) -> tuple[LoadedModel, Renderer | None]:
+    """A model and its renderer, once for all rows that name it while the file is the same."""
+    model = load_model(path)
+    return model, make_renderer(model.mesh) if renderer == "software" else None
+
+
+def _changed(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except (OSError, ValueError):
+        return 0  # the reader says what is wrong
+
+
+def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResult:
+    """Write the pose, the picture and, last, the result."""
+    name = f"{Path(job.photo).stem[:60]}-{job.key}"
+    pose, drawn = f"{POSES}/{name}.json", f"{PICTURES}/{name}.jpg"
+    progress = fitted.progress
+    assert progress is not None  # it was searched for
+    result = JobResult(
+        job.row,
+        job.photo,
+        job.model,
+        job.start,
+        progress.status.value,
+        "",
+        progress.loss,
+        progress.start_loss,
+        progress.evaluations,
+        round(progress.seconds, 3),
+        pose,
+        drawn,
+    )
+    try:
+        fitted.save(plan.folder / pose)
+        save_image(plan.folder / drawn, picture)
+        save_result(plan.folder, job, result)
+    except PoseViewerError as error:
+        raise BatchError(f"{error} What is finished is kept: run it again to go on.") from error
+    return result
+
+
+def _smaller(picture: Picture) -> Picture:
+    height, width = picture.shape[:2]
+    share = min(1.0, PICTURE_SIDE / max(height, width))
+    size = max(1, round(share * width)), max(1, round(share * height))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

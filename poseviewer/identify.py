@@ -1,0 +1,145 @@
+"""Which of several models a photo shows: each is fitted, all are judged on the same pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.pose_fit import FitProgress, fit_pose
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.registration import (
+    FitSettings,
+    Registration,
+    box_near,
+    make_problem,
+    make_renderer,
+)
+
+Box = tuple[int, int, int, int]
+Watch = Callable[[str, FitProgress], Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A model, fitted to the photo."""
+
+    name: str
+    pose: Pose
+    loss: float
+    """Over the pixels that all candidates share, in [0, min(n, m)]."""
+    start_loss: float
+    status: str
+    evaluations: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """A candidate in its place."""
+
+    rank: int
+    """From 1: the least loss."""
+    candidate: Candidate
+    margin: float | None
+    """How much greater the next candidate's loss is, as a share of this one; None for the last,
+    and for a loss of 0."""
+
+
+def identify(
+    registrations: Sequence[Registration],
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
+    watch: Watch | None = None,
+) -> list[Ranked]:
+    """Fit each model from its start; rank them by their losses.
+
+    The registrations are of one photo. The pixels P are the same for all: the box about all
+    models at their starts, within the settings' region. So a model is not the better for looking
+    at fewer pixels, and what it leaves of the photo beside it counts against it. ``mask`` (height,
+    width) weighs the photo's pixels; ``watch`` is called with the model's name at every evaluation.
+
+    Raises:
+        SettingsError: there are fewer than two models; the pixels are those that each model
+            covers, which no two share; the settings do not go with the photo.
+    """
+    if len(registrations) < 2:
+        raise SettingsError("one model alone: name two or more, to be told apart.")
+    shared = shared_settings(registrations, settings)
+    return rank(_fitted(registration, shared, mask, watch) for registration in registrations)
+
+
+def shared_settings(registrations: Sequence[Registration], settings: FitSettings) -> FitSettings:
+    """The same settings over pixels that all models share.
+
+    Raises:
+        SettingsError: the settings want the pixels that each model covers.
+    """
+    if settings.pixels == "clip":
+        raise SettingsError(
+            "--pixels clip judges every model on pixels of its own, so their losses cannot be "
+            "compared; use near or whole."
+        )
+    if settings.pixels == "whole":
+        return settings
+    box = union_box([(found.mesh, found.start.pose) for found in registrations])
+    region = box if settings.region is None else _intersection(box, settings.region)
+    return replace(settings, pixels="whole", region=region)
+
+
+def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:
+    """Left, top, width and height in px of the box about all models, with the margin of a fit."""
+    boxes = np.array([box_near(mesh, pose) for mesh, pose in placed])
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    left, top = (int(value) for value in low)
+    width, height = (int(value) for value in high - low)
+    return left, top, width, height
+
+
+def rank(candidates: Iterable[Candidate]) -> list[Ranked]:
+    """In order of their losses, the least first."""
+    ordered = sorted(candidates, key=lambda candidate: candidate.loss)
+    following = [*(candidate.loss for candidate in ordered[1:]), None]
+    return [
+        Ranked(place, candidate, None if after is None else _margin(candidate.loss, after))
+        for place, (candidate, after) in enumerate(zip(ordered, following, strict=True), 1)
+    ]
+
+
+def _fitted(
+    registration: Registration,
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None,
+    watch: Watch | None,
+) -> Candidate:
+    problem, _ = make_problem(registration, settings, mask)
+    progress: FitProgress | None = None
+    for progress in fit_pose(problem, make_renderer(registration.mesh, settings.renderer)):
+        if watch is not None:
+            watch(registration.mesh_name, progress)
+    assert progress is not None  # a fit yields at least once
+    return Candidate(
+        registration.mesh_name,
+        progress.pose,
+        progress.loss,
+        progress.start_loss,
+        progress.status.value,
+        progress.evaluations,
+        progress.seconds,
+    )
+
+
+def _margin(loss: float, after: float) -> float | None:
+    return after / loss - 1.0 if loss > 0.0 else None
+
+
+def _intersection(one: Box, other: Box) -> Box:
+    left, top = max(one[0], other[0]), max(one[1], other[1])
+    right = min(one[0] + one[2], other[0] + other[2])
+    bottom = min(one[1] + one[3], other[1] + other[3])
+    return left, top, max(right - left, 0), max(bottom - top, 0)

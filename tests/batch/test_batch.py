@@ -1,0 +1,265 @@
+"""A batch from its table to its report: all rows, in whatever order, killed and taken up again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from poseviewer import cli
+from poseviewer.batch.jobs import load_jobs
+from poseviewer.errors import BatchError
+from poseviewer.evaluation.pose_error import pose_error
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.pose_file import load_pose
+from poseviewer.registration import FitSettings
+
+QUICK = ("--evaluations", "40")
+LONG = ("--evaluations", "400")
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "poseviewer.cli", *(str(argument) for argument in arguments)]
+
+
+def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:
+    """``rows`` rows of photos that differ in name alone, and some lines ``more``."""
+    lines = ["photo,model,start"]
+    for number in range(rows):
+        shutil.copy(scene.photo, folder / f"photo{number}.png")
+        lines.append(f"photo{number}.png,{scene.model},{scene.start}")
+    table = folder / "jobs.csv"
+    table.write_text("\n".join(lines) + "\n" + more, encoding="utf-8")
+    return table
+
+
+def read_results(out: Path) -> list[dict[str, str]]:
+    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def kept(out: Path) -> dict[str, bytes]:
+    """What each finished row left; the seconds in it differ from fit to fit."""
+    return {path.name: path.read_bytes() for path in (out / "rows").glob("[!.]*.json")}
+
+
+def wait_until(true, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def workers_of(process: int) -> list[int]:
+    """The processes that fit, of a batch."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    lines = {int(c): Path(f"/proc/{c}/cmdline").read_bytes() for c in children}
+    return [child for child, line in lines.items() if b"spawn_main" in line]
+
+
+def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, capsys):
+    bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto\nphoto0.png,,\n"
+    table = write_table(scene, tmp_path, 2, bad)
+    out = tmp_path / "out"
+    assert run("batch", table, "--out", out, "--processes", 2, "--quiet") == 2
+    printed = capsys.readouterr()
+    assert "2 of 5 rows fitted, 3 failed" in printed.out
+    assert printed.err == ""
+    results = read_results(out)
+    assert [row["row"] for row in results] == ["1", "2", "3", "4", "5"]
+    reasons = [row["reason"] for row in results]
+    assert reasons[:2] == ["", ""]
+    assert "gone.png: no such file" in reasons[2]
+    assert "'auto'" in reasons[3]
+    assert "no model" in reasons[4]
+    mesh, truth = load_mesh(scene.model), load_pose(scene.truth, 160, 120).pose
+    for row in results[:2]:
+        found = load_pose(out / row["pose"], 160, 120)
+        assert pose_error(mesh, found.pose, truth).reprojection_px < 1.0
+        assert found.loss == float(row["loss"]) < float(row["start_loss"])
+        assert found.photo is not None
+        assert found.photo.file == row["photo"]
+
+
+def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
+    table = write_table(scene, tmp_path, 1, f"<b>.png,{scene.model},{scene.start}\n"
+                        f"photo0.png,{scene.model},{scene.truth}\n")  # fmt: skip
+    out = tmp_path / "out"
+    run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert "http" not in page
+    assert "<b>.png" not in page
+    assert page.count("data:image/jpeg;base64,") == 2
+    # The failed one, then the one that started at the truth and could not gain, then the other.
+    places = [page.index(f'<td class="number">{row}</td>') for row in (2, 3, 1)]
+    assert places == sorted(places)
+
+
+def test_a_second_run_does_only_what_is_new_or_changed(scene, tmp_path, capsys):
+    table, out = write_table(scene, tmp_path, 2), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--processes", 1, *QUICK) == 0
+    before = kept(out)
+    assert run("batch", write_table(scene, tmp_path, 3), "--out", out, "--processes", 1, *QUICK,
+               "--quiet") == 0  # fmt: skip
+    # shutil.copy gives the photos a new time: all are new.
+    assert len(kept(out)) == 5
+    with table.open("a") as file:
+        file.write(f"photo1.png,{scene.model},{scene.start}\ngone.png,,\n")
+    middle = kept(out)
+    capsys.readouterr()
+    assert run("batch", table, "--out", out, "--processes", 1, *QUICK) == 2
+    assert "4 of 5 rows were done before" in capsys.readouterr().err
+    assert kept(out) == middle
+    assert before.items() <= middle.items()
+    assert [row["row"] for row in read_results(out)] == ["1", "2", "3", "4", "5"]
+
+
+def test_rows_alike_are_fitted_once(scene, tmp_path):
+    row = f"photo0.png,{scene.model},{scene.start}\n"
+    table, out = write_table(scene, tmp_path, 1, row + row), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--processes", 2, "--quiet", *QUICK) == 0
+    assert len(kept(out)) == 1
+    assert len({result["pose"] for result in read_results(out)}) == 1
+    assert len(read_results(out)) == 3
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_a_killed_batch_goes_on_and_its_workers_end(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
+    line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
+    with subprocess.Popen(line) as process:
+        wait_until(lambda: len(kept(out)) >= 2)
+        workers = workers_of(process.pid)
+        process.kill()
+    assert len(workers) == 2
+    wait_until(lambda: not any(_alive(worker) for worker in workers))
+    before = kept(out)
+    assert 2 <= len(before) < 6
+    assert subprocess.run(line, check=False).returncode == 0
+    assert before.items() <= kept(out).items()
+    assert [row["reason"] for row in read_results(out)] == [""] * 6
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 5), tmp_path / "out"
+    line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
+    with subprocess.Popen(line) as process:
+        wait_until(lambda: len(kept(out)) >= 1)
+        os.kill(workers_of(process.pid)[0], signal.SIGKILL)
+        before = kept(out)
+        assert process.wait(120) == 0
+    assert before.items() <= kept(out).items()
+    assert [row["reason"] for row in read_results(out)] == [""] * 5
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
+def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
+    line = command("batch", table, "--out", out, "--processes", 1, "--quiet", *LONG)
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          start_new_session=True) as process:  # fmt: skip
+        wait_until(lambda: len(kept(out)) >= 1)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        printed, complaints = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "run it again to go on" in printed
+    assert complaints == ""
+    assert 1 <= len(read_results(out)) == len(kept(out)) < 8
+
+
+def test_a_full_disk_is_one_sentence_and_loses_nothing(scene, tmp_path):
+    """A limit on the size of files, which the system refuses as it does on a full disk."""
+    table, out = write_table(scene, tmp_path, 2), tmp_path / "out"
+    line = command("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK)
+
+    def no_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+
+    full = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=no_room)
+    assert full.returncode == 2
+    assert full.stderr.startswith("poseviewer: "), full.stderr
+    assert full.stderr.count("\n") == 1, full.stderr
+    assert "cannot be written" in full.stderr
+    assert kept(out) == {}
+    assert subprocess.run(line, check=False).returncode == 0
+    assert len(kept(out)) == 2
+
+
+def test_a_broken_result_is_done_again(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK) == 0
+    first, second, third, fourth = kept(out)
+    for name, damage in ((first, b""), (second, b'{"row": 1}'), (third, b"[]")):
+        (out / "rows" / name).write_bytes(damage)
+    picture = out / json.loads(kept(out)[fourth])["picture"]
+    picture.unlink()
+    assert run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK) == 0
+    assert sorted(json.loads(data)["row"] for data in kept(out).values()) == [1, 2, 3, 4]
+    assert picture.is_file()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no column 'photo'"),
+        (b"photo,model,start\n", "no rows"),
+        (b"photo,model\na,b\n", "no column 'start'"),
+        (b"\xff\xfe\x00p\x00", "not UTF-8"),
+        (b'photo,model,start\n"' + b"x" * 200_000 + b'",b,c\n', "not a CSV file"),
+    ],
+    ids=["empty", "no rows", "no start", "binary", "huge field"],
+)
+def test_a_table_that_cannot_be_used_is_said(tmp_path, content, words, capsys):
+    table = tmp_path / "jobs.csv"
+    table.write_bytes(content)
+    assert run("batch", table, "--out", tmp_path / "out") == 2
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert printed.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_table_of_a_spreadsheet_is_read(tmp_path):
+    table = tmp_path / "jobs.csv"
+    table.write_text("Start; Photo ;Model;note\np.json;a b.jpg;m.ply;x\n", encoding="utf-8-sig")
+    (job,) = load_jobs(table, FitSettings())
+    assert (job.photo, job.model, job.start) == ("a b.jpg", "m.ply", "p.json")
+    assert job.path(job.photo) == tmp_path / "a b.jpg"
+
+
+def test_other_settings_are_another_job(tmp_path):
+    table = tmp_path / "jobs.csv"
+    table.write_text("photo,model,start\na,b,c\n", encoding="utf-8")
+    keys = {load_jobs(table, FitSettings(seed=seed))[0].key for seed in (0, 0, 1)}
+    assert len(keys) == 2
+
+
+def test_a_missing_table_and_a_wrong_folder_are_said(scene, tmp_path, capsys):
+    with pytest.raises(BatchError, match="no such file"):
+        load_jobs(tmp_path / "no.csv", FitSettings())
+    table = write_table(scene, tmp_path, 1)
+    assert run("batch", table, "--out", table) == 2
+    assert "name a folder of yours" in capsys.readouterr().err
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -1,0 +1,92 @@
+"""A batch on a real Dask cluster of processes, one of which is killed; skips without Dask."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from poseviewer import cli
+from tests.batch.test_batch import command, kept, read_results, wait_until, write_table
+
+needs_dask = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="Dask is not installed: pip install '.[cluster]'"
+)
+
+
+class Cluster:
+    """A scheduler and two workers of one thread, each a process."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self._stack, self._file = stack, folder / "scheduler.json"
+        where = ("--scheduler-file", self._file)
+        self._start(folder, "dask_scheduler", "--port", 0, "--no-dashboard", *where)
+        wait_until(self._file.exists)
+        self.workers = [
+            self._start(folder, "dask_worker", "--nthreads", 1, "--no-nanny", "--no-dashboard",
+                        *where) for _ in range(2)
+        ]  # fmt: skip
+
+    @property
+    def address(self) -> str:
+        return json.loads(self._file.read_text())["address"]
+
+    def _start(self, folder: Path, name: str, *arguments: object) -> subprocess.Popen:
+        line = [sys.executable, "-m", f"distributed.cli.{name}", *map(str, arguments)]
+        path = os.pathsep.join([str(Path.cwd()), *sys.path])
+        process = subprocess.Popen(
+            line, cwd=folder, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.DEVNULL
+        )
+        self._stack.callback(process.wait)
+        self._stack.callback(process.kill)
+        return process
+
+
+@needs_dask
+def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
+    with ExitStack() as stack:
+        cluster = Cluster(stack, tmp_path)
+        line = command("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet",
+                       "--evaluations", 400)  # fmt: skip
+        batch = stack.enter_context(subprocess.Popen(line, stderr=subprocess.PIPE, text=True))
+        wait_until(lambda: len(kept(out)) >= 2)
+        cluster.workers[0].send_signal(signal.SIGKILL)
+        before = kept(out)
+        _, complaints = batch.communicate(timeout=300)
+        assert batch.returncode == 0, complaints
+    assert 2 <= len(before) < 8
+    assert before.items() <= kept(out).items()
+    results = read_results(out)
+    assert [row["row"] for row in results] == [str(number) for number in range(1, 9)]
+    assert all(row["reason"] == "" and (out / row["pose"]).is_file() for row in results)
+    # One machine gives what the cluster gave: there is nothing left to do.
+    assert cli.main(["batch", str(table), "--out", str(out), "--evaluations", "400",
+                     "--quiet"]) == 0  # fmt: skip
+    assert before.items() <= kept(out).items()
+
+
+@needs_dask
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://"])
+def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address):
+    table = write_table(scene, tmp_path, 1)
+    line = command("batch", table, "--out", tmp_path / "out", "--scheduler", address, "--quiet")
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "no Dask scheduler answers there" in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.skipif(find_spec("distributed") is not None, reason="Dask is installed")
+def test_without_dask_its_option_says_what_to_install(scene, tmp_path, capsys):
+    table = write_table(scene, tmp_path, 1)
+    assert cli.main(["batch", str(table), "--out", str(tmp_path / "out"), "--scheduler",
+                     "tcp://127.0.0.1:8786", "--quiet"]) == 2  # fmt: skip
+    assert "poseviewer[cluster]" in capsys.readouterr().err

@@ -1,0 +1,135 @@
+"""poseviewer as a library: the lines of the README, and what a script may get wrong."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import poseviewer
+from poseviewer.demo import demo_case
+from poseviewer.evaluation.pose_error import pose_error
+from poseviewer.files.keypoints_file import keypoints_path
+from poseviewer.files.photo_file import load_photo, save_image
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.pose_fit import FitProgress, Status
+from poseviewer.registration import load_model
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch, capsys):
+    case = demo_case()
+    # At half its size: the same pose, and a test of seconds.
+    photo = load_photo(case.photo)
+    save_image(tmp_path / "photo.jpg", photo.as_rgb8(photo.width // 2, photo.height // 2))
+    start = load_pose(case.start, photo.width, photo.height)
+    save_pose(tmp_path / "start.json", PoseRecord(start.pose.scaled(0.5)))
+    shutil.copy(case.model, tmp_path / "car.glb")
+    shutil.copy(keypoints_path(case.model), keypoints_path(tmp_path / "car.glb"))
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    lines = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(lines[0], "README.md", "exec"), {})
+    assert "Converged" in capsys.readouterr().out
+    found = load_pose(tmp_path / "pose.json", photo.width // 2, photo.height // 2).pose.scaled(2.0)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    assert pose_error(load_model(case.model).mesh, found, truth).percent < 1.0
+    with np.load(tmp_path / "maps.npz", allow_pickle=False) as maps:
+        assert maps["losses"].shape == (15, 9, 9)
+        assert np.isfinite(maps["losses"]).all()
+    assert (tmp_path / "maps.png").stat().st_size > 10_000
+    assert (tmp_path / "residual.png").stat().st_size > 10_000
+
+
+def test_importing_costs_nothing_until_a_name_is_asked_for():
+    code = (
+        "import sys, poseviewer; heavy = {'numpy', 'cv2', 'numba', 'scipy', 'matplotlib'};"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules);"
+        "poseviewer.load; assert 'numpy' in sys.modules;"
+        "assert 'matplotlib' not in sys.modules and 'viser' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_every_public_name_is_there_and_no_other():
+    for name in poseviewer.__all__:
+        assert getattr(poseviewer, name).__doc__
+        assert name in dir(poseviewer)
+    with pytest.raises(AttributeError, match="lode"):
+        poseviewer.lode  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_path):
+    from poseviewer import cli
+
+    found = poseviewer.load(scene.photo, scene.model, scene.start).fit(evaluations=200)
+    assert found.loss < found.case.start.loss
+    found.save(tmp_path / "library.json")
+    assert cli.main([str(word) for word in (
+        "fit", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path / "cli.json",
+        "--evaluations", 200, "--quiet")]) == 0  # fmt: skip
+    ours, theirs = (load_pose(tmp_path / f"{n}.json", 160, 120) for n in ("library", "cli"))
+    np.testing.assert_array_equal(
+        ours.pose.camera_from_model.rotation, theirs.pose.camera_from_model.rotation
+    )
+    assert ours.loss == theirs.loss
+
+
+def test_one_model_and_renderer_serve_many_photos(scene):
+    model = load_model(scene.model)
+    first = poseviewer.load(scene.photo, model, scene.start)
+    second = poseviewer.load(scene.photo, model, scene.truth, renderer=first.renderer)
+    assert second.renderer is first.renderer
+    assert second.registration.mesh is model.mesh
+    assert second.start.loss < first.start.loss
+
+
+def test_whoever_watches_may_end_the_search(scene):
+    seen: list[FitProgress] = []
+
+    def watch(progress: FitProgress) -> None:
+        seen.append(progress)
+        if len(seen) == 5:
+            raise KeyboardInterrupt
+
+    case = poseviewer.load(scene.photo, scene.model, scene.start)
+    with pytest.raises(KeyboardInterrupt):
+        case.fit(watch=watch)
+    assert len(seen) == 5
+    assert all(progress.status is Status.RUNNING for progress in seen)
+
+
+def test_settings_are_given_by_name_and_kept_in_the_record(scene):
+    case = poseviewer.load(scene.photo, scene.model, scene.start, grey=True, pixels="clip")
+    settings = case.start.record.settings
+    assert settings is not None
+    assert (settings["grey"], settings["pixels"]) == (True, "clip")
+    given = replace(case.settings, seed=3)
+    assert poseviewer.load(scene.photo, scene.model, scene.start, given).settings.seed == 3
+
+
+def test_mistakes_are_one_sentence(scene, tmp_path):
+    with pytest.raises(poseviewer.PoseViewerError, match="no setting 'gray'"):
+        poseviewer.load(scene.photo, scene.model, scene.start, gray=True)
+    with pytest.raises(poseviewer.PoseViewerError, match="no such file"):
+        poseviewer.load(tmp_path / "no.jpg", scene.model, scene.start)
+    case = poseviewer.load(scene.photo, scene.model, scene.start)
+    with pytest.raises(poseviewer.PoseViewerError, match="no look 'fancy'"):
+        case.start.draw(tmp_path / "x.png", look="fancy")
+    with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):
+        case.start.draw(tmp_path / "x.doc")
+
+
+def test_the_citation_names_this_version():
+    citation = (REPOSITORY / "poseviewer" / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {project['version']}\n" in citation
+    assert "Illumination-Invariant Loss" in citation
