@@ -96,7 +96,8 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     fit = commands.add_parser(
         "fit", help="search for the pose, from a start pose", description="Search for the pose."
     )
-    _add_files(fit, "the start")
+    _add_files(fit)
+    _add_start(fit)
     fit.add_argument("--out", type=Path, required=True, metavar="POSE.json")
     fit.add_argument("--overlay", type=Path, metavar="OVERLAY.png", help="draw the pose found")
     fit.add_argument("--look", choices=LOOKS, default="outline", help="of the overlay")
@@ -158,10 +159,34 @@ def _add_bench(commands: argparse._SubParsersAction) -> None:
     bench.set_defaults(command="bench")
 
 
-def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
+def _add_start(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("start, one of")
+    start = group.add_mutually_exclusive_group(required=True)
+    start.add_argument("--pose", type=Path, metavar="POSE.json", help="a pose file")
+    start.add_argument(
+        "--pairs", type=Path, metavar="FILE", help="CSV or JSON rows x,y,z,u,v: model, photo point"
+    )
+    start.add_argument(
+        "--wheels",
+        metavar="REAR;FRONT",
+        help="their ellipses, each cx,cy,a,b,angle (half axes in px, degrees), or a JSON file",
+    )
+    group.add_argument(
+        "--projection",
+        choices=("perspective", "parallel"),
+        default="perspective",
+        help="with --pairs and --wheels",
+    )
+    group.add_argument(
+        "--focal", type=_positive, metavar="PX", help="with --pairs and --wheels (EXIF's)"
+    )
+
+
+def _add_files(parser: argparse.ArgumentParser, pose: str = "") -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
-    parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
+    if pose:
+        parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=pose)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
 
 

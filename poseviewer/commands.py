@@ -23,6 +23,7 @@ from poseviewer.errors import (
 from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import check_kind, save_figure
 from poseviewer.files.landscape_file import save_landscape
+from poseviewer.files.marks_file import load_pairs, load_wheels
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.files.writing import write_whole
@@ -31,6 +32,12 @@ from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
+from poseviewer.quick_start import (
+    StartCamera,
+    load_unplaced,
+    start_from_pairs,
+    start_from_wheels,
+)
 from poseviewer.registration import (
     FitSettings,
     Registration,
@@ -191,7 +198,7 @@ def bench(options: Namespace) -> int:
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     settings = _settings(options)
-    registration = load_registration(options.photo, options.model, options.pose)
+    registration = _started(options)
     photo = registration.photo
     mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
     problem, note = make_problem(registration, settings, mask)
@@ -201,6 +208,23 @@ def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
         if note:
             _tell(f"note: the free-body chart is used: {note}.")
     return registration, settings, problem
+
+
+def _started(options: Namespace) -> Registration:
+    """Photo, model and start: from a pose file, or from marks on the photo."""
+    given = vars(options)
+    if options.pose is not None:
+        return load_registration(options.photo, options.model, options.pose)
+    known = StartCamera(options.projection == "parallel", options.focal, options.free_focal)
+    if given.get("pairs") is not None:
+        pairs = load_pairs(options.pairs)
+        return load_unplaced(
+            options.photo, options.model, lambda m: start_from_pairs(m, pairs, known)
+        )
+    wheels = load_wheels(options.wheels)
+    return load_unplaced(
+        options.photo, options.model, lambda m: start_from_wheels(m, wheels, known)
+    )
 
 
 def _settings(options: Namespace) -> FitSettings:

@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.transform import RigidTransform
 
@@ -29,3 +31,8 @@ def camera_from_integer_centres(camera: Camera) -> Camera:
 def camera_as_integer_centres(camera: Camera) -> Camera:
     """A camera as used inside, with cx, cy counted from pixel centres (OpenCV, files)."""
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
+
+
+def points_from_integer_centres(points: ArrayLike) -> FloatArray:
+    """Photo points (..., 2) counted from pixel centres (OpenCV, files), as used inside."""
+    return np.asarray(points, dtype=float) + HALF_PIXEL
