@@ -130,12 +130,13 @@ def test_pairs_on_a_line_are_refused(camera):
 
 
 def test_of_mirror_images_the_one_whose_points_can_be_seen_is_taken():
-    mesh = make_box((2.0, 1.5, 1.0))
-    turn = RigidTransform.from_rotation_vector([2.6, 0.5, 0.1], [0.0, 0.0, 9.0])
+    mesh = make_box((2.0, 2.0, 2.0))
+    forward = np.array([-0.98, -0.14, -0.14]) / np.linalg.norm([0.98, 0.14, 0.14])
+    across = np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
+    turn = RigidTransform([across, np.cross(forward, across), forward], [0.0, 0.0, 9.0])
     pose = Pose(FLAT, turn)
-    # One point on each of the three faces that are seen: in the mirror image two are hidden.
-    faces = -0.5 * np.sign(turn.rotation[2]) * [2.0, 1.5, 1.0]
-    points = np.diag(faces) + 0.1 * (1.0 - np.eye(3))
+    # One point on each of the three faces that are seen: in the mirror image one is hidden.
+    points = np.eye(3) + 0.1 * (1.0 - np.eye(3))
     fits = poses_from_pairs(points, pose.project(points), FLAT)
     assert len(fits) == 2
     for order in (fits, fits[::-1]):
