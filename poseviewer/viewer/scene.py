@@ -17,6 +17,7 @@ from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.render.overlay import HALO_COLOUR, LINE_COLOUR
 from poseviewer.session.gestures import pins_in_photo, rings_in_photo
 from poseviewer.session.jobs import Painting
+from poseviewer.session.marking import MARKING
 from poseviewer.session.session import Session
 from poseviewer.viewer.marks_scene import MarksScene
 
@@ -178,7 +179,8 @@ class PhotoScene:
     def _show_pins(self, session: Session) -> None:
         document = session.document
         pins = pins_in_photo(document)
-        if session.look.hidden or session.look.before:  # of the pose at hand alone
+        # Of the pose at hand alone, and where presses are for them.
+        if session.look.hidden or session.look.before or session.tool in MARKING:
             pins = pins[:0]
         key = pins.tobytes()
         if self._shown.get("pins") == key:

@@ -84,13 +84,13 @@ def test_six_pairs_give_a_free_focal_length():
     settings = FitSettings(free_focal=True)
     wrong = replace(PERSPECTIVE, fx=450.0, fy=360.0)
     session = after(make_session(wrong, settings=settings), c.SetTool("pairs"))
-    close = RigidTransform(TARGET.rotation, np.array([0.0, 0.0, 3.5]))
-    target = Pose(replace(PERSPECTIVE, fx=150.0, fy=120.0), close)
+    close = RigidTransform(TARGET.rotation, np.array([0.0, 0.0, 2.2]))
+    target = Pose(replace(PERSPECTIVE, fx=100.0, fy=80.0), close)
     for spot in SPOTS:
         session = with_pair(session, spot, target)
     camera = session.document.pose.camera
     assert isinstance(camera, Perspective)
-    assert camera.fx == pytest.approx(150.0, rel=1e-3), session.document.marks.note
+    assert camera.fx == pytest.approx(100.0, rel=1e-3), session.document.marks.note
 
 
 def test_what_cannot_be_marked_is_said():
