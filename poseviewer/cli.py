@@ -171,14 +171,20 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
         metavar="REAR;FRONT",
         help="their ellipses, each cx,cy,a,b,angle (half axes in px, degrees), or a JSON file",
     )
+    start.add_argument(
+        "--find-wheels",
+        type=_rectangle,
+        metavar="LEFT,TOP,WIDTH,HEIGHT",
+        help="look for both wheels in a rectangle about the car, in px",
+    )
     group.add_argument(
         "--projection",
         choices=("perspective", "parallel"),
         default="perspective",
-        help="with --pairs and --wheels",
+        help="where no pose file says it",
     )
     group.add_argument(
-        "--focal", type=_positive, metavar="PX", help="with --pairs and --wheels (EXIF's)"
+        "--focal", type=_positive, metavar="PX", help="where no pose file says it (EXIF's)"
     )
 
 

@@ -35,6 +35,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.quick_start import (
     StartCamera,
     load_unplaced,
+    start_from_found_wheels,
     start_from_pairs,
     start_from_wheels,
 )
@@ -220,6 +221,12 @@ def _started(options: Namespace) -> Registration:
         pairs = load_pairs(options.pairs)
         return load_unplaced(
             options.photo, options.model, lambda m: start_from_pairs(m, pairs, known)
+        )
+    if options.find_wheels is not None:
+        return load_unplaced(
+            options.photo,
+            options.model,
+            lambda m: start_from_found_wheels(m, options.find_wheels, known),
         )
     wheels = load_wheels(options.wheels)
     return load_unplaced(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from poseviewer.files.photo_file import Photo, load_photo
 from poseviewer.files.pose_file import PoseRecord
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.wheel_search import find_wheel_pairs
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.focal_from_pairs import focal_from_pairs
 from poseviewer.geometry.mesh import Mesh
@@ -128,16 +130,47 @@ def start_from_wheels(material: Material, wheels: Wheels, known: StartCamera) ->
     Raises:
         QuickStartError: they give none, or the model has no wheels.
     """
-    keypoints = material.keypoints
-    if keypoints is None:
+    fits = poses_from_wheels(wheels, _wheels_known(material), known.of(material.photo))
+    fit = fits[0] if len(fits) == 1 else least_loss(material, fits)
+    return _placed(fit, "two wheels")
+
+
+def _wheels_known(material: Material) -> VehicleKeypoints:
+    if material.keypoints is None:
         raise QuickStartError(
             "The model has no wheels that poseviewer knows of; a start from wheels needs "
             "MODEL.keypoints.json beside the model, or parts named like wheels: use point pairs."
         )
-    fits = poses_from_wheels(wheels, keypoints, known.of(material.photo))
-    fit = fits[0] if len(fits) == 1 else least_loss(material, fits)
-    note = f"start from two wheels of radius {fit.radius:.3g}, off by {fit.error_px:.1f} px."
+    return material.keypoints
+
+
+def _placed(fit: WheelFit, what: str) -> Start:
+    note = f"start from {what} of radius {fit.radius:.3g}, off by {fit.error_px:.1f} px."
     return Start(fit.pose, (note,))
+
+
+def start_from_found_wheels(
+    material: Material, rectangle: tuple[int, int, int, int], known: StartCamera
+) -> Start:
+    """The start of the wheels that are found in a rectangle (left, top, width, height): of all
+    likely pairs, looking left or right, the one of least loss.
+
+    Raises:
+        QuickStartError: none are found that this car has, or the model has no wheels.
+    """
+    keypoints = _wheels_known(material)
+    camera = known.of(material.photo)
+    fits: list[WheelFit] = []
+    for pair in find_wheel_pairs(material.photo.grey(), rectangle):
+        for wheels in (Wheels(pair.left, pair.right), Wheels(pair.right, pair.left)):
+            with suppress(QuickStartError):  # a pair that this car has not
+                fits += poses_from_wheels(wheels, keypoints, camera)
+    if not fits:
+        raise QuickStartError(
+            "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
+            "about the car, or give the ellipses with --wheels."
+        )
+    return _placed(least_loss(material, fits), "two wheels that were found")
 
 
 def least_loss(material: Material, fits: tuple[WheelFit, ...] | list[WheelFit]) -> WheelFit:

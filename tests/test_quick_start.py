@@ -10,11 +10,13 @@ import pytest
 
 from poseviewer import cli
 from poseviewer.demo import demo_case
+from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo
 from poseviewer.files.pose_file import load_pose
+from poseviewer.fit.wheel_search import find_wheel_pairs
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.ellipses import Ellipse, ellipse_through
 from poseviewer.geometry.vehicle_chart import visible_side
@@ -106,6 +108,30 @@ def test_the_demos_wheels_place_it(projection: str):
     assert isinstance(start.pose.camera, wanted)
     assert pose_error(mesh, start.pose, truth).percent < 4.0
     assert "start from two wheels of radius 0.3" in start.notes[0]
+
+
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
+    case = demo_case(projection)
+    photo = load_photo(case.photo)
+    keypoints = load_keypoints(case.model, load_mesh(case.model))
+    assert keypoints is not None
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    side = visible_side(keypoints, truth)
+    wanted = truth.project([side.front_wheel, side.rear_wheel])
+    best = find_wheel_pairs(photo.grey(), (140, 220, 670, 330))[0]
+    for wheel, centre in zip((best.left, best.right), wanted, strict=True):
+        assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("rectangle", "words"),
+    [((0, 0, 300, 120), "No two wheels were found"), ((2000, 0, 50, 50), "has no 16x16 px")],
+)
+def test_where_no_wheels_are_that_is_said(rectangle, words: str):
+    grey = np.tile(np.linspace(0.2, 0.9, 400, dtype=np.float32), (200, 1))
+    with pytest.raises(QuickStartError, match=words):
+        find_wheel_pairs(grey, rectangle)
 
 
 def seen_wheels(truth, keypoints) -> Wheels:

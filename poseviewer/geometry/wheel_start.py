@@ -145,6 +145,8 @@ def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels) -> FloatArray 
     except OutsideChartError:
         return None
     px_per_unit = np.linalg.norm(wheel_rims(pose, chart.side, 1.0)[0] - rear * size, axis=1).max()
+    if not 0.0 < px_per_unit < math.inf:  # a wheel that reaches behind the camera
+        return None
     return np.append(numbers, math.log(wheels.rear.a / px_per_unit))
 
 
