@@ -12,8 +12,10 @@ from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
 
-COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "batch", "identify")
-COMMANDS += ("bench", "study", "convert", "undistort")
+MANY = ("study", "batch", "identify")
+"""Commands that run many fits."""
+COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert", "undistort")
+COMMANDS += MANY
 LOOKS = ("outline", "edges", "relit", "residual", "normals", "solid", "none")
 
 
@@ -21,9 +23,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
-        from poseviewer import commands
+        from poseviewer import commands, many_commands
 
-        return getattr(commands, options.command)(options)
+        run = getattr(many_commands if options.command in MANY else commands, options.command)
+        return run(options)
     except PoseViewerError as error:
         print(f"poseviewer: {error}", file=sys.stderr)
         return EXIT_MENDABLE
@@ -110,7 +113,8 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     fit = commands.add_parser(
         "fit", help="search for the pose, from a start pose", description="Search for the pose."
     )
-    _add_files(fit, "the start")
+    _add_files(fit)
+    _add_start(fit)
     fit.add_argument("--out", type=Path, required=True, metavar="POSE.json")
     fit.add_argument("--overlay", type=Path, metavar="OVERLAY.png", help="draw the pose found")
     fit.add_argument("--look", choices=LOOKS, default="outline", help="of the overlay")
@@ -251,10 +255,40 @@ def _add_identify(commands: argparse._SubParsersAction) -> None:
     identify.set_defaults(command="identify")
 
 
-def _add_files(parser: argparse.ArgumentParser, what: str) -> None:
+def _add_start(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("start, one of")
+    start = group.add_mutually_exclusive_group(required=True)
+    start.add_argument("--pose", type=Path, metavar="POSE.json", help="a pose file")
+    start.add_argument(
+        "--pairs", type=Path, metavar="FILE", help="CSV or JSON rows x,y,z,u,v: model, photo point"
+    )
+    start.add_argument(
+        "--wheels",
+        metavar="REAR;FRONT",
+        help="their ellipses, each cx,cy,a,b,angle (half axes in px, degrees), or a JSON file",
+    )
+    start.add_argument(
+        "--find-wheels",
+        type=_rectangle,
+        metavar="LEFT,TOP,WIDTH,HEIGHT",
+        help="look for both wheels in a rectangle about the car, in px",
+    )
+    group.add_argument(
+        "--projection",
+        choices=("perspective", "parallel"),
+        default="perspective",
+        help="where no pose file says it",
+    )
+    group.add_argument(
+        "--focal", type=_positive, metavar="PX", help="where no pose file says it (EXIF's)"
+    )
+
+
+def _add_files(parser: argparse.ArgumentParser, pose: str = "") -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO")
     parser.add_argument("model", type=Path, metavar="MODEL")
-    parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=what)
+    if pose:
+        parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=pose)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
     add_calibration(parser, _rectangle, _positive)
 

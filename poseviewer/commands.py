@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from argparse import Namespace
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from poseviewer.calibration_options import calibration_of
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
     EXIT_INTERRUPTED,
-    EXIT_MENDABLE,
     PhotoFileError,
     PoseFileError,
     PoseViewerError,
@@ -29,6 +26,7 @@ from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import check_kind, save_figure
 from poseviewer.files.calibrated_photo import load_calibrated_photo, photo_text, pixels_for
 from poseviewer.files.landscape_file import save_landscape
+from poseviewer.files.marks_file import load_pairs, load_wheels
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.files.writing import write_whole
@@ -36,6 +34,15 @@ from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
+from poseviewer.quick_start import (
+    Material,
+    Start,
+    StartCamera,
+    load_unplaced,
+    start_from_found_wheels,
+    start_from_pairs,
+    start_from_wheels,
+)
 from poseviewer.registration import (
     FitSettings,
     Registration,
@@ -45,7 +52,7 @@ from poseviewer.registration import (
     make_renderer,
 )
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.many import RendererPool, processors
+from poseviewer.render.many import RendererPool
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -214,87 +221,9 @@ def convert(options: Namespace) -> int:
     return 0
 
 
-def study(options: Namespace) -> int:
-    """Measure from how far off fits find the pose; print the table."""
-    from poseviewer.evaluation.study import options as wanted
-    from poseviewer.evaluation.study import run as studies
-
-    plan = wanted.read_plan(options)
-    tell = _say_nothing if options.quiet else _tell
-    try:
-        if isinstance(plan, wanted.RealPlan):
-            run = studies.open_real(plan)
-        else:
-            run = studies.open_study(plan, tell)
-        with _bar(len(run.left), options.quiet) as bar:
-            for _ in run.trials(options.jobs or processors()):
-                bar.update()
-    except KeyboardInterrupt:
-        _tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
-        return EXIT_INTERRUPTED
-    print(studies.report(run).as_text())
-    print(f"\nrows, summary: {run.out}")
-    return 0
-
-
-def batch(options: Namespace) -> int:
-    """Fit the rows of a table; write a pose and a picture for each, a table and a report."""
-    from poseviewer.batch.results import REPORT, TABLE
-    from poseviewer.batch.run import open_batch, run_batch, save_outcome
-
-    opened = open_batch(options.jobs, options.out, _settings(options), options.mask)
-    if opened.done and not options.quiet:
-        _tell(f"{len(opened.done)} of {len(opened.jobs)} rows were done before.")
-    fresh, stopped = [], False
-    results = run_batch(opened, scheduler=options.scheduler, processes=options.processes)
-    with closing(results), _bar(len(opened.to_do), options.quiet) as bar:
-        try:
-            for result in results:
-                fresh.append(result)
-                bar.update()
-        except KeyboardInterrupt:
-            stopped = True
-    known = save_outcome(opened, fresh)
-    print(describe.batch_result(len(opened.jobs), [result.failed for result in known], stopped))
-    print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
-    if stopped:
-        return EXIT_INTERRUPTED
-    return EXIT_MENDABLE if any(result.failed for result in known) else 0
-
-
-def identify(options: Namespace) -> int:
-    """Fit several models to one photo; print which explains it best."""
-    from poseviewer.identify import identify as identify_models
-
-    if options.json:
-        _require_folder(options.json, SettingsError)
-    settings = _settings(options)
-    opened = [load_registration(options.photo, model, options.start) for model in options.models]
-    photo = opened[0].photo
-    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
-    if not options.quiet:
-        for warning in dict.fromkeys(text for one in opened for text in one.warnings):
-            _tell(f"note: {warning}")
-    with _bar(None, options.quiet) as bar:
-
-        def watch(name: str, progress: FitProgress) -> None:
-            bar.set_description_str(f"{name}, loss {progress.loss:.5f}", refresh=False)
-            bar.update()
-
-        ranked = identify_models(opened, settings, mask, watch)
-    print(describe.ranking(ranked))
-    if options.json:
-        text = json.dumps(describe.ranking_as_json(ranked), indent=2, allow_nan=False)
-        write_whole(options.json, (text + "\n").encode(), SettingsError)
-        print(f"json: {options.json}")
-    return 0
-
-
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     settings = _settings(options)
-    registration = load_registration(
-        options.photo, options.model, options.pose, calibration_of(options)
-    )
+    registration = _started(options)
     photo = registration.photo
     mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
     problem, note = make_problem(registration, settings, mask)
@@ -304,6 +233,23 @@ def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
         if note:
             _tell(f"note: the free-body chart is used: {note}.")
     return registration, settings, problem
+
+
+def _started(options: Namespace) -> Registration:
+    """Photo, model and start: from a pose file, or from marks on the photo."""
+    given, calibration = vars(options), calibration_of(options)
+    if options.pose is not None:
+        return load_registration(options.photo, options.model, options.pose, calibration)
+    known = StartCamera(options.projection == "parallel", options.focal, options.free_focal)
+
+    def find(material: Material) -> Start:
+        if given.get("pairs") is not None:
+            return start_from_pairs(material, load_pairs(options.pairs), known)
+        if options.find_wheels is not None:
+            return start_from_found_wheels(material, options.find_wheels, known)
+        return start_from_wheels(material, load_wheels(options.wheels), known)
+
+    return load_unplaced(options.photo, options.model, find, calibration)
 
 
 def _settings(options: Namespace) -> FitSettings:

@@ -28,6 +28,10 @@ class AutosaveError(PoseViewerError):
     """A session that could not be kept for later, or cannot be taken up again."""
 
 
+class QuickStartError(PoseViewerError):
+    """Marks on a photo (point pairs, wheels) from which no start pose follows."""
+
+
 class SettingsError(PoseViewerError):
     """A combination of settings that cannot work."""
 

@@ -22,8 +22,7 @@ With a fourth of it the side valleys reach up to the start: on the demo half as 
 the right one."""
 FEWEST_OF_STRUCTURE = 1000
 """The same where classes and edges are compared: they reach farther than shades do."""
-COARSE_SCOUTS = 1.5
-COARSE_STEP = 2.0
+COARSE_SCOUTS, COARSE_STEP = 3.0, 2.0
 """Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
 COARSE_TOLERANCE = 8.0
 """How many times less exactly a coarse level is searched than the photo itself."""

@@ -67,7 +67,7 @@ def make_structure(channels: NDArray[np.float32], weights: NDArray[np.float32]) 
     labels = np.zeros(weights.shape, np.uint8)
     labels[rows, columns] = _classes(_as_lab(light), inside > 0.0)
     count = int(labels.max(initial=0)) + 1
-    shares = np.bincount(labels.ravel(), weights.ravel().astype(float), count)
+    shares = np.bincount(labels.ravel(), weights.ravel(), count).astype(float)
     field = np.zeros((*weights.shape, 2), np.float32)
     field[rows, columns] = _blurred(orientation_field(light, PHOTO_NOISE, SMOOTHING_PX))
     length = float(np.sqrt(np.einsum("vu,vuk,vuk->", weights, field, field, dtype=float)))
@@ -98,7 +98,7 @@ def orientation_field(
     yy = np.einsum("vuk,vuk->vu", down, down)
     xy = np.einsum("vuk,vuk->vu", across, down)
     share = 1.0 / (xx + yy + np.float32(noise * noise))
-    return np.dstack([(xx - yy) * share, 2.0 * xy * share])
+    return np.dstack([(xx - yy) * share, 2.0 * xy * share]).astype(np.float32)
 
 
 def edge_agreement(
@@ -121,13 +121,14 @@ def edge_agreement(
 
 
 def _blurred(field: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(field, (0, 0), REACH_PX, borderType=cv2.BORDER_CONSTANT))
+    blurred = cv2.GaussianBlur(field, (0, 0), REACH_PX, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, np.float32)
 
 
 def _as_lab(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """(h, w, 3): CIE Lab."""
     rgb = light if light.shape[2] == 3 else np.repeat(light, 3, axis=2)
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2Lab))
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2Lab), np.float32)
 
 
 def _classes(lab: NDArray[np.float32], counts: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -12,7 +12,7 @@ from poseviewer.session.document import Document
 from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
 
 Projection = Literal["perspective", "parallel"]
-Tool = Literal["pose", "region"]
+Tool = Literal["pose", "region", "pairs", "wheels"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +151,19 @@ class Open:
 
 @dataclass(frozen=True, slots=True)
 class SetTool:
-    """What a drag does: the pose, or the region's rectangle."""
+    """What a press does: the pose, the region's rectangle, a point pair, or a wheel's rim."""
 
     tool: Tool
+
+
+@dataclass(frozen=True, slots=True)
+class RemoveMark:
+    """Take the last mark of the tool at hand away: half a point pair, or a point of a rim."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearMarks:
+    """Take all marks of the tool at hand away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +283,8 @@ Command = (
     | SetFieldOfView
     | Open
     | SetTool
+    | RemoveMark
+    | ClearMarks
     | ChangeView
     | ChangeLandscape
     | PickInLandscape

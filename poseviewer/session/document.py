@@ -14,6 +14,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.registration import FitSettings, Registration
+from poseviewer.session.marks import Marks
 
 MOST_STEPS = 200
 MOST_REGISTRATIONS = 4
@@ -32,6 +33,8 @@ class Document:
     """Points (3,) on the model's surface, in its frame, that the user has pinned."""
     photo_path: Path | None = None
     model_path: Path | None = None
+    marks: Marks = field(default_factory=Marks)
+    """Point pairs and wheels, from which a quick start follows."""
 
     @property
     def chart(self) -> Chart:

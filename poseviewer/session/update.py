@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.errors import QuickStartError, SettingsError, SingularChartError
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
@@ -31,6 +31,7 @@ from poseviewer.session.gestures import (
     pins_in_photo,
     take_hold,
 )
+from poseviewer.session.marking import MARKING, MarkCommand, MarkGrip, mark_step, solved
 from poseviewer.session.session import NO_COMPLAINT, Search, Session
 
 MOST_PINS = 3
@@ -49,7 +50,7 @@ def update(session: Session, command: c.Command) -> Session:
             # Whatever else is done ends the drag, or its steps would come in the wrong order.
             return _HANDLERS[type(command)](_release(session, c.Release()), command)
         return _HANDLERS[type(command)](session, command)
-    except (OutsideChartError, SingularChartError, SettingsError, ArithmeticError) as error:
+    except (*_NO_POSE, SettingsError, QuickStartError, ArithmeticError) as error:
         return replace(session, complaint=sentence(str(error)))
 
 
@@ -80,6 +81,8 @@ def _with_pose(session: Session, pose: Pose) -> Session:
 
 def _press(session: Session, command: c.Press) -> Session:
     point = np.array([command.x, command.y])
+    if session.tool in MARKING:
+        return _mark(session, command)
     if session.tool == "region":
         grip = RegionGrip(point)
     else:
@@ -108,10 +111,13 @@ def _release(session: Session, command: c.Release) -> Session:
     del command
     if session.grip is None:
         return session
-    before, tool = session.before_grip, "pose"
+    before = session.before_grip
+    tool = session.tool if session.tool in MARKING else "pose"
     session = replace(session, grip=None, before_grip=None, tool=tool)
     if before is None:
         return session
+    if tool in MARKING:
+        session = replace(session, document=solved(session.document, tool))
     history = session.history.with_step(before)
     return replace(session, history=history, anchor=session.document.pose)
 
@@ -124,6 +130,8 @@ def _cancel_drag(session: Session, command: c.CancelDrag) -> Session:
 
 def _double_press(session: Session, command: c.DoublePress) -> Session:
     document, point = session.document, np.array([command.x, command.y])
+    if session.tool in MARKING:
+        return _mark(session, command)
     if isinstance(document.chart, VehicleChart):
         return replace(session, complaint="A vehicle has its pins already: wheels and axle.")
     if document.pins:
@@ -251,6 +259,13 @@ def _set_tool(session: Session, command: c.SetTool) -> Session:
     return replace(session, tool=command.tool)
 
 
+def _mark(session: Session, command: MarkCommand) -> Session:
+    done = mark_step(session.document, session.tool, command)
+    if isinstance(done, MarkGrip):
+        return replace(session, grip=done, before_grip=None)
+    return session if done is session.document else _with_document(session, done)
+
+
 def _change_view(session: Session, command: c.ChangeView) -> Session:
     names = ("opacity", "wipe", "hidden", "rings", "before")
     given = {"name": command.look, **{name: getattr(command, name) for name in names}}
@@ -334,6 +349,7 @@ def _search_failed(session: Session, command: c.SearchFailed) -> Session:
     return replace(_revert(session, c.RevertSearch()), complaint=sentence(command.reason))
 
 
+_NO_POSE = (OutsideChartError, SingularChartError)
 _NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted, c.Weighed)
 _DURING_A_DRAG = (
     *_NEWS,
@@ -366,6 +382,8 @@ _HANDLERS = {
     c.SetFieldOfView: _set_field_of_view,
     c.Open: _open,
     c.SetTool: _set_tool,
+    c.RemoveMark: _mark,
+    c.ClearMarks: _mark,
     c.ChangeView: _change_view,
     c.ChangeLandscape: _change_landscape,
     c.PickInLandscape: _pick,

@@ -30,6 +30,7 @@ from poseviewer.registration import (
 )
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.document import Document
+from poseviewer.session.marks import Marks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +89,7 @@ def open_photo(
     registration = replace(now.registration, photo=photo, start=PoseRecord(pose), warnings=())
     settings = replace(now.settings, region=None)
     document = replace(
-        now, registration=registration, pose=pose, photo_path=path, settings=settings
+        now, registration=registration, pose=pose, photo_path=path, settings=settings, marks=Marks()
     )
     warnings = [f"{photo.name}: {note}" for note in photo.notes]
     if now.registration.photo.undistortion is not None:

@@ -18,6 +18,7 @@ from poseviewer.viewer.keys import HELP
 from poseviewer.viewer.landscape_panel import LandscapePanel
 from poseviewer.viewer.look_panel import LookPanel
 from poseviewer.viewer.place_panel import PlacePanel
+from poseviewer.viewer.quick_start import hint_of
 from poseviewer.viewer.requests import Greet, Report, Restore
 from poseviewer.viewer.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.viewer.tasks import Exported
@@ -27,7 +28,6 @@ PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
 """CSS px: at the left and at the right, in a wide and in a small window."""
-REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 
 
 class Page:
@@ -82,7 +82,7 @@ class Page:
         if session is not self._shown:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
-            self._script.show_hint(REGION_HINT if session.tool == "region" else "")
+            self._script.show_hint(hint_of(session))
             self.scene.show(session)
         self._shown, self._late = session, True
         now = time.monotonic()

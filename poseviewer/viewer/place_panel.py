@@ -15,6 +15,7 @@ from poseviewer.session import commands as c
 from poseviewer.session.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, choices, set_property
+from poseviewer.viewer.quick_start import QuickStartPanel
 from poseviewer.viewer.requests import Request
 
 MOST_NUMBERS = 7
@@ -37,6 +38,7 @@ class PlacePanel:
             )
             rings = gui.add_checkbox("Rotation rings (G)", False)
             self._rings = Field(rings, post, lambda on: c.ChangeView(rings=bool(on)))
+            self._quick_start = QuickStartPanel(gui, post)
             with gui.add_folder("Numbers", expand_by_default=False):
                 self._numbers = [self._number(gui, post, i) for i in range(MOST_NUMBERS)]
             with gui.add_folder("Camera", expand_by_default=False):
@@ -44,6 +46,7 @@ class PlacePanel:
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
+        self._quick_start.show(session)
         key = (session.document, session.history, session.look.rings)
         # After a refusal the fields still hold what was typed.
         if self._shown == key and self._complaint is session.complaint:

@@ -17,7 +17,9 @@ from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.render.overlay import HALO_COLOUR, LINE_COLOUR
 from poseviewer.session.gestures import pins_in_photo, rings_in_photo
 from poseviewer.session.jobs import Painting
+from poseviewer.session.marking import MARKING
 from poseviewer.session.session import Session
+from poseviewer.viewer.marks_scene import MarksScene
 
 DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
@@ -61,6 +63,7 @@ class PhotoScene:
         self._links = self._lines("/links", (230, 230, 230), 1.2)
         self._region = self._lines("/region", REGION_COLOUR, 1.6)
         self._rings = self._lines("/rings", (255, 255, 255), 2.4)
+        self._marks = MarksScene(server, self.place)
         self._pins = [self._pin(i) for i in range(3)]
         self._labels = [
             scene.add_label(f"/labels/{i}", text, visible=False, anchor=anchor)
@@ -79,6 +82,7 @@ class PhotoScene:
             self._show_pins(session)
             self._show_rings(session)
             self._show_region(session)
+            self._marks.show(session)
         if self._shown.get("model") is not drawn:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
@@ -175,7 +179,8 @@ class PhotoScene:
     def _show_pins(self, session: Session) -> None:
         document = session.document
         pins = pins_in_photo(document)
-        if session.look.hidden or session.look.before:  # of the pose at hand alone
+        # Of the pose at hand alone, and where presses are for them.
+        if session.look.hidden or session.look.before or session.tool in MARKING:
             pins = pins[:0]
         key = pins.tobytes()
         if self._shown.get("pins") == key:

@@ -1,0 +1,187 @@
+"""A registration whose start comes from marks on the photo, instead of a pose file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.errors import QuickStartError
+from poseviewer.files.calibrated_photo import load_calibrated_photo
+from poseviewer.files.calibration_file import Calibration
+from poseviewer.files.keypoints_file import load_keypoints
+from poseviewer.files.marks_file import PointPairs
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.photo_file import Photo
+from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.writing import sha256_of
+from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.wheel_search import find_wheel_pairs
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.focal_from_pairs import focal_from_pairs
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pair_choice import likeliest
+from poseviewer.geometry.point_pairs import FEWEST_FOR_FOCAL, PairFit, poses_from_pairs
+from poseviewer.geometry.vehicle import VehicleKeypoints
+from poseviewer.geometry.wheel_start import WheelFit, Wheels, poses_from_wheels
+from poseviewer.registration import FitSettings, Registration, make_photo_attributes, make_renderer
+
+
+@dataclass(frozen=True, slots=True)
+class StartCamera:
+    """What is known of the camera where no pose file says it."""
+
+    parallel: bool = False
+    focal_px: float | None = None
+    """None: EXIF's; without that, the pairs' where they tell it, else a view of 50 degrees."""
+    free_focal: bool = False
+    """Find it from the pairs even where it is known."""
+
+    def of(self, photo: Photo) -> Camera:
+        """The camera: its principal point is the photo's middle."""
+        camera = photo.default_camera()
+        if self.parallel:
+            return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+        if self.focal_px is not None:
+            camera = replace(camera, fx=self.focal_px, fy=self.focal_px)
+        return camera
+
+    def knows_focal(self, photo: Photo) -> bool:
+        """Whether a focal length was given, or stands in the photo."""
+        return self.focal_px is not None or photo.focal_length_35mm is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A start pose, and what is to be said about it."""
+
+    pose: Pose
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """What a start is found for."""
+
+    photo: Photo
+    mesh: Mesh
+    keypoints: VehicleKeypoints | None
+
+
+def load_unplaced(
+    photo_path: Path,
+    model_path: Path,
+    find: Callable[[Material], Start],
+    calibration: Calibration | None = None,
+) -> Registration:
+    """Photo and model from their files, and a start that ``find`` finds; its notes are last.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or no start is found.
+    """
+    photo, mesh = load_calibrated_photo(photo_path, calibration), load_mesh(model_path)
+    keypoints = load_keypoints(model_path, mesh)
+    start = find(Material(photo, mesh, keypoints))
+    notes = (
+        *(f"{photo.name}: {note}" for note in photo.notes),
+        *(f"{model_path.name}: {note}" for note in mesh.notes),
+        *start.notes,
+    )
+    sha256 = sha256_of(model_path)
+    record = PoseRecord(start.pose)
+    return Registration(photo, mesh, model_path.name, sha256, keypoints, record, notes)
+
+
+def start_from_pairs(material: Material, pairs: PointPairs, known: StartCamera) -> Start:
+    """The start that point pairs give; of mirror images the one whose points can be seen.
+
+    Raises:
+        QuickStartError: they give none.
+    """
+    camera, points, pixels = known.of(material.photo), pairs.points, pairs.pixels
+    notes: list[str] = []
+    fits: tuple[PairFit, ...] = ()
+    unknown = not known.parallel and (known.free_focal or not known.knows_focal(material.photo))
+    if unknown and (len(points) >= FEWEST_FOR_FOCAL or known.free_focal):
+        fits = _with_focal(camera, pairs, notes, required=known.free_focal)
+    fit = likeliest(fits or poses_from_pairs(points, pixels, camera), points, material.mesh)
+    errors = ", ".join(f"{error:.1f}" for error in fit.errors_px)
+    notes.append(f"start from {len(points)} point pairs, off by {errors} px.")
+    return Start(fit.pose, tuple(notes))
+
+
+def _with_focal(
+    camera: Camera, pairs: PointPairs, notes: list[str], required: bool
+) -> tuple[PairFit, ...]:
+    assert isinstance(camera, Perspective)  # asked for under perspective alone
+    try:
+        found = focal_from_pairs(pairs.points, pairs.pixels, camera)
+    except QuickStartError:
+        if required:
+            raise
+        return ()
+    seen = found.fit.pose.camera
+    assert isinstance(seen, Perspective)
+    notes.append(f"focal length from the pairs: {seen.fx:.0f} px, to {found.doubt:.0%}.")
+    return (found.fit,)
+
+
+def start_from_wheels(material: Material, wheels: Wheels, known: StartCamera) -> Start:
+    """The start that the wheels' ellipses give; of equal ones the one of least loss.
+
+    Raises:
+        QuickStartError: they give none, or the model has no wheels.
+    """
+    fits = poses_from_wheels(wheels, _wheels_known(material), known.of(material.photo))
+    fit = fits[0] if len(fits) == 1 else least_loss(material, fits)
+    return _placed(fit, "two wheels")
+
+
+def _wheels_known(material: Material) -> VehicleKeypoints:
+    if material.keypoints is None:
+        raise QuickStartError(
+            "The model has no wheels that poseviewer knows of; a start from wheels needs "
+            "MODEL.keypoints.json beside the model, or parts named like wheels: use point pairs."
+        )
+    return material.keypoints
+
+
+def _placed(fit: WheelFit, what: str) -> Start:
+    note = f"start from {what} of radius {fit.radius:.3g}, off by {fit.error_px:.1f} px."
+    return Start(fit.pose, (note,))
+
+
+def start_from_found_wheels(
+    material: Material, rectangle: tuple[int, int, int, int], known: StartCamera
+) -> Start:
+    """The start of the wheels that are found in a rectangle (left, top, width, height): of all
+    likely pairs, looking left or right, the one of least loss.
+
+    Raises:
+        QuickStartError: none are found that this car has, or the model has no wheels.
+    """
+    keypoints = _wheels_known(material)
+    camera = known.of(material.photo)
+    fits: list[WheelFit] = []
+    for pair in find_wheel_pairs(material.photo.grey(), rectangle):
+        for wheels in (Wheels(pair.left, pair.right), Wheels(pair.right, pair.left)):
+            with suppress(QuickStartError):  # a pair that this car has not
+                fits += poses_from_wheels(wheels, keypoints, camera)
+    if not fits:
+        raise QuickStartError(
+            "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
+            "about the car, or give the ellipses with --wheels."
+        )
+    return _placed(least_loss(material, fits), "two wheels that were found")
+
+
+def least_loss(material: Material, fits: tuple[WheelFit, ...] | list[WheelFit]) -> WheelFit:
+    """The pose that some lighting explains best, all judged over the whole photo."""
+    photo, mesh = material.photo, material.mesh
+    attributes = make_photo_attributes(photo, mesh, fits[0].pose, FitSettings(pixels="whole"))
+    renderer = make_renderer(mesh)
+    losses = [lighting_loss(renderer.moments(fit.pose, attributes)) for fit in fits]
+    return fits[int(np.argmin(losses))]
