@@ -24,8 +24,8 @@ float32 are no more exact, and no light is so strong that what varies 3,000 time
 rest would show. Where a channel varies so little that its rounding to float32 weighs more, that is
 the limit."""
 EDGE_WEIGHT = 1.5
-"""Of the edges' disagreement, in [0, 2], beside the loss. On photos of cars more is better, on small
-blurred ones less."""
+"""Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
+ones less."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
