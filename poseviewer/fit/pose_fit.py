@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.fit.evolution import EvolutionRules, evolve
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.paper import paper_loss, paper_stages
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
@@ -202,11 +203,14 @@ class _Search:
                 yield self._progress(state.simplex, factor)
 
     def _states(self, stage: Stage) -> Iterator[SearchState]:
-        problem, before = self._problem, self._restart
+        problem, before, rules = self._problem, self._restart, stage.rules
         spans = problem.chart.spans(problem.start)[problem.free_indices]
-        for state in restarted_simplex(
-            self._objective(stage.level), self._best, spans, stage.rules, problem.seed
-        ):
+        search = self._objective(stage.level), self._best, spans
+        if isinstance(rules, EvolutionRules):
+            for cloud in evolve(*search, rules, problem.seed):
+                yield SearchState(cloud.vertices[0], float(cloud.values[0]), cloud, before)
+            return
+        for state in restarted_simplex(*search, rules, problem.seed):
             self._restart = before + state.restart
             yield state
 
