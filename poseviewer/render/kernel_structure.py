@@ -13,8 +13,10 @@ _fast_jit: Any = kernel(fastmath=True)
 
 
 @_jit
-def class_sums(box, ids, reflectance, normals, weights, labels, classes, coloured, grey):
-    """How many pixels count, sums of M by class (classes, m), and of ``M M^T`` (m, m).
+def class_sums(box, ids, reflectance, normals, weights, photo, labels, classes, coloured, grey):
+    """How many pixels count, and sums of ``F M^T`` (n + classes, m), M (m,) and ``M M^T`` (m, m).
+
+    F is the ``photo`` (n, height, width), and the memberships in the classes.
 
     M is ``(k, k n)`` of each colour k, or of its grey alone where not ``coloured``, and last the 1
     of a pixel that the model covers. Outside ``box``, and where ``ids`` (height, width) are
@@ -22,7 +24,8 @@ def class_sums(box, ids, reflectance, normals, weights, labels, classes, coloure
     """
     blocks = 3 if coloured else 1
     size = 4 * blocks + 1
-    first, second = np.zeros((classes, size)), np.zeros((size, size))
+    channels = photo.shape[0]
+    joint, second = np.zeros((channels + classes, size)), np.zeros((size, size))
     m = np.zeros(size)
     m[size - 1] = 1.0
     pixels = 0
@@ -41,16 +44,18 @@ def class_sums(box, ids, reflectance, normals, weights, labels, classes, coloure
                 m[4 * block] = k
                 for axis in range(3):
                     m[4 * block + 1 + axis] = k * normal[axis]
-            label = labels[row, column]
+            label = channels + labels[row, column]
             for i in range(size):
                 weighted = weight * m[i]
-                first[label, i] += weighted
+                joint[label, i] += weighted
+                for channel in range(channels):
+                    joint[channel, i] += weighted * photo[channel, row, column]
                 for j in range(i + 1):
                     second[i, j] += weighted * m[j]
     for i in range(size):
         for j in range(i):
             second[j, i] = second[i, j]
-    return pixels, first, second
+    return pixels, joint, joint[channels:].sum(axis=0), second
 
 
 @_jit

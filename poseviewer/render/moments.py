@@ -50,8 +50,8 @@ class PhotoAttributes:
     colour_reflectance: bool = False
     """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12)."""
     structure: PhotoStructure | None = None
-    """Where there is one, F is the membership in its K classes instead of ``channels``, and edges
-    are compared too. It is over the whole region: such photos are not clipped."""
+    """Where there is one, F has the memberships in its K classes beside ``channels``, and edges are
+    compared too. It is over the whole region: such photos are not clipped."""
     factor: int = 1
     """The photo that poses are of is so many times larger along each side than ``channels``."""
 
@@ -94,7 +94,8 @@ class PhotoAttributes:
     @property
     def photo_channels(self) -> int:
         """n, the number of attributes of the photo."""
-        return self.channels.shape[2] if self.structure is None else len(self.structure.shares)
+        classes = 0 if self.structure is None else len(self.structure.shares)
+        return self.channels.shape[2] + classes
 
     @property
     def model_channels(self) -> int:
@@ -163,23 +164,25 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
 
 
 def moments_of_classes(
-    photo: PhotoAttributes,
     structure: PhotoStructure,
     pixels: int,
-    by_class: FloatArray,
-    second: FloatArray,
+    photo_model: FloatArray,
+    model: tuple[FloatArray, FloatArray],
     edge_cosine: float,
 ) -> Moments:
-    """Of memberships F and attributes M, from sums of M by class (K, m) and of ``M M^T`` (m, m)."""
-    n, size = len(structure.shares), len(structure.shares) + photo.model_channels
+    """Of colours and memberships F (n) and attributes M (m), from sums over P.
+
+    ``photo_model`` (n, m) is that of ``F M^T``; ``model`` those of M (m,) and ``M M^T`` (m, m).
+    """
+    n, m = photo_model.shape
     weight = float(structure.shares.sum())
     if weight <= 0.0:
-        return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n, edge_cosine)
-    mean = np.concatenate([structure.shares, by_class.sum(axis=0)]) / weight
-    joint = np.empty((size, size))
-    joint[:n, :n] = np.diag(structure.shares)
-    joint[:n, n:], joint[n:, :n] = by_class, by_class.T
-    joint[n:, n:] = second
+        return Moments(0, 0.0, np.zeros(n + m), np.zeros((n + m, n + m)), n, edge_cosine)
+    mean = np.concatenate([structure.first, model[0]]) / weight
+    joint = np.empty((n + m, n + m))
+    joint[:n, :n] = structure.second
+    joint[:n, n:], joint[n:, :n] = photo_model, photo_model.T
+    joint[n:, n:] = model[1]
     return Moments(pixels, weight, mean, joint / weight - np.outer(mean, mean), n, edge_cosine)
 
 
@@ -209,14 +212,15 @@ def _classes_of_images(
     image: AttributeImage, photo: PhotoAttributes, structure: PhotoStructure
 ) -> Moments:
     covered = image.mask & (photo.weights > 0.0)
-    weights = photo.weights[covered].astype(float)
+    weights = photo.weights[covered].astype(float)[:, None]
     model = model_attributes(image, photo)[covered]
-    by_class = np.zeros((len(structure.shares), model.shape[1]))
-    np.add.at(by_class, structure.labels[covered], weights[:, None] * model)
+    memberships = np.eye(len(structure.shares))[structure.labels[covered]]
+    seen = np.concatenate([photo.channels[covered], memberships], axis=1)
     rows, columns = counted(image.mask, MARGIN_PX)
     grey = image.reflectance @ GREY_WEIGHTS
     shown = np.dstack([grey, image.normals, image.mask])[rows, columns].astype(np.float32)
     field = orientation_field(shown, MODEL_NOISE)
     cosine = edge_agreement(structure, photo.weights, field, rows, columns) if shown.size else 0.0
-    second = (weights[:, None] * model).T @ model
-    return moments_of_classes(photo, structure, int(covered.sum()), by_class, second, cosine)
+    sums = (weights * model).sum(axis=0), (weights * model).T @ model
+    pixels = int(covered.sum())
+    return moments_of_classes(structure, pixels, seen.T @ (weights * model), sums, cosine)

@@ -217,12 +217,13 @@ class SoftwareRenderer:
             self._pictures = np.empty((2, height, width, 3), np.float32)
         reflectance, normals = self._pictures  # what is not covered is left as it was
         self._shade(pose, box, reflectance, normals)
-        pixels, by_class, second = kernel_structure.class_sums(
+        pixels, joint, first, second = kernel_structure.class_sums(
             box,
             self._ids,
             reflectance,
             normals,
             photo.weights,
+            photo.planar,
             structure.labels,
             len(structure.shares),
             photo.colour_reflectance,
@@ -236,7 +237,7 @@ class SoftwareRenderer:
         )
         field = kernel_structure.orientation(planes, MODEL_NOISE)
         cosine = edge_agreement(structure, photo.weights, field, rows, columns)
-        return moments_of_classes(photo, structure, pixels, by_class, second, cosine)
+        return moments_of_classes(structure, pixels, joint, (first, second), cosine)
 
     def _shade(
         self,

@@ -3,10 +3,11 @@
 The affine light of the paper is made for a model whose reflectance is known, in front of nothing.
 Real photos have surroundings, paint that is not the model's, reflections. Two things survive them:
 
-- *Classes.* Pixels of about the same colour belong together, whatever the colour. F is the
-  membership in one of a few classes, found by k-means in CIE Lab; the loss of the paper with this F
-  is the correlation ratio of Roche et al. (MICCAI 1998) for a vector of model attributes: the share
-  of their variance within the classes. A recolouring of the photo changes nothing.
+- *Classes.* Pixels of about the same colour belong together, whatever the colour. To the colours
+  themselves F adds the memberships in a few classes, found by k-means in CIE Lab. With memberships
+  alone the loss of the paper is the correlation ratio of Roche et al. (MICCAI 1998) for a vector of
+  model attributes: the share of their variance within the classes, whatever their colours are.
+  With the colours it is exact where the affine light holds, too.
 - *Edges.* Where the model's surface turns, changes its reflectance or ends, the photo mostly has
   an edge in the same direction, of unknown strength and sign. Attributes a_1 ... a_q give the
   structure tensor ``J = sum grad a_i grad a_i^T`` and from it the orientation field::
@@ -52,6 +53,10 @@ class PhotoStructure:
     """(height, width): the class of each pixel."""
     shares: FloatArray
     """(K,): sum of the weights of each class; K is the number of classes."""
+    first: FloatArray
+    """(n + K,): weighted sums over P of the photo's channels and of the memberships."""
+    second: FloatArray
+    """(n + K, n + K): the same of their products."""
     field: NDArray[np.float32]
     """(height, width, 2): the orientation field, scaled so that its weighted square sum is 1."""
 
@@ -73,9 +78,28 @@ def make_structure(channels: NDArray[np.float32], weights: NDArray[np.float32]) 
     length = float(np.sqrt(np.einsum("vu,vuk,vuk->", weights, field, field, dtype=float)))
     if length > 0.0:
         field /= np.float32(length)
-    for array in (labels, shares, field):
+    first, second = _sums_of_photo(channels, weights, labels, shares)
+    for array in (labels, shares, first, second, field):
         array.flags.writeable = False
-    return PhotoStructure(labels, shares, field)
+    return PhotoStructure(labels, shares, first, second, field)
+
+
+def _sums_of_photo(
+    channels: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    labels: NDArray[np.uint8],
+    shares: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    counts = weights > 0.0
+    colours, weight = channels[counts].astype(float), weights[counts].astype(float)
+    weighted = weight[:, None] * colours
+    by_class = np.array([np.bincount(labels[counts], column, len(shares)) for column in weighted.T])
+    n = len(by_class)
+    second = np.zeros((n + len(shares), n + len(shares)))
+    second[:n, :n] = weighted.T @ colours
+    second[:n, n:], second[n:, :n] = by_class, by_class.T
+    second[n:, n:] = np.diag(shares)
+    return np.concatenate([weighted.sum(axis=0), shares]), second
 
 
 def orientation_field(
