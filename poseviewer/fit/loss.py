@@ -26,6 +26,8 @@ the limit."""
 EDGE_WEIGHT = 1.5
 """Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
 ones less."""
+NOISE = 1e-3
+"""Share of the variance that no pose explains: sensor noise, and what models leave out."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
@@ -51,32 +53,51 @@ def lighting_loss(moments: Moments) -> float:
     worst = worst_loss(moments)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    n, covariance, mean = moments.photo_channels, moments.covariance, moments.mean
-    photo = whitening(covariance[:n, :n], mean[:n])
-    model = whitening(covariance[n:, n:], mean[n:])
-    correlations = (photo @ covariance[:n, n:] @ model.T).ravel()
+    correlations = _correlations(moments).ravel()
     explained = float(correlations @ correlations)
     return min(max(worst - explained, 0.0), worst)
 
 
 def worst_registration_loss(photo: PhotoAttributes) -> float:
     """What a pose costs that shows nothing of the model."""
-    worst = float(min(photo.photo_channels, photo.model_channels))
-    return worst if photo.structure is None else worst + 2.0 * EDGE_WEIGHT
+    worst = min(photo.photo_channels, photo.model_channels)
+    return float(worst) if photo.structure is None else _worst_with_edges(worst)
 
 
 def registration_loss(moments: Moments) -> float:
-    """What a search minimises: ``lighting_loss``, and where edges are compared what they disagree.
+    """What a search minimises: ``lighting_loss``, or where edges are compared::
 
-        loss = lighting_loss + EDGE_WEIGHT * (1 - edge cosine)
+        loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
 
-    In [0, ``worst_registration_loss``]; the worst where too little of the model is seen.
+    over the min(n, m) canonical correlations r_i between F and M. But for NOISE and a constant the
+    sum is minus twice the mutual information of F and M, were they normal: the logarithm makes the
+    last per cent of what is explained count as much as the first, so that where the light explains
+    the photo the pose is told exactly, and where it does not, little is made of it.
     """
-    loss = lighting_loss(moments)
     if moments.edge_cosine is None:
-        return loss
-    unseen = loss >= worst_loss(moments)
-    return loss + EDGE_WEIGHT * (2.0 if unseen else 1.0 - moments.edge_cosine)
+        return lighting_loss(moments)
+    worst = min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
+    if moments.pixels < fewest_pixels(len(moments.mean)):
+        return _worst_with_edges(worst)
+    correlations = _correlations(moments)
+    found = np.linalg.eigvalsh(correlations.T @ correlations)
+    squares = np.zeros(worst)
+    kept = np.clip(found[-worst:], 0.0, 1.0)
+    squares[: len(kept)] = kept
+    unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
+    return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
+
+
+def _worst_with_edges(worst: int) -> float:
+    return worst * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
+
+
+def _correlations(moments: Moments) -> FloatArray:
+    """``W_F C_FM W_M^T``, whose singular values are the canonical correlations."""
+    n, covariance, mean = moments.photo_channels, moments.covariance, moments.mean
+    photo = whitening(covariance[:n, :n], mean[:n])
+    model = whitening(covariance[n:, n:], mean[n:])
+    return photo @ covariance[:n, n:] @ model.T
 
 
 def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:

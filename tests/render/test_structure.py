@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import EDGE_WEIGHT, lighting_loss, registration_loss
+from poseviewer.fit.loss import lighting_loss, registration_loss, worst_registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.level_pose import level_pose
@@ -143,4 +143,5 @@ def test_what_does_not_count_changes_nothing():
 def test_a_pose_that_shows_nothing_costs_the_most():
     photo = make_photo(make_pose())
     nothing = registration_loss(SoftwareRenderer(MESH).moments(make_pose(shift=30.0), photo))
-    assert nothing == 5.0 + 2.0 * EDGE_WEIGHT
+    assert nothing == worst_registration_loss(photo)
+    assert nothing > registration_loss(SoftwareRenderer(MESH).moments(make_pose(0.5), photo))

@@ -12,7 +12,7 @@ from poseviewer.demo import demo_case
 from poseviewer.evaluation.bench.models import in_triangles
 from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import load_pose
-from poseviewer.fit.pose_fit import FitProblem, pose_loss
+from poseviewer.fit.pose_fit import FitProblem, Limits, pose_loss
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
@@ -119,7 +119,7 @@ def place(demo: Demo, model: Model, width: int, height: int, share: float = USUA
         mesh=model.mesh,
         start=replace(demo.registration.start, pose=truth),
     )
-    usual = make_problem(registration, FitSettings())[0]
+    usual = lit_problem(registration)
     paper = make_problem(registration, FitSettings(grey=True, pixels="clip"))[0]
     offsets = np.random.default_rng(0).uniform(-JITTER, JITTER, (POSES, len(usual.start)))
     numbers = tuple(usual.start + offset * usual.chart.spans(usual.start) for offset in offsets)
@@ -133,6 +133,13 @@ def place(demo: Demo, model: Model, width: int, height: int, share: float = USUA
         usual,
         int(model.renderer.covers(truth).sum()),
     )
+
+
+def lit_problem(registration: Registration, limits: Limits | None = None) -> FitProblem:
+    """Lit colours over the whole photo: what all paths can compute, the plain ones too."""
+    settings = FitSettings(pixels="clip", limits=limits or Limits())
+    problem = make_problem(registration, settings)[0]
+    return replace(problem, photo=replace(problem.photo, clipped=False))
 
 
 def _camera(demo: Demo, zoom: float, width: int, height: int) -> Perspective:

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.evaluation.bench.case import Case, Demo
+from poseviewer.evaluation.bench.case import Case, Demo, lit_problem
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.fit.landscape import Pair, free_pairs, landscape
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.camera import Pose
-from poseviewer.registration import FitSettings, make_problem
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.levels import Level
 from poseviewer.render.many import CHUNK, RendererPool
@@ -104,8 +103,7 @@ def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
     It is the same search on both, coarse level and simplified model included; on path a every
     evaluation of it is pyrender's.
     """
-    settings = FitSettings(limits=Limits(seconds=limit_s))
-    problem, _ = make_problem(demo.registration, settings)
+    problem = lit_problem(demo.registration, Limits(seconds=limit_s))
     renderer, close = _search_renderer(demo, letter)
     try:
         model_s, coarsest = _ready(problem, renderer)
