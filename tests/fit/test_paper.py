@@ -59,7 +59,9 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
 def test_it_searches_the_photo_alone_and_without_scouts():
     stages = paper_stages(make_photo(True, 0.0), RENDERER, RestartRules())
     assert [stage.level.factor for stage in stages] == [1]
-    assert (stages[0].rules.scouts, stages[0].rules.patience) == (0, 1)
+    rules = stages[0].rules
+    assert isinstance(rules, RestartRules)
+    assert (rules.scouts, rules.patience) == (0, 1)
 
 
 @pytest.mark.parametrize("clipped", [True, False])

@@ -134,7 +134,7 @@ def test_of_mirror_images_the_one_whose_points_can_be_seen_is_taken():
     forward = np.array([-0.98, -0.14, -0.14]) / np.linalg.norm([0.98, 0.14, 0.14])
     across = np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
     rotation = np.array([across, np.cross(forward, across), forward], float)
-    turn = RigidTransform(rotation, np.array([0.0, 0.0, 9.0]))
+    turn = RigidTransform(np.asarray(rotation, np.float64), np.array([0.0, 0.0, 9.0]))
     pose = Pose(FLAT, turn)
     # One point on each of the three faces that are seen: in the mirror image one is hidden.
     points = np.eye(3) + 0.1 * (1.0 - np.eye(3))
