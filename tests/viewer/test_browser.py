@@ -218,6 +218,8 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     path = demo.folder / "demo_photo.pose.json"
     before = page.saved_pose(path)["chart"]["numbers"]
     page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
+    # Dimmed maps are about the pose before, and that is where a press on them leads.
+    page.page.wait_for_function("document.querySelector('.pv-dim') === null")
     x, y, width, height = page.page.wait_for_function(FIRST_CELL).json_value()
     page.page.mouse.click(x + 0.75 * width, y + 0.25 * height)
     page.page.wait_for_timeout(500)
