@@ -27,7 +27,7 @@ def add_convert(commands: argparse._SubParsersAction) -> None:
         "convert",
         help="write a pose for another tool, or read one from it",
         description="Write a pose for another tool, or read one from it. Axes, units and pixel "
-        "centres of each format: docs/formats.md.",
+        "centres of each format: assets/docs/formats.md.",
     )
     convert.add_argument("source", type=Path, metavar="POSE")
     convert.add_argument("out", type=Path, metavar="OUT")

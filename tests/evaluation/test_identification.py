@@ -27,7 +27,8 @@ def test_each_model_of_the_set_is_fitted(shared_data):
     assert 1 <= one.rank <= 3
     assert (one.rank == 1) == (one.margin > 0.0)
     assert one.best_other in {"bbq_sauce.ply", "AlphabetSoup.ply"}
-    assert 0.0 < one.loss <= 3.0
+    assert 0.0 < one.loss < np.inf
+    assert (one.rank == 1) == (one.loss < one.best_other_loss)
 
 
 def test_another_model_is_laid_where_the_own_one_is(shared_data):

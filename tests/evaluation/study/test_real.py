@@ -113,5 +113,5 @@ def test_every_real_case_can_be_fitted(shared_data):
     for task in tasks:
         trial = run_real_trial(task)
         assert np.isfinite([trial.error_percent_end, trial.loss_end]).all(), trial
-        assert trial.loss_end <= trial.loss_start <= 3.0, trial
+        assert 0.0 < trial.loss_end <= trial.loss_start, trial
         assert trial.status == "EVALUATIONS_SPENT", trial

@@ -150,5 +150,5 @@ def test_the_command_knows_all_formats_and_units():
 
 
 def test_the_documentation_has_the_table():
-    page = Path(__file__).resolve().parents[3] / "docs" / "formats.md"
+    page = Path(__file__).resolve().parents[3] / "assets" / "docs" / "formats.md"
     assert formats_as_markdown() in page.read_text(encoding="utf-8")
