@@ -176,7 +176,7 @@ class _Search:
         problem = self._problem
         renderer = self._photo.renderer
         for stage in _stages(problem, renderer, self._pose):
-            yield from (self._on_the_photo if stage.level.factor == 1 else self._coarsely)(stage)
+            yield from (self._on_the_photo if stage.tells_the_loss else self._coarsely)(stage)
             self._restart += 1
 
     def _on_the_photo(self, stage: Stage) -> Iterator[FitProgress]:

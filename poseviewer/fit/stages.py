@@ -28,6 +28,14 @@ COARSE_SCOUTS, COARSE_STEP = 1.5, 2.0
 """Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
 COARSE_TOLERANCE = 8.0
 """How many times less exactly a coarse level is searched than the photo itself."""
+COARSE_CLOUD = EvolutionRules(least_width=0.04)
+"""Where classes and edges are compared. Narrower than this a coarse level tells little: its minimum
+is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
+FINE_CLOUD = EvolutionRules(width=0.06, generations=30, nearness=0.0, least_width=2e-3)
+"""On the photo itself, as wide as the coarse one can be wrong. It is near: nothing pulls it to the
+start any more."""
+CLOUD_STEP = 0.1
+"""Edge of the last simplex after it, as a share of the rules' step."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
@@ -40,6 +48,12 @@ class Stage:
     level: Level
     rules: RestartRules | EvolutionRules
 
+    @property
+    def tells_the_loss(self) -> bool:
+        """Whether what it minimises is the loss on the photo, and nothing beside."""
+        pulled = isinstance(self.rules, EvolutionRules) and self.rules.nearness > 0.0
+        return self.level.factor == 1 and not pulled
+
 
 def make_stages(
     photo: PhotoAttributes, renderer: Renderer, start: Pose, rules: RestartRules
@@ -47,14 +61,15 @@ def make_stages(
     """The stages of a search from ``start``, the last one on the photo itself.
 
     Where classes and edges are compared, side valleys are many: there an evolving cloud goes first,
-    on whatever level is the coarsest. Else a model that covers too few pixels for a coarser level
-    is searched on the photo alone.
+    on whatever level is the coarsest, a narrower one on the photo follows. Else a model that covers
+    too few pixels for a coarser level is searched on the photo alone.
     """
     full = Level(1, photo, renderer)
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
-        return Stage(coarse, EvolutionRules()), Stage(full, fine_rules(rules))
+        last = replace(fine_rules(rules), step=CLOUD_STEP * rules.step)
+        return Stage(coarse, COARSE_CLOUD), Stage(full, FINE_CLOUD), Stage(full, last)
     if coarse.factor == 1:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))

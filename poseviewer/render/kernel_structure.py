@@ -18,12 +18,11 @@ def class_sums(box, ids, reflectance, normals, weights, photo, labels, classes, 
 
     F is the ``photo`` (n, height, width), and the memberships in the classes.
 
-    M is ``(k, k n)`` of each colour k, or of its grey alone where not ``coloured``, and last the 1
-    of a pixel that the model covers. Outside ``box``, and where ``ids`` (height, width) are
-    negative, it does not.
+    M is ``(k, k n)`` of each colour k where ``coloured``, else the three colours and ``g n`` of
+    their grey g; and last the 1 of a pixel that the model covers. Outside ``box``, and where
+    ``ids`` (height, width) are negative, it does not.
     """
-    blocks = 3 if coloured else 1
-    size = 4 * blocks + 1
+    size = 13 if coloured else 7
     channels = photo.shape[0]
     joint, second = np.zeros((channels + classes, size)), np.zeros((size, size))
     m = np.zeros(size)
@@ -37,13 +36,14 @@ def class_sums(box, ids, reflectance, normals, weights, photo, labels, classes, 
                 continue
             pixels += 1
             colour, normal = reflectance[row, column], normals[row, column]
-            for block in range(blocks):
-                k = np.float64(colour[block])
+            shade = colour[0] * grey[0] + colour[1] * grey[1] + colour[2] * grey[2]
+            for axis in range(3):
                 if not coloured:
-                    k = colour[0] * grey[0] + colour[1] * grey[1] + colour[2] * grey[2]
-                m[4 * block] = k
-                for axis in range(3):
-                    m[4 * block + 1 + axis] = k * normal[axis]
+                    m[axis], m[3 + axis] = colour[axis], shade * normal[axis]
+                    continue
+                m[4 * axis] = colour[axis]
+                for k in range(3):
+                    m[4 * axis + 1 + k] = colour[axis] * normal[k]
             label = channels + labels[row, column]
             for i in range(size):
                 weighted = weight * m[i]

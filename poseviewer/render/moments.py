@@ -48,7 +48,8 @@ class PhotoAttributes:
     the model all its attributes are 0, and one more tells the two apart: 1 on the model. Without
     it, the surroundings would have to look like a black part of the model."""
     colour_reflectance: bool = False
-    """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12)."""
+    """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12). Where
+    there is a ``structure``, False is in between: the three colours and k n of their grey (6)."""
     structure: PhotoStructure | None = None
     """Where there is one, F has the memberships in its K classes beside ``channels``, and edges are
     compared too. It is over the whole region: such photos are not clipped."""
@@ -99,8 +100,9 @@ class PhotoAttributes:
 
     @property
     def model_channels(self) -> int:
-        """m, the number of attributes of the model: 4 or 12, and 1 more where not clipped."""
-        return (12 if self.colour_reflectance else 4) + (not self.clipped)
+        """m, the number of attributes of the model: 4, 6 or 12, and 1 more where not clipped."""
+        grey = 4 if self.structure is None else 6
+        return (12 if self.colour_reflectance else grey) + (not self.clipped)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,10 +149,15 @@ class Moments:
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:
     """M (height, width, m): ``(k, k n_x, k n_y, k n_z)`` of the grey, or of each RGB, reflectance.
 
-    k_a = k_d = the reflectance of the model file, as in the paper. Where P is not clipped to the
-    model, the last attribute is 1 on it and 0 beside it.
+    k_a = k_d = the reflectance of the model file, as in the paper. With classes of colour, and grey
+    asked for, it is ``(k_R, k_G, k_B, k n_x, k n_y, k n_z)``: all the model's colours, and one
+    shade, that of the grey k. Where P is not clipped to the model, the last attribute is 1 on it
+    and 0 beside it.
     """
     reflectance = image.reflectance.astype(float)
+    if photo.structure is not None and not photo.colour_reflectance:
+        shade = (reflectance @ GREY_WEIGHTS)[..., None] * image.normals
+        return np.concatenate([reflectance, shade, image.mask[..., None]], axis=-1)
     if not photo.colour_reflectance:
         reflectance = reflectance @ GREY_WEIGHTS[:, None]
     ambient_and_normal = np.concatenate(
