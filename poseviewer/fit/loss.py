@@ -23,7 +23,7 @@ RANK_TOLERANCE = 1e-7
 float32 are no more exact, and no light is so strong that what varies 3,000 times less than the
 rest would show. Where a channel varies so little that its rounding to float32 weighs more, that is
 the limit."""
-EDGE_WEIGHT = 1.5
+EDGE_WEIGHT = 2.5
 """Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
 ones less."""
 NOISE = 1e-3

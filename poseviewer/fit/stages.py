@@ -31,9 +31,9 @@ COARSE_TOLERANCE = 8.0
 COARSE_CLOUD = EvolutionRules(least_width=0.04)
 """Where classes and edges are compared. Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
-FINE_CLOUD = EvolutionRules(width=0.06, generations=30, nearness=0.0, least_width=2e-3)
-"""On the photo itself, as wide as the coarse one can be wrong. It is near: nothing pulls it to the
-start any more."""
+FINE_CLOUD = EvolutionRules(width=0.06, generations=30, least_width=2e-3)
+"""On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
+without it, one in ten runs away to where the model fills the photo."""
 CLOUD_STEP = 0.1
 """Edge of the last simplex after it, as a share of the rules' step."""
 FINE_STEP = 0.3
