@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from poseviewer import option_values
+
 if TYPE_CHECKING:
     from poseviewer.files.formats.request import Request
     from poseviewer.files.pose_file import PoseRecord
@@ -41,28 +43,20 @@ def add_convert(commands: argparse._SubParsersAction) -> None:
     convert.add_argument("--photo", type=Path, help="(the one beside POSE that it names)")
     convert.add_argument("--model", type=Path, help="(the one beside POSE that it names)")
     convert.add_argument(
-        "--photo-size", type=_size, metavar="WxH", help="in px, where POSE does not say it"
+        "--photo-size",
+        type=option_values.size,
+        metavar="WxH",
+        help="in px, where POSE does not say it",
     )
     convert.add_argument("--unit", choices=UNITS, help="of the model, where POSE does not say it")
     convert.add_argument(
         "--image", metavar="NAME|NUMBER", help="which image of a file with several; BOP: its number"
     )
-    convert.add_argument("--object", type=_number, metavar="NUMBER", help="BOP: of the object")
+    convert.add_argument(
+        "--object", type=option_values.whole_from_zero, metavar="NUMBER", help="BOP: of the object"
+    )
     convert.add_argument("--overwrite", action="store_true", help="replace OUT if it is there")
     convert.set_defaults(command="convert")
-
-
-def _size(text: str) -> tuple[int, int]:
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and int(side) > 0 for side in sides):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size, such as 1920x1080")
-    return int(sides[0]), int(sides[1])
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number, 0 or more")
-    return int(text)
 
 
 def convert(options: argparse.Namespace) -> Iterator[str]:
