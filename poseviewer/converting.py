@@ -55,6 +55,13 @@ def add_convert(commands: argparse._SubParsersAction) -> None:
     convert.add_argument(
         "--object", type=option_values.whole_from_zero, metavar="NUMBER", help="BOP: of the object"
     )
+    convert.add_argument(
+        "--undistorted-photo",
+        type=Path,
+        metavar="FILE.png",
+        help="where a lens was undone: write the undistorted photo, and the pose for it (done "
+        "beside OUT for formats that do not have the lens)",
+    )
     convert.add_argument("--overwrite", action="store_true", help="replace OUT if it is there")
     convert.set_defaults(command="convert")
 
@@ -67,6 +74,7 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     """
     from poseviewer.errors import PoseFileError
     from poseviewer.files.formats.table import FORMATS
+    from poseviewer.files.formats.which_photo import for_one_photo
     from poseviewer.files.photo_file import is_stored_turned
 
     read = FORMATS[options.source_format].read
@@ -78,14 +86,38 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     record = read(options.source, request)
     record, request = _with_files(record, request, options.source)
     yield from (f"note: {warning}" for warning in record.warnings)
-    if request.photo and options.out_format not in UPRIGHT and is_stored_turned(request.photo):
+    known = FORMATS[options.out_format]
+
+    def beside() -> Path:
+        return _undistorted_beside(options, record)
+
+    with for_one_photo(record, request, known.held(record), beside) as chosen:
+        written = known.write(chosen.record, options.out, chosen.request)
+    photo = chosen.request.photo
+    if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
         yield (
-            f"note: {request.photo.name} is stored turned (EXIF), and the pose is one in the "
+            f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
-    written = FORMATS[options.out_format].write(record, options.out, request)
-    yield from (f"note: {note}" for note in written.notes)
+    yield from (f"note: {note}" for note in (*chosen.notes, *written.notes))
+    yield from (f"undistorted photo: {path}" for path in chosen.files)
     yield from (f"{options.out_format}: {path}" for path in written.files)
+
+
+def _undistorted_beside(options: argparse.Namespace, record: PoseRecord) -> Path:
+    """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
+    from poseviewer.files.formats.request import make_folder
+
+    name = Path((record.photo.file if record.photo else None) or "photo").stem
+    if options.out_format == "bop":
+        number = Path(options.image or name).stem
+        path = options.out / "rgb" / f"{number.zfill(6)}.png"
+    elif options.out_format == "colmap":
+        path = options.out / f"{name}.undistorted.png"
+    else:
+        return options.out.parent / f"{name}.undistorted.png"
+    make_folder(path.parent)
+    return path
 
 
 def _request(options: argparse.Namespace) -> Request:
@@ -107,6 +139,7 @@ def _request(options: argparse.Namespace) -> Request:
         options.image,
         options.object,
         options.overwrite,
+        options.undistorted_photo,
     )
 
 
