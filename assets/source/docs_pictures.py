@@ -1,0 +1,195 @@
+"""The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
+
+Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
+it makes all of them. ``quick_start_*`` need chromium, ``report`` too.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import tempfile
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+from PIL import Image
+
+from poseviewer.cli import main as poseviewer
+from poseviewer.demo import demo_case
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.photo_file import load_photo
+from poseviewer.files.pose_file import load_pose
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens, Undistortion
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+QUALITY, WIDTH, GAP = 80, 640, 6
+LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
+REGION = ((140.0, 220.0), (810.0, 550.0))
+
+
+def run(*arguments: object) -> None:
+    """One command; anything but success ends the script."""
+    if code := poseviewer([str(argument) for argument in arguments]):
+        raise SystemExit(code)
+
+
+def save(name: str, *pictures: np.ndarray | Path) -> None:
+    """RGB pictures side by side, each ``WIDTH`` px wide (alone: 900), as JPEG."""
+    width = WIDTH if len(pictures) > 1 else 900
+    found = [
+        Image.open(p).convert("RGB") if isinstance(p, Path) else Image.fromarray(p)
+        for p in pictures
+    ]
+    height = min(round(p.height * width / p.width) for p in found)
+    sheet = Image.new("RGB", (len(found) * (width + GAP) - GAP, height), "white")
+    for index, picture in enumerate(found):
+        small = picture.resize((width, round(picture.height * width / picture.width)))
+        sheet.paste(small, (index * (width + GAP), 0))
+    FOLDER.mkdir(exist_ok=True)
+    sheet.save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
+
+
+def lens(folder: Path) -> None:
+    """The demo's photo as a lens would have taken it, and that photo undistorted."""
+    case = demo_case()
+    photo = load_photo(case.photo)
+    camera = load_pose(case.truth, photo.width, photo.height).pose.camera
+    assert isinstance(camera, Perspective)
+    undistortion = Undistortion.of(LENS, camera)
+    rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
+    points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    where = undistortion.from_taken(points).reshape(*rows.shape, 2).astype(np.float32) - 0.5
+    taken = cv2.remap(photo.pixels, where[..., 0], where[..., 1], cv2.INTER_CUBIC)
+    Image.fromarray(taken).save(folder / "taken.png")
+    write_calibration(folder / "camera.yml", camera)
+    run("undistort", folder / "taken.png", "--calibration", folder / "camera.yml",
+        "--out", folder / "flat.png")  # fmt: skip
+    save("lens", folder / "taken.png", folder / "flat.png")
+
+
+def write_calibration(path: Path, camera: Perspective) -> None:
+    """As OpenCV's calibration sample writes it: pixel centres at integers."""
+    matrix = np.array(
+        [[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]]
+    )
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", LENS.array.reshape(-1, 1))
+    storage.release()
+
+
+def export(folder: Path) -> None:
+    """The model's vertices, drawn by OpenCV from the file that ``convert`` wrote for it."""
+    case = demo_case()
+    run("convert", case.truth, "--to", "opencv", folder / "pose.yml")
+    storage = cv2.FileStorage(str(folder / "pose.yml"), cv2.FILE_STORAGE_READ)
+    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
+    rvec, tvec, matrix, distortion = (storage.getNode(field).mat() for field in fields)
+    points = load_mesh(case.model).vertices[::7]
+    seen, _ = cv2.projectPoints(points, rvec, tvec, matrix, distortion)
+    picture = np.array(Image.open(case.photo).convert("RGB"))
+    for x, y in np.rint(seen[:, 0]).astype(int):
+        cv2.circle(picture, (int(x), int(y)), 1, (255, 220, 0), -1)
+    save("export", picture)
+
+
+def looks(folder: Path) -> None:
+    """The demo's start, and the residual at its true pose."""
+    case = demo_case()
+    jobs = (("start", case.start, "outline"), ("residual", case.truth, "residual"))
+    for name, pose, look in jobs:
+        run("overlay", case.photo, case.model, "--pose", pose, "--look", look,
+            "--out", folder / f"{name}.png", "--quiet")  # fmt: skip
+    save("library", folder / "start.png", folder / "residual.png")
+
+
+def which_model(folder: Path) -> None:
+    """The demo's car and a longer one, each where its own fit ends."""
+    case = demo_case()
+    mesh = trimesh.load(case.model, force="mesh")
+    names = ("car", "longer")
+    for name, stretch in zip(names, (1.0, 1.2), strict=True):
+        shape = np.ones(3)
+        shape[int(np.argmax(mesh.extents))] = stretch
+        trimesh.Trimesh(mesh.vertices * shape, mesh.faces, process=False).export(
+            folder / f"{name}.ply"
+        )
+    models = [folder / f"{name}.ply" for name in names]
+    run("identify", case.photo, *models, "--start", case.start, "--evaluations", 500,
+        "--json", folder / "ranks.json", "--chart", "free-body", "--quiet")  # fmt: skip
+    for model in models:
+        run("fit", case.photo, model, "--pose", case.start, "--out", model.with_suffix(".json"),
+            "--evaluations", 500, "--chart", "free-body", "--quiet",
+            "--overlay", model.with_suffix(".png"))  # fmt: skip
+    save("which_model", *(model.with_suffix(".png") for model in models))
+
+
+def report(folder: Path) -> None:
+    """The report of a batch of two rows, one of which fails, as a browser shows it."""
+    from tests.viewer.browser import open_browser
+
+    case = demo_case()
+    with (folder / "jobs.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["photo", "model", "start"])
+        rows.writerow([case.photo, case.model, case.start])
+        rows.writerow(["missing.jpg", case.model, case.start])
+    poseviewer(["batch", str(folder / "jobs.csv"), "--out", str(folder / "results"),
+                "--evaluations", "400", "--processes", "1", "--quiet"])  # fmt: skip
+    with open_browser() as browser:
+        page = browser.new_page(viewport={"width": 900, "height": 560})
+        page.goto((folder / "results" / "report.html").as_uri())
+        page.wait_for_load_state()
+        save("report", shot_of(page))
+
+
+def quick_start(folder: Path) -> None:
+    """Wheels that the app found in a region, in a real browser."""
+    from tests.viewer.app_process import AppProcess
+    from tests.viewer.browser import AppPage, open_browser
+
+    case, photo = demo_case(), (960, 720)
+    with open_browser() as browser, AppProcess(folder, case.photo, case.model) as process:
+        tab = AppPage(browser, process.url, (1400, 800))
+        tab.wait_for_text("at this pose")
+        tab.page.get_by_text("Quick start", exact=True).click()
+        tab.page.get_by_role("button", name="Find wheels: draw a region").click()
+        tab.wait_for_text("drag a rectangle on the photo")
+        tab.drag(*REGION, photo)
+        tab.page.get_by_role("button", name="Find wheels in the region").click()
+        tab.wait_for_text("10 of 10 points on the rims")
+        tab.page.wait_for_timeout(5000)
+        save("quick_start_wheels", shot_of(tab.page))
+
+
+def shot_of(page: object) -> np.ndarray:
+    """What a page shows, (height, width, 3)."""
+    data = page.screenshot()  # type: ignore[attr-defined]
+    return np.asarray(Image.open(BytesIO(data)).convert("RGB"))
+
+
+PICTURES = {
+    "lens": lens,
+    "export": export,
+    "library": looks,
+    "which_model": which_model,
+    "report": report,
+    "quick_start_wheels": quick_start,
+}
+
+
+def main() -> None:
+    """Make the pictures that are named, or all."""
+    for name in sys.argv[1:] or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()
