@@ -73,9 +73,7 @@ def lens(folder: Path) -> None:
 
 def write_calibration(path: Path, camera: Perspective) -> None:
     """As OpenCV's calibration sample writes it: pixel centres at integers."""
-    matrix = np.array(
-        [[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]]
-    )
+    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]])
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
@@ -91,7 +89,7 @@ def export(folder: Path) -> None:
     storage = cv2.FileStorage(str(folder / "pose.yml"), cv2.FILE_STORAGE_READ)
     fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
     rvec, tvec, matrix, distortion = (storage.getNode(field).mat() for field in fields)
-    points = load_mesh(case.model).vertices[::7]
+    points = np.ascontiguousarray(load_mesh(case.model).vertices[::7])
     seen, _ = cv2.projectPoints(points, rvec, tvec, matrix, distortion)
     picture = np.array(Image.open(case.photo).convert("RGB"))
     for x, y in np.rint(seen[:, 0]).astype(int):
