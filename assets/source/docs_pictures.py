@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import sys
 import tempfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -59,7 +60,11 @@ def lens(folder: Path) -> None:
     photo = load_photo(case.photo)
     camera = load_pose(case.truth, photo.width, photo.height).pose.camera
     assert isinstance(camera, Perspective)
-    undistortion = Undistortion.of(LENS, camera)
+    # A longer lens than the demo's, so that its photo has nothing to show beyond the demo's.
+    camera = replace(camera, fx=1.15 * camera.fx, fy=1.15 * camera.fy)
+    known = load_pose(case.truth, photo.width, photo.height).pose.camera
+    assert isinstance(known, Perspective)
+    undistortion = Undistortion(LENS, camera, known)
     rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
     points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
     where = undistortion.from_taken(points).reshape(*rows.shape, 2).astype(np.float32) - 0.5
