@@ -20,15 +20,19 @@ from PIL import Image
 
 from poseviewer.cli import main as poseviewer
 from poseviewer.demo import demo_case
+from poseviewer.files.marks_file import PointPairs
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo
-from poseviewer.files.pose_file import load_pose
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.placing import surface_point
+from poseviewer.quick_start import Material, StartCamera, start_from_pairs
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
+SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 REGION = ((140.0, 220.0), (810.0, 550.0))
 
 
@@ -102,6 +106,27 @@ def export(folder: Path) -> None:
     save("export", picture)
 
 
+def pairs(folder: Path) -> None:
+    """Four places on the demo's photo, to a pixel, and the start that they give."""
+    case = demo_case()
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    found = [surface_point(mesh, truth, spot) for spot in SPOTS]
+    points = np.array([point for point in found if point is not None])
+    pixels = np.rint(truth.project(points))
+    material = Material(photo, mesh, None)
+    start = start_from_pairs(material, PointPairs(points, pixels), StartCamera(focal_px=1333.0))
+    save_pose(folder / "start.json", PoseRecord(start.pose))
+    run("overlay", case.photo, case.model, "--pose", folder / "start.json",
+        "--out", folder / "start.png", "--quiet")  # fmt: skip
+    marked = np.array(photo.as_rgb8(photo.width, photo.height))
+    for number, (x, y) in enumerate(pixels.astype(int).tolist(), 1):
+        cv2.drawMarker(marked, (x, y), (255, 220, 0), cv2.MARKER_CROSS, 34, 4)
+        cv2.putText(marked, str(number), (x + 14, y - 12), cv2.FONT_HERSHEY_SIMPLEX, 1.3,
+                    (255, 220, 0), 4)  # fmt: skip
+    save("pairs", marked, folder / "start.png")
+
+
 def looks(folder: Path) -> None:
     """The demo's start, and the residual at its true pose."""
     case = demo_case()
@@ -141,12 +166,17 @@ def report(folder: Path) -> None:
     with (folder / "jobs.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["photo", "model", "start"])
-        rows.writerow([case.photo, case.model, case.start])
-        rows.writerow(["missing.jpg", case.model, case.start])
+        rows.writerow(["001.jpg", "car.glb", "start.json"])
+        rows.writerow(["002.jpg", "car.glb", "start.json"])
+    keypoints = case.model.with_suffix(".keypoints.json")
+    files = {"001.jpg": case.photo, "car.glb": case.model, "start.json": case.start}
+    for name, path in (files | {"car.keypoints.json": keypoints}).items():
+        (folder / name).write_bytes(path.read_bytes())
+    (folder / "002.jpg").write_text("not a photo")
     poseviewer(["batch", str(folder / "jobs.csv"), "--out", str(folder / "results"),
-                "--evaluations", "400", "--processes", "1", "--quiet"])  # fmt: skip
+                "--evaluations", "250", "--processes", "1", "--quiet"])  # fmt: skip
     with open_browser() as browser:
-        page = browser.new_page(viewport={"width": 900, "height": 560})
+        page = browser.new_page(viewport={"width": 1000, "height": 520})
         page.goto((folder / "results" / "report.html").as_uri())
         page.wait_for_load_state()
         save("report", shot_of(page))
@@ -181,6 +211,7 @@ PICTURES = {
     "lens": lens,
     "export": export,
     "library": looks,
+    "pairs": pairs,
     "which_model": which_model,
     "report": report,
     "quick_start_wheels": quick_start,

@@ -60,8 +60,8 @@ print(found.pose.camera_from_model.translation.round(2))""",
     ),
     (
         WORDS,
-        """What the light that was found leaves unexplained: reflections and the mirror's shadow, but no
-edge of a model that lies beside its place.
+        """What the light that was found leaves unexplained: reflections and the mirror's shadow,
+but no edge of a model that lies beside its place.
 
 The map of the loss about the pose says how well each pair of numbers is determined: a round
 valley well, a long one badly.""",
