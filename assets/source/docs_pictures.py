@@ -1,7 +1,7 @@
 """The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
 
 Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
-it makes all of them. ``quick_start_*`` need chromium, ``report`` too.
+it makes all of them. ``report`` and ``quick_start_wheels`` need chromium.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import trimesh
 from PIL import Image
 
 from poseviewer.cli import main as poseviewer
@@ -34,6 +33,7 @@ QUALITY, WIDTH, GAP = 80, 640, 6
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 REGION = ((140.0, 220.0), (810.0, 550.0))
+"""Two corners, px."""
 
 
 def run(*arguments: object) -> None:
@@ -137,27 +137,6 @@ def looks(folder: Path) -> None:
     save("library", folder / "start.png", folder / "residual.png")
 
 
-def which_model(folder: Path) -> None:
-    """The demo's car and a longer one, each where its own fit ends."""
-    case = demo_case()
-    mesh = trimesh.load(case.model, force="mesh")
-    names = ("car", "longer")
-    for name, stretch in zip(names, (1.0, 1.2), strict=True):
-        shape = np.ones(3)
-        shape[int(np.argmax(mesh.extents))] = stretch
-        trimesh.Trimesh(mesh.vertices * shape, mesh.faces, process=False).export(
-            folder / f"{name}.ply"
-        )
-    models = [folder / f"{name}.ply" for name in names]
-    run("identify", case.photo, *models, "--start", case.start, "--evaluations", 500,
-        "--json", folder / "ranks.json", "--chart", "free-body", "--quiet")  # fmt: skip
-    for model in models:
-        run("fit", case.photo, model, "--pose", case.start, "--out", model.with_suffix(".json"),
-            "--evaluations", 500, "--chart", "free-body", "--quiet",
-            "--overlay", model.with_suffix(".png"))  # fmt: skip
-    save("which_model", *(model.with_suffix(".png") for model in models))
-
-
 def report(folder: Path) -> None:
     """The report of a batch of two rows, one of which fails, as a browser shows it."""
     from tests.viewer.browser import open_browser
@@ -212,7 +191,6 @@ PICTURES = {
     "export": export,
     "library": looks,
     "pairs": pairs,
-    "which_model": which_model,
     "report": report,
     "quick_start_wheels": quick_start,
 }
