@@ -34,6 +34,9 @@ class QuickStartPanel:
             )
             self._has_region = False
             self._find = button(gui, DRAW, post, lambda _: self._asked(), color="gray")
+            self._again = button(
+                gui, "Draw another region", post, lambda _: c.SetTool("region"), color="gray"
+            )
             self._text = gui.add_markdown("")
             self._buttons = [
                 button(gui, "Remove last mark", post, lambda _: c.RemoveMark(), color="gray"),
@@ -53,6 +56,7 @@ class QuickStartPanel:
         self._shown = key
         self._has_region = session.document.settings.region is not None
         set_property(self._find, "label", FIND if self._has_region else DRAW)
+        set_property(self._again, "visible", self._has_region)
         set_property(self._text, "content", _text(session))
         for handle in self._buttons:
             set_property(handle, "visible", session.tool in MARKING)

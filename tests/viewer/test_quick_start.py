@@ -158,7 +158,7 @@ def test_wheels_are_found_in_the_region_that_is_drawn(
     button = page.page.get_by_role("button", name="Find wheels in the region")
     button.click()
     page.wait_for_text("No two wheels were found")
-    page.page.get_by_role("button", name="Draw a region").click()
+    page.page.get_by_role("button", name="Draw another region").click()
     page.drag(*CAR, PHOTO)
     page.page.wait_for_timeout(500)
     button.click()
