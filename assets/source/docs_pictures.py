@@ -153,7 +153,7 @@ def report(folder: Path) -> None:
         (folder / name).write_bytes(path.read_bytes())
     (folder / "002.jpg").write_text("not a photo")
     poseviewer(["batch", str(folder / "jobs.csv"), "--out", str(folder / "results"),
-                "--evaluations", "250", "--processes", "1", "--quiet"])  # fmt: skip
+                "--evaluations", "100", "--processes", "1", "--quiet"])  # fmt: skip
     with open_browser() as browser:
         page = browser.new_page(viewport={"width": 1000, "height": 520})
         page.goto((folder / "results" / "report.html").as_uri())
