@@ -6,11 +6,11 @@ Nothing heavy is imported before there is such an option.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.errors import SettingsError
+from poseviewer.option_values import positive, rectangle
 
 if TYPE_CHECKING:
     from poseviewer.files.calibration_file import Calibration
@@ -25,13 +25,8 @@ DETAILS = {
 """What is said of a calibration, and what stands there where nothing is."""
 
 
-def add_calibration(
-    parser: ArgumentParser,
-    rectangle: Callable[[str], tuple[int, int, int, int]],
-    share: Callable[[str], float],
-    required: bool = False,
-) -> None:
-    """The options; ``rectangle`` and ``share`` read four whole numbers and a number above 0."""
+def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
+    """The options."""
     group = parser.add_argument_group("the photo's camera")
     group.add_argument(
         "--calibration",
@@ -60,7 +55,7 @@ def add_calibration(
     )
     group.add_argument(
         "--undistorted-zoom",
-        type=share,
+        type=positive,
         metavar="FACTOR",
         help="focal length of the undistorted photo in those of the calibration (1); below 1 it "
         "shows more of the edges",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
+from poseviewer.option_values import listed, map_size, port, positive, rectangle, size, whole
 
 MANY = ("study", "batch", "identify")
 """Commands that run many fits."""
@@ -79,14 +80,14 @@ def make_parser() -> argparse.ArgumentParser:
     _add_landscape(commands)
     info = commands.add_parser("info", help="say what poseviewer understood of a file")
     info.add_argument("path", type=Path, metavar="PHOTO|MODEL|POSE")
-    add_calibration(info, _rectangle, _positive)
+    add_calibration(info)
     info.set_defaults(command="info")
     _add_bench(commands)
     add_convert(commands)
     undistort = commands.add_parser("undistort", help="write the photo that the poses belong to")
     undistort.add_argument("photo", type=Path, metavar="PHOTO")
     undistort.add_argument("--out", type=Path, required=True, metavar="UNDISTORTED.png")
-    add_calibration(undistort, _rectangle, _positive, required=True)
+    add_calibration(undistort, required=True)
     undistort.set_defaults(command="undistort")
     _add_study(commands)
     _add_batch(commands)
@@ -98,14 +99,14 @@ def _add_app(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, nargs="?", metavar="PHOTO")
     parser.add_argument("model", type=Path, nargs="?", metavar="MODEL")
     parser.add_argument("--pose", type=Path, metavar="POSE.json", help="the start")
-    parser.add_argument("--port", type=_port, help="(the first free one from 8080 on)")
+    parser.add_argument("--port", type=port, help="(the first free one from 8080 on)")
     parser.add_argument(
         "--host",
         default="127.0.0.1",
         help="serve others than this machine as well; the address then bears a token",
     )
     parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
-    add_calibration(parser, _rectangle, _positive)
+    add_calibration(parser)
     parser.set_defaults(command="app")
 
 
@@ -132,11 +133,11 @@ def _add_fit(commands: argparse._SubParsersAction) -> None:
     _add_limits(search)
     search.add_argument(
         "--tolerance",
-        type=_positive,
+        type=positive,
         metavar="SHARE",
         help="size at which a simplex is done (1e-4)",
     )
-    search.add_argument("--step", type=_positive, metavar="SHARE", help="edge of the first simplex")
+    search.add_argument("--step", type=positive, metavar="SHARE", help="edge of the first simplex")
     search.add_argument("--seed", type=int, default=0)
     fit.set_defaults(command="fit")
 
@@ -156,9 +157,9 @@ def _add_landscape(commands: argparse._SubParsersAction) -> None:
     )
     _add_files(landscape, "the middle of the maps")
     landscape.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    landscape.add_argument("--size", type=_map_size, default=41, help="points a side (41)")
+    landscape.add_argument("--size", type=map_size, default=41, help="points a side (41)")
     landscape.add_argument(
-        "--range", type=_positive, default=0.2, metavar="SHARE", help="half width (0.2: 20 %%)"
+        "--range", type=positive, default=0.2, metavar="SHARE", help="half width (0.2: 20 %%)"
     )
     _add_settings(landscape)
     landscape.add_argument("--lock", default="", metavar="NAME,...", help="numbers to leave out")
@@ -191,23 +192,21 @@ def _add_study(commands: argparse._SubParsersAction) -> None:
     study.add_argument("--out", type=Path, required=True, metavar="DIR")
     study.add_argument("--method", choices=("default", "paper"), default="default")
     study.add_argument("--pixels", choices=("near", "whole", "clip"), help="as of fit")
-    study.add_argument("--evaluations", type=_whole, default=20_000, help="limit of a fit (20000)")
-    study.add_argument("--jobs", type=_whole, metavar="N", help="processes (one per processor)")
+    study.add_argument("--evaluations", type=whole, default=20_000, help="limit of a fit (20000)")
+    study.add_argument("--jobs", type=whole, metavar="N", help="processes (one per processor)")
     study.add_argument("--quiet", action="store_true", help="no progress")
     drawn = study.add_argument_group("deviations of a vehicle's numbers")
-    drawn.add_argument("--starts", type=_whole, metavar="N", help="for each point (10)")
-    drawn.add_argument("--deviations", type=_listed(_positive), metavar="PERCENT,...")
-    drawn.add_argument(
-        "--readings", type=_listed(str), metavar="NAME,...", help="relative,absolute"
-    )
+    drawn.add_argument("--starts", type=whole, metavar="N", help="for each point (10)")
+    drawn.add_argument("--deviations", type=listed(positive), metavar="PERCENT,...")
+    drawn.add_argument("--readings", type=listed(str), metavar="NAME,...", help="relative,absolute")
     drawn.add_argument(
         "--kinds",
-        type=_listed(str),
+        type=listed(str),
         metavar="NAME,...",
         help="plain,background,photo-parallel,photo-perspective (these), grey",
     )
-    drawn.add_argument("--photos", type=_whole, metavar="N", help="synthetic ones of a kind (5)")
-    drawn.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of these (640x480)")
+    drawn.add_argument("--photos", type=whole, metavar="N", help="synthetic ones of a kind (5)")
+    drawn.add_argument("--size", type=size, metavar="WIDTHxHEIGHT", help="of these (640x480)")
     drawn.add_argument("--projection", choices=("parallel", "perspective"), help="of these")
     drawn.add_argument("--model", type=Path, help="a vehicle (the bundled one)")
     drawn.add_argument("--backgrounds", type=Path, metavar="FOLDER", help="of photos")
@@ -215,9 +214,9 @@ def _add_study(commands: argparse._SubParsersAction) -> None:
     drawn.add_argument("--seed", type=int)
     real = study.add_argument_group("real photos with fixed starts")
     real.add_argument("--real", type=Path, metavar="FOLDER", help="of cases.json and starts.json")
-    real.add_argument("--degrees", type=_listed(_whole), metavar="N,...", help="(5,15)")
+    real.add_argument("--degrees", type=listed(whole), metavar="N,...", help="(5,15)")
     real.add_argument("--cases", metavar="PATTERN", help="a part of the id, or with * and ?")
-    real.add_argument("--draws", type=_whole, metavar="N", help="starts of each case (5)")
+    real.add_argument("--draws", type=whole, metavar="N", help="starts of each case (5)")
     study.set_defaults(command="study")
 
 
@@ -230,7 +229,7 @@ def _add_batch(commands: argparse._SubParsersAction) -> None:
     )
     batch.add_argument("jobs", type=Path, metavar="JOBS.csv")
     batch.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    batch.add_argument("--processes", type=_whole, metavar="N", help="(one for each processor)")
+    batch.add_argument("--processes", type=whole, metavar="N", help="(one for each processor)")
     batch.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on")
     batch.add_argument("--quiet", action="store_true", help="no progress")
     _add_settings(batch)
@@ -269,7 +268,7 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
     )
     start.add_argument(
         "--find-wheels",
-        type=_rectangle,
+        type=rectangle,
         metavar="LEFT,TOP,WIDTH,HEIGHT",
         help="look for both wheels in a rectangle about the car, in px",
     )
@@ -280,7 +279,7 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
         help="where no pose file says it",
     )
     group.add_argument(
-        "--focal", type=_positive, metavar="PX", help="where no pose file says it (EXIF's)"
+        "--focal", type=positive, metavar="PX", help="where no pose file says it (EXIF's)"
     )
 
 
@@ -290,12 +289,12 @@ def _add_files(parser: argparse.ArgumentParser, pose: str = "") -> None:
     if pose:
         parser.add_argument("--pose", type=Path, required=True, metavar="POSE.json", help=pose)
     parser.add_argument("--quiet", action="store_true", help="no progress, no notes")
-    add_calibration(parser, _rectangle, _positive)
+    add_calibration(parser)
 
 
 def _add_limits(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--evaluations", type=_whole, default=20_000, help="limit (20000)")
-    group.add_argument("--seconds", type=_positive, default=600.0, help="limit (600)")
+    group.add_argument("--evaluations", type=whole, default=20_000, help="limit (20000)")
+    group.add_argument("--seconds", type=positive, default=600.0, help="limit (600)")
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:
@@ -312,64 +311,9 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         help="those in a box about the start (near), the whole photo, or what the model covers "
         "(clip: the paper's clipped loss; its default)",
     )
-    group.add_argument("--region", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="in px")
+    group.add_argument("--region", type=rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="in px")
     group.add_argument("--mask", type=Path, metavar="MASK.png", help="weights: white counts")
     group.add_argument("--renderer", choices=("software", "opengl"), default="software")
-
-
-def _number(text: str, kind: type[int] | type[float], wanted: str) -> float:
-    try:
-        return kind(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is not {wanted}") from None
-
-
-def _listed(kind: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
-    """Several, with commas between them."""
-    return lambda text: tuple(kind(part.strip()) for part in text.split(","))
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    return _whole(width), _whole(height)
-
-
-def _positive(text: str) -> float:
-    value = _number(text, float, "a number above 0")
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
-    return value
-
-
-def _whole(text: str) -> int:
-    value = int(_number(text, int, "a whole number above 0"))
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
-    return value
-
-
-def _port(text: str) -> int:
-    value = int(_number(text, int, "a port, from 0 to 65535"))
-    if not 0 <= value <= 65535:
-        raise argparse.ArgumentTypeError(f"{text} is not a port, from 0 to 65535")
-    return value
-
-
-def _map_size(text: str) -> int:
-    value = int(_number(text, int, "an odd number from 3 to 401"))
-    if not 3 <= value <= 401 or value % 2 == 0:
-        raise argparse.ArgumentTypeError(f"{text} is not an odd number from 3 to 401")
-    return value
-
-
-def _rectangle(text: str) -> tuple[int, int, int, int]:
-    try:
-        left, top, width, height = (int(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not four whole numbers, left,top,width,height"
-        ) from None
-    return left, top, width, height
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from poseviewer import option_values
+
 if TYPE_CHECKING:
     from poseviewer.files.formats.request import Request
     from poseviewer.files.pose_file import PoseRecord
@@ -41,28 +43,27 @@ def add_convert(commands: argparse._SubParsersAction) -> None:
     convert.add_argument("--photo", type=Path, help="(the one beside POSE that it names)")
     convert.add_argument("--model", type=Path, help="(the one beside POSE that it names)")
     convert.add_argument(
-        "--photo-size", type=_size, metavar="WxH", help="in px, where POSE does not say it"
+        "--photo-size",
+        type=option_values.size,
+        metavar="WxH",
+        help="in px, where POSE does not say it",
     )
     convert.add_argument("--unit", choices=UNITS, help="of the model, where POSE does not say it")
     convert.add_argument(
         "--image", metavar="NAME|NUMBER", help="which image of a file with several; BOP: its number"
     )
-    convert.add_argument("--object", type=_number, metavar="NUMBER", help="BOP: of the object")
+    convert.add_argument(
+        "--object", type=option_values.whole_from_zero, metavar="NUMBER", help="BOP: of the object"
+    )
+    convert.add_argument(
+        "--undistorted-photo",
+        type=Path,
+        metavar="FILE.png",
+        help="where a lens was undone: write the undistorted photo, and the pose for it (done "
+        "beside OUT for formats that do not have the lens)",
+    )
     convert.add_argument("--overwrite", action="store_true", help="replace OUT if it is there")
     convert.set_defaults(command="convert")
-
-
-def _size(text: str) -> tuple[int, int]:
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and int(side) > 0 for side in sides):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size, such as 1920x1080")
-    return int(sides[0]), int(sides[1])
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number, 0 or more")
-    return int(text)
 
 
 def convert(options: argparse.Namespace) -> Iterator[str]:
@@ -73,6 +74,7 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     """
     from poseviewer.errors import PoseFileError
     from poseviewer.files.formats.table import FORMATS
+    from poseviewer.files.formats.which_photo import for_one_photo
     from poseviewer.files.photo_file import is_stored_turned
 
     read = FORMATS[options.source_format].read
@@ -84,14 +86,38 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     record = read(options.source, request)
     record, request = _with_files(record, request, options.source)
     yield from (f"note: {warning}" for warning in record.warnings)
-    if request.photo and options.out_format not in UPRIGHT and is_stored_turned(request.photo):
+    known = FORMATS[options.out_format]
+
+    def beside() -> Path:
+        return _undistorted_beside(options, record)
+
+    with for_one_photo(record, request, known.held(record), beside) as chosen:
+        written = known.write(chosen.record, options.out, chosen.request)
+    photo = chosen.request.photo
+    if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
         yield (
-            f"note: {request.photo.name} is stored turned (EXIF), and the pose is one in the "
+            f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
-    written = FORMATS[options.out_format].write(record, options.out, request)
-    yield from (f"note: {note}" for note in written.notes)
+    yield from (f"note: {note}" for note in (*chosen.notes, *written.notes))
+    yield from (f"undistorted photo: {path}" for path in chosen.files)
     yield from (f"{options.out_format}: {path}" for path in written.files)
+
+
+def _undistorted_beside(options: argparse.Namespace, record: PoseRecord) -> Path:
+    """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
+    from poseviewer.files.formats.request import make_folder
+
+    name = Path((record.photo.file if record.photo else None) or "photo").stem
+    if options.out_format == "bop":
+        number = Path(options.image or name).stem
+        path = options.out / "rgb" / f"{number.zfill(6)}.png"
+    elif options.out_format == "colmap":
+        path = options.out / f"{name}.undistorted.png"
+    else:
+        return options.out.parent / f"{name}.undistorted.png"
+    make_folder(path.parent)
+    return path
 
 
 def _request(options: argparse.Namespace) -> Request:
@@ -113,6 +139,7 @@ def _request(options: argparse.Namespace) -> Request:
         options.image,
         options.object,
         options.overwrite,
+        options.undistorted_photo,
     )
 
 

@@ -154,28 +154,51 @@ def _placed(fit: WheelFit, what: str) -> Start:
     return Start(fit.pose, (note,))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundWheels:
+    """The wheels that were found, and the pose that they give."""
+
+    wheels: Wheels
+    fit: WheelFit
+
+
 def start_from_found_wheels(
     material: Material, rectangle: tuple[int, int, int, int], known: StartCamera
 ) -> Start:
-    """The start of the wheels that are found in a rectangle (left, top, width, height): of all
+    """The start of the wheels that are found in a rectangle (left, top, width, height), px.
+
+    Raises:
+        QuickStartError: none are found that this car has, or the model has no wheels.
+    """
+    found = find_wheels(material, rectangle, known.of(material.photo))
+    return _placed(found.fit, "two wheels that were found")
+
+
+def find_wheels(
+    material: Material, rectangle: tuple[int, int, int, int], camera: Camera
+) -> FoundWheels:
+    """The wheels in a rectangle (left, top, width, height), px, as a camera sees them: of all
     likely pairs, looking left or right, the one of least loss.
 
     Raises:
         QuickStartError: none are found that this car has, or the model has no wheels.
     """
     keypoints = _wheels_known(material)
-    camera = known.of(material.photo)
+    pairs: list[Wheels] = []
     fits: list[WheelFit] = []
     for pair in find_wheel_pairs(material.photo.grey(), rectangle):
         for wheels in (Wheels(pair.left, pair.right), Wheels(pair.right, pair.left)):
             with suppress(QuickStartError):  # a pair that this car has not
-                fits += poses_from_wheels(wheels, keypoints, camera)
+                found = poses_from_wheels(wheels, keypoints, camera)
+                fits += found
+                pairs += [wheels] * len(found)
     if not fits:
         raise QuickStartError(
             "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
-            "about the car, or give the ellipses with --wheels."
+            "about the car, or outline the wheels yourself (--wheels)."
         )
-    return _placed(least_loss(material, fits), "two wheels that were found")
+    best = least_loss(material, fits)
+    return FoundWheels(pairs[fits.index(best)], best)
 
 
 def least_loss(material: Material, fits: tuple[WheelFit, ...] | list[WheelFit]) -> WheelFit:

@@ -52,7 +52,7 @@ def find_wheel_pairs(
     inside = grey[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
     if min(inside.shape) < 16:
         raise QuickStartError(
-            f"--find-wheels {left},{top},{width},{height}: has no 16x16 px in the photo of "
+            f"The rectangle {left},{top},{width},{height} has no 16x16 px in the photo of "
             f"{grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height around the car."
         )
     factor = min(1.0, WORKING_WIDTH / inside.shape[1])
@@ -63,7 +63,7 @@ def find_wheel_pairs(
     if not pairs:
         raise QuickStartError(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
-            "about the car, or give their ellipses with --wheels."
+            "about the car, or outline the wheels yourself (--wheels)."
         )
     return tuple(sorted(pairs, key=lambda pair: -pair.score)[:MOST_PAIRS])
 

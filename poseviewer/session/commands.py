@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from poseviewer.geometry.camera import Pose
-from poseviewer.registration import FitSettings
+from poseviewer.geometry.ellipses import Ellipse
+from poseviewer.registration import FitSettings, Registration
 from poseviewer.session.document import Document
 from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
 
@@ -166,6 +167,17 @@ class ClearMarks:
     """Take all marks of the tool at hand away."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LayWheels:
+    """Ellipses that were found: marks on both rims, and the pose that they give."""
+
+    registration: Registration
+    """The photo and the model that they were found for."""
+    rear: Ellipse
+    front: Ellipse
+    pose: Pose
+
+
 @dataclass(frozen=True, slots=True)
 class ChangeView:
     """How the model is shown; None leaves as it is."""
@@ -285,6 +297,7 @@ Command = (
     | SetTool
     | RemoveMark
     | ClearMarks
+    | LayWheels
     | ChangeView
     | ChangeLandscape
     | PickInLandscape

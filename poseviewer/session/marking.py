@@ -24,7 +24,7 @@ from poseviewer.session import commands as c
 from poseviewer.session.document import Document
 from poseviewer.session.marks import WHEELS, Marks, Pair
 
-MarkCommand = c.Press | c.DoublePress | c.RemoveMark | c.ClearMarks
+MarkCommand = c.Press | c.DoublePress | c.RemoveMark | c.ClearMarks | c.LayWheels
 MARKING = ("pairs", "wheels")
 """The tools with which a press sets a mark."""
 MARK_REACH = 12.0
@@ -68,6 +68,8 @@ def mark_step(document: Document, tool: str, command: MarkCommand) -> Document |
         return without_last(document, tool)
     if isinstance(command, c.ClearMarks):
         return without_marks(document, tool)
+    if isinstance(command, c.LayWheels):
+        return with_wheels(document, command)
     point = np.array([command.x, command.y])
     grip = mark_at(document, tool, point, command.zoom)
     if isinstance(command, c.DoublePress):
@@ -122,6 +124,23 @@ def _with_rim_point(document: Document, point: FloatArray) -> Document:
         raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     marks = replace(marks, rims=(*marks.rims, point))
     return solved(replace(document, marks=marks), "wheels")
+
+
+def with_wheels(document: Document, found: c.LayWheels) -> Document:
+    """With five marks on each ellipse that was found, in place of those on rims before, and its
+    pose.
+
+    Raises:
+        QuickStartError: another photo or model is open by now.
+    """
+    now, then = document.registration, found.registration
+    if now.photo is not then.photo or now.mesh is not then.mesh:
+        raise QuickStartError(
+            "The wheels were found in another photo or for another model; look for them again."
+        )
+    rims = (*found.rear.outline(FEWEST_RIM_POINTS), *found.front.outline(FEWEST_RIM_POINTS))
+    marks = replace(document.marks, rims=rims, note="")
+    return replace(document, marks=marks, pose=found.pose)
 
 
 def without_last(document: Document, tool: str) -> Document:

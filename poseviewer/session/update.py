@@ -312,8 +312,7 @@ def _start_search(session: Session, command: c.StartSearch) -> Session:
     )
 
 
-def _stop_search(session: Session, command: c.StopSearch) -> Session:
-    del command
+def _stop_search(session: Session, _: c.StopSearch) -> Session:
     return _settled(session)
 
 
@@ -384,6 +383,7 @@ _HANDLERS = {
     c.SetTool: _set_tool,
     c.RemoveMark: _mark,
     c.ClearMarks: _mark,
+    c.LayWheels: _mark,
     c.ChangeView: _change_view,
     c.ChangeLandscape: _change_landscape,
     c.PickInLandscape: _pick,

@@ -39,6 +39,7 @@ from poseviewer.viewer.page import Page
 from poseviewer.viewer.reports import command_of
 from poseviewer.viewer.requests import (
     Download,
+    FindWheels,
     Greet,
     Report,
     Request,
@@ -146,6 +147,9 @@ class App:
                 self._save()
             case Download():
                 self._export(request)
+            case FindWheels():
+                self._tasks.add_wheels()
+                self._page.working("Looking for wheels ...")
             case ShowHelp():
                 self._page.show_help(request.client)
             case Greet():
@@ -232,6 +236,9 @@ class App:
             if opened.restored:
                 self._autosaver.adopt(self.session)
             self._page.tell_all(opened.warnings)
+        elif isinstance(done.result, c.LayWheels):
+            self._command(c.SetTool("wheels"))
+            self._command(done.result)
         elif isinstance(done.result, Exported):
             self._page.send(done.result)
 

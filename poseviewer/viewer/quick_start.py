@@ -13,8 +13,10 @@ from poseviewer.session.marking import MARKING, pair_errors
 from poseviewer.session.marks import WHEELS
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Post, button, choices, set_property
+from poseviewer.viewer.requests import FindWheels, Request
 
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
+FIND, DRAW = "Find wheels in the region", "Find wheels: draw a region"
 _OTHERWISE = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
@@ -30,6 +32,11 @@ class QuickStartPanel:
                 post,
                 {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")},
             )
+            self._has_region = False
+            self._find = button(gui, DRAW, post, lambda _: self._asked(), color="gray")
+            self._again = button(
+                gui, "Draw another region", post, lambda _: c.SetTool("region"), color="gray"
+            )
             self._text = gui.add_markdown("")
             self._buttons = [
                 button(gui, "Remove last mark", post, lambda _: c.RemoveMark(), color="gray"),
@@ -37,12 +44,19 @@ class QuickStartPanel:
                 button(gui, "Done (Esc)", post, lambda _: c.SetTool("pose"), color="gray"),
             ]
 
+    def _asked(self) -> Request:
+        """Wheels are looked for in the region; where there is none yet, it is drawn first."""
+        return FindWheels() if self._has_region else c.SetTool("region")
+
     def show(self, session: Session) -> None:
         """Say what is marked, and how well the pose shows it."""
         key = (session.document, session.tool)
         if self._shown == key:
             return
         self._shown = key
+        self._has_region = session.document.settings.region is not None
+        set_property(self._find, "label", FIND if self._has_region else DRAW)
+        set_property(self._again, "visible", self._has_region)
         set_property(self._text, "content", _text(session))
         for handle in self._buttons:
             set_property(handle, "visible", session.tool in MARKING)

@@ -34,6 +34,11 @@ class SavePose:
 
 
 @dataclass(frozen=True, slots=True)
+class FindWheels:
+    """Look for both wheels in the region that is drawn."""
+
+
+@dataclass(frozen=True, slots=True)
 class Download:
     """Send a file to one page."""
 
@@ -70,4 +75,15 @@ class Greet:
     client: int
 
 
-Request = Command | Upload | Unfit | SavePose | Download | ShowHelp | Restore | Report | Greet
+Request = (
+    Command
+    | Upload
+    | Unfit
+    | SavePose
+    | FindWheels
+    | Download
+    | ShowHelp
+    | Restore
+    | Report
+    | Greet
+)

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, QuickStartError
 from poseviewer.files.autosave_file import AutosavedSession
 from poseviewer.files.uploads import display_name, keep_upload
+from poseviewer.quick_start import Material, find_wheels
 from poseviewer.render.software import SoftwareRenderer
+from poseviewer.session.commands import LayWheels
 from poseviewer.session.session import Session
 from poseviewer.viewer.opening import Opened, open_model, open_photo, open_pose, restore
 from poseviewer.viewer.requests import Download, Upload
@@ -30,18 +32,18 @@ class Exported:
 class Done:
     """A task that has ended, one way or the other."""
 
-    result: Opened | Exported | None
+    result: Opened | Exported | LayWheels | None
     error: Exception | None = None
 
 
-Task = Callable[[Session, SoftwareRenderer], Iterator[Opened | Exported]]
+Task = Callable[[Session, SoftwareRenderer], Iterator[Opened | Exported | LayWheels]]
 
 
 class Tasks:
     """A queue of tasks, and the thread that does them."""
 
     def __init__(self, ring: Callable[[], None], state: Path) -> None:
-        self._worker: Worker[Opened | Exported] = Worker("tasks", ring)
+        self._worker: Worker[Opened | Exported | LayWheels] = Worker("tasks", ring)
         self._uploads = state / "uploads"
         self._waiting: deque[Task] = deque()
 
@@ -73,6 +75,20 @@ class Tasks:
         def run(*_: object) -> Iterator[Exported]:
             name, content = make()
             yield Exported(request.client, name, content)
+
+        self._waiting.append(run)
+
+    def add_wheels(self) -> None:
+        """Look for wheels in the region that is drawn by then, for the camera at hand."""
+
+        def run(session: Session, _: SoftwareRenderer) -> Iterator[LayWheels]:
+            document = session.document
+            registration, region = document.registration, document.settings.region
+            if region is None:
+                raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
+            material = Material(registration.photo, registration.mesh, registration.keypoints)
+            found = find_wheels(material, region, document.pose.camera)
+            yield LayWheels(registration, found.wheels.rear, found.wheels.front, found.fit.pose)
 
         self._waiting.append(run)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.ellipses import ellipse_through
 from poseviewer.geometry.placing import look_from
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.geometry.vehicle_chart import visible_side
@@ -131,6 +132,36 @@ def test_five_points_on_each_rim_place_the_car(camera):
     moved = after(session, c.Press(x, y, zoom=9.0), c.DragTo(x + 2.0, y + 1.0), c.Release())
     assert off(moved, target) > 1e-3
     assert after(moved, c.Undo()).document is session.document
+
+
+def lay(session: Session, target: Pose) -> c.LayWheels:
+    side = visible_side(make_keypoints(), target)
+    rear, front = (ellipse_through(rim) for rim in wheel_rims(target, side, 0.35))
+    return c.LayWheels(session.document.registration, rear, front, target)
+
+
+def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
+    session = after(make_session(vehicle=True), c.LookFrom("left"), c.SetTool("wheels"))
+    target = look_from("three-quarter", CAR, make_keypoints(), PERSPECTIVE)
+    found = lay(session, target)
+    laid = after(session, found)
+    assert laid.document.pose is target
+    for seen, given in zip(laid.document.marks.ellipses, (found.rear, found.front), strict=True):
+        np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
+    assert after(laid, c.Undo()).document is session.document
+    x, y = laid.document.marks.rims[0]
+    moved = after(laid, c.Press(x, y, zoom=9.0), c.DragTo(x + 2.0, y + 1.0), c.Release())
+    assert off(moved, target) > 1e-3
+    assert len(moved.document.marks.rims) == 10
+
+
+def test_wheels_of_another_photo_are_not_laid():
+    session = after(make_session(vehicle=True), c.SetTool("wheels"))
+    found = lay(session, session.document.pose)
+    other = make_session(vehicle=True)
+    refused = update(other, found)
+    assert "another photo" in refused.complaint
+    assert refused.document is other.document
 
 
 def test_points_on_no_ellipse_leave_the_pose_and_say_so():

@@ -143,3 +143,29 @@ def test_ten_clicks_on_two_wheels_place_the_car(
     assert pose_error(registration.mesh, found, truth).percent < 5.0
     axles = [pose.camera_from_model.rotation @ side.axle for pose in (found, truth)]
     assert math.degrees(math.acos(min(1.0, float(axles[0] @ axles[1])))) < 8.0
+
+
+CAR, ROAD = ((140.0, 220.0), (810.0, 550.0)), ((600.0, 600.0), (900.0, 690.0))
+"""Corners of rectangles: about the car, and where there is none."""
+
+
+def test_wheels_are_found_in_the_region_that_is_drawn(
+    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+):
+    page.page.get_by_role("button", name="Find wheels: draw a region").click()
+    page.wait_for_text("drag a rectangle on the photo")
+    page.drag(*ROAD, PHOTO)
+    button = page.page.get_by_role("button", name="Find wheels in the region")
+    button.click()
+    page.wait_for_text("No two wheels were found")
+    page.page.get_by_role("button", name="Draw another region").click()
+    page.drag(*CAR, PHOTO)
+    page.page.wait_for_timeout(500)
+    button.click()
+    page.wait_for_text("Looking for wheels")
+    keep_picture(page, "looking")
+    page.wait_for_text("10 of 10 points on the rims")
+    keep_picture(page, "found_wheels")
+    assert pose_error(registration.mesh, saved(page, app), truth).percent < 5.0
+    page.page.keyboard.press("z")
+    page.wait_for_text("0 of 10 points on the rims")

@@ -14,7 +14,13 @@ from typing import Any
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.matrix import as_4x4
-from poseviewer.files.formats.request import Request, Written, refuse_existing, require_file
+from poseviewer.files.formats.request import (
+    Request,
+    Written,
+    refuse_existing,
+    refuse_lens,
+    require_file,
+)
 from poseviewer.files.formats.view_depths import in_front, view_depths
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.pose_file import PoseRecord
@@ -45,6 +51,7 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
         PoseViewerError: the model is not known, or of a kind that Blender does not import; the
             file is there already.
     """
+    refuse_lens(record, "Blender")
     model = require_file(request.model, "model", "Blender")
     if model.suffix.lower() not in IMPORTED:
         raise PoseFileError(

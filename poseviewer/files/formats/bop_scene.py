@@ -19,8 +19,10 @@ from poseviewer.files.formats.matrix import camera_from_intrinsics, intrinsics_m
 from poseviewer.files.formats.request import (
     Request,
     Written,
+    make_folder,
     make_record,
     metres_per_unit,
+    refuse_lens,
     require_perspective,
     size_of,
     unit_of,
@@ -47,6 +49,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
         PoseFileError: parallel projection; the unit, image or object is not known; the image is
             there with another camera; the folder cannot be written to.
     """
+    refuse_lens(record, "BOP")
     camera = camera_as_integer_centres(require_perspective(record, "BOP"))
     assert isinstance(camera, Perspective)
     image = str(_image_id(record, request))
@@ -68,7 +71,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     if entry in of_image:
         return Written(folder_files, (f"Image {image} had this very pose already.",))
     of_image.append(entry)
-    _make_folder(out)
+    make_folder(out)
     for path, content in zip(folder_files, (cameras, poses), strict=True):
         write_whole(path, _as_text(content).encode(), PoseFileError)
     return Written(folder_files)
@@ -160,15 +163,6 @@ def _as_text(content: SceneFile) -> str:
         for image in sorted(content, key=lambda name: (len(name), name))
     )
     return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PoseFileError(
-            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from error
 
 
 def _chosen_image(path: Path, poses: SceneFile, request: Request) -> str:

@@ -13,57 +13,58 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.cameras.colmap import MODELS
+from poseviewer.files.formats.lens_models import colmap_lens, seen_as_taken
 from poseviewer.files.formats.request import (
     Request,
     Written,
+    lens_from,
+    make_folder,
     make_record,
+    no_such_lens,
     refuse_existing,
-    require_perspective,
     size_of,
 )
 from poseviewer.files.pose_checks import Reading
 from poseviewer.files.pose_file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.transform import RigidTransform
 
 FILES = ("cameras.txt", "images.txt", "points3D.txt")
-PARAMETERS = {
-    "PINHOLE": ("fx", "fy", "cx", "cy"),
-    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
-}
-"""Camera models without distortion, and what their numbers are."""
 
 
 def write_colmap(record: PoseRecord, out: Path, request: Request) -> Written:
     """Write a model of one camera and one image, without points, into the folder ``out``.
 
     Raises:
-        PoseFileError: parallel projection; the folder holds a model already.
+        PoseFileError: parallel projection, or a lens that COLMAP does not have; the folder holds a
+            model already.
     """
-    camera = require_perspective(record, "COLMAP")
+    camera, lens = seen_as_taken(record, "COLMAP")
+    model = colmap_lens(lens)
+    if model is None:
+        raise no_such_lens("COLMAP")
     paths = tuple(out / name for name in FILES)
     refuse_existing(request, *paths)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PoseFileError(
-            f"{out}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from error
-    for path, text in zip(paths, _texts(record, camera), strict=True):
+    make_folder(out)
+    for path, text in zip(paths, _texts(record, camera, *model), strict=True):
         write_whole(path, text.encode(), PoseFileError)
     return Written(paths)
 
 
-def _texts(record: PoseRecord, camera: Perspective) -> tuple[str, str, str]:
+def _texts(
+    record: PoseRecord, camera: Perspective, model: str, distortion: tuple[float, ...]
+) -> tuple[str, str, str]:
     transform = record.pose.camera_from_model
     quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
     place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
-    lens = " ".join(repr(float(getattr(camera, name))) for name in PARAMETERS["PINHOLE"])
+    lens = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
     name = (record.photo.file if record.photo else None) or "photo"
     return (
-        "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy)\n"
-        f"1 PINHOLE {camera.width} {camera.height} {lens}\n",
+        "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
+        f"1 {model} {camera.width} {camera.height} {lens}\n",
         "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
         "# POINTS2D[] as (X, Y, POINT3D_ID)\n"
         f"1 {place} 1 {name}\n\n",
@@ -77,7 +78,7 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
     The model's world is taken for the frame of poseviewer's model.
 
     Raises:
-        PoseFileError: there is no such image, or its camera has distortion.
+        PoseFileError: there is no such image, or its camera's model is not one of OpenCV's.
     """
     reading = Reading("images.txt", [])
     words = _chosen_image(reading, path / "images.txt", request)
@@ -87,8 +88,8 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
         raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     place = RigidTransform(rotation, np.array(numbers[4:]))
-    camera = _camera(Reading("cameras.txt", []), path / "cameras.txt", words[8], request)
-    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit)
+    camera, lens = _camera(Reading("cameras.txt", []), path / "cameras.txt", words[8], request)
+    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -126,30 +127,32 @@ def _chosen_image(reading: Reading, path: Path, request: Request) -> list[str]:
     return chosen[0]
 
 
-def _camera(reading: Reading, path: Path, wanted: str, request: Request) -> Perspective:
+def _camera(
+    reading: Reading, path: Path, wanted: str, request: Request
+) -> tuple[Perspective, Lens | None]:
     words = next((line.split() for line in _lines(path) if line.split()[:1] == [wanted]), None)
     if words is None or len(words) < 4:
         raise reading.error(f"it has no camera {wanted}", "wanted the one that the image names")
     kind = words[1]
-    if kind not in PARAMETERS:
+    if kind not in MODELS:
         raise reading.error(
             f"camera {wanted} is of the model {kind}",
-            f"wanted {' or '.join(PARAMETERS)}, undistort the images first (colmap "
+            f"wanted one of {', '.join(MODELS)}, or undistort the images first (colmap "
             "image_undistorter)",
         )
     sizes = [int(word) if word.isdecimal() else 0 for word in words[2:4]]
     found = (reading.size(sizes[0], "the width"), reading.size(sizes[1], "the height"))
     width, height = size_of(reading, request, found)
-    names = PARAMETERS[kind]
+    focals, more, model, coefficients = MODELS[kind]
     numbers = _floats(reading, words[4:], f"camera {wanted}")
-    if len(numbers) != len(names):
-        raise reading.error(f"camera {wanted} has {len(numbers)} numbers", f"wanted {len(names)}")
-    values = dict(zip(names, numbers, strict=True))
-    focal = [
-        reading.number(values.get(name, values.get("f")), name, positive=True)
-        for name in ("fx", "fy")
-    ]
-    return Perspective(focal[0], focal[1], values["cx"], values["cy"], width, height)
+    if len(numbers) != focals + 2 + more:
+        raise reading.error(
+            f"camera {wanted} has {len(numbers)} numbers", f"wanted {focals + 2 + more}"
+        )
+    fx, fy = (reading.number(numbers[i], "the focal length", True) for i in (0, focals - 1))
+    cx, cy = numbers[focals : focals + 2]
+    found = coefficients(numbers[focals + 2 :]) if more else []
+    return Perspective(fx, fy, cx, cy, width, height), lens_from(reading, model, found)
 
 
 def _floats(reading: Reading, words: list[str], what: str) -> list[float]:

@@ -22,6 +22,7 @@ from poseviewer.files.formats.request import (
     Written,
     metres_per_unit,
     refuse_existing,
+    refuse_lens,
     require_file,
     unit_of,
 )
@@ -44,6 +45,7 @@ def write_gltf(record: PoseRecord, out: Path, request: Request) -> Written:
     Raises:
         PoseViewerError: the model or photo is not known or unusable; the file is there already.
     """
+    refuse_lens(record, "glTF")
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     mesh = load_mesh(require_file(request.model, "model", "glTF"))

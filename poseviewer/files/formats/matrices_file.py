@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.distortion_block import distortion_as_json, distortion_from_json
 from poseviewer.files.formats.matrix import as_4x4, from_4x4
 from poseviewer.files.formats.request import (
     Request,
@@ -51,6 +53,8 @@ def write_matrices(record: PoseRecord, out: Path, request: Request) -> Written:
     }
     if unit := unit_of(record, request):
         data["unit"] = unit
+    if record.undistortion is not None:
+        data["distortion"] = distortion_as_json(record.undistortion)
     write_whole(out, (json.dumps(data, indent=2) + "\n").encode(), PoseFileError)
     return Written((out,))
 
@@ -71,9 +75,14 @@ def read_matrices(path: Path, request: Request) -> PoseRecord:
     reading = Reading(path.name, [])
     data = reading.object(read_json(path), "its content")
     sizes = tuple(reading.size(data.get(f"image_{side}"), side) for side in ("width", "height"))
-    camera = camera_from_json(reading, data, *size_of(reading, request, (sizes[0], sizes[1])))
+    width, height = size_of(reading, request, (sizes[0], sizes[1]))
+    camera = camera_from_json(reading, data, width, height)
     unit = request.unit or reading.text(data.get("unit"), "unit")
-    return make_record(reading, Pose(camera, _place(reading, data)), unit=unit)
+    record = make_record(reading, Pose(camera, _place(reading, data)), unit=unit)
+    if data.get("distortion") is None:
+        return record
+    undistortion = distortion_from_json(reading, data["distortion"], width, height)
+    return replace(record, undistortion=undistortion)
 
 
 def _place(reading: Reading, data: dict[str, Any]) -> RigidTransform:

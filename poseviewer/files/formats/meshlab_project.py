@@ -20,6 +20,7 @@ from poseviewer.files.formats.request import (
     Written,
     make_record,
     refuse_existing,
+    refuse_lens,
     require_file,
     require_perspective,
     size_of,
@@ -42,6 +43,7 @@ def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
     Raises:
         PoseFileError: parallel projection; photo or model is not known; the file is there already.
     """
+    refuse_lens(record, "MeshLab")
     camera = camera_with_rows_from_below(require_perspective(record, "MeshLab"))
     model = require_file(request.model, "model", "MeshLab")
     photo = require_file(request.photo, "photo", "MeshLab")

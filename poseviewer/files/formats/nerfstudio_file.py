@@ -12,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.lens_models import nerfstudio_lens, seen_as_taken
 from poseviewer.files.formats.matrix import as_4x4, from_4x4
 from poseviewer.files.formats.request import (
     Request,
     Written,
+    lens_from,
     make_record,
+    no_such_lens,
     refuse_existing,
-    require_perspective,
     size_of,
 )
 from poseviewer.files.pose_checks import Reading, read_json
@@ -26,17 +28,23 @@ from poseviewer.files.pose_file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from poseviewer.geometry.lens import Lens
 
 DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+FISHEYE = "OPENCV_FISHEYE"
 
 
 def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written:
     """Write a file of one frame; the world is the model's frame.
 
     Raises:
-        PoseFileError: parallel projection, or the file is there already.
+        PoseFileError: parallel projection, or a lens that nerfstudio does not have; the file is
+            there already.
     """
-    camera = require_perspective(record, "nerfstudio")
+    camera, seen_through = seen_as_taken(record, "nerfstudio")
+    model = nerfstudio_lens(seen_through)
+    if model is None:
+        raise no_such_lens("nerfstudio")
     refuse_existing(request, out)
     name = (record.photo.file if record.photo else None) or "photo"
     if request.photo is not None:
@@ -45,11 +53,11 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written
     frame = {"file_path": name, "transform_matrix": as_4x4(world_from_camera).tolist()}
     lens = {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
     data = {
-        "camera_model": "OPENCV",
+        "camera_model": model[0],
         "w": camera.width,
         "h": camera.height,
         **{key: float(value) for key, value in lens.items()},
-        **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
+        **model[1],
         "frames": [frame],
     }
     write_whole(out, (json.dumps(data, indent=2) + "\n").encode(), PoseFileError)
@@ -60,16 +68,17 @@ def read_nerfstudio(path: Path, request: Request) -> PoseRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one.
 
     Raises:
-        PoseFileError: there is no such frame, or its camera has distortion.
+        PoseFileError: there is no such frame, or its lens is not one of OpenCV's.
     """
     reading = Reading(path.name, [])
     data = reading.object(read_json(path), "its content")
     frame = _chosen_frame(reading, data, request)
-    camera = _camera(reading, data | frame, request)  # a frame's own lens comes first
+    own = data | frame  # a frame's own lens comes first
+    camera, lens = _camera(reading, own, request), _lens(reading, own)
     world_from_camera = from_4x4(reading, frame.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
     name = Path(reading.text(frame.get("file_path"), "file_path") or "photo").name
-    return make_record(reading, Pose(camera, place), name, request.unit)
+    return make_record(reading, Pose(camera, place), name, request.unit, lens)
 
 
 def _chosen_frame(reading: Reading, data: dict[str, Any], request: Request) -> dict[str, Any]:
@@ -94,17 +103,21 @@ def _chosen_frame(reading: Reading, data: dict[str, Any], request: Request) -> d
 
 
 def _camera(reading: Reading, data: dict[str, Any], request: Request) -> Perspective:
-    if data.get("camera_model", "OPENCV") not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
-        raise reading.error(f"camera_model is {data['camera_model']!r}", "wanted 'OPENCV'")
-    for name in DISTORTION:
-        if reading.number(data.get(name, 0.0), name) != 0.0:
-            raise reading.error(
-                f"{name} is {data[name]}",
-                "a pose is one in an undistorted photo: undistort it, and leave this out",
-            )
     found = (reading.size(data.get("w"), "w"), reading.size(data.get("h"), "h"))
     width, height = size_of(reading, request, found)
     fx = reading.number(data.get("fl_x"), "fl_x", positive=True)
     fy = reading.number(data.get("fl_y", fx), "fl_y", positive=True)
     cx, cy = (reading.number(data.get(name), name) for name in ("cx", "cy"))
     return Perspective(fx, fy, cx, cy, width, height)
+
+
+def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
+    model = data.get("camera_model", "OPENCV")
+    if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", FISHEYE):
+        raise reading.error(f"camera_model is {model!r}", f"wanted 'OPENCV' or {FISHEYE!r}")
+    k1, k2, k3, k4, p1, p2 = (reading.number(data.get(name, 0.0), name) for name in DISTORTION)
+    if model == FISHEYE:
+        return lens_from(reading, "fisheye", [k1, k2, k3, k4])
+    if k4:
+        raise reading.error(f"k4 is {k4}", "OpenCV's lens model has no such term: wanted 0")
+    return lens_from(reading, "opencv", [k1, k2, p1, p2, k3])

@@ -5,7 +5,6 @@ Names are those of OpenCV's own calibration sample; pixel centres are at integer
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,14 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.lens_models import seen_as_taken
 from poseviewer.files.formats.matrix import camera_from_intrinsics, intrinsics_matrix
 from poseviewer.files.formats.request import (
     Request,
     Written,
+    lens_from,
     make_record,
     refuse_existing,
-    require_perspective,
     size_of,
 )
 from poseviewer.files.pose_checks import LARGEST_FILE, Reading, checked_rotation, read_json
@@ -29,6 +29,7 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
+from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.transform import RigidTransform
 
 KINDS = {
@@ -44,7 +45,8 @@ def write_opencv(record: PoseRecord, out: Path, request: Request) -> Written:
     Raises:
         PoseFileError: parallel projection, another ending, or the file is there already.
     """
-    camera = camera_as_integer_centres(require_perspective(record, "OpenCV"))
+    taken, lens = seen_as_taken(record, "OpenCV")
+    camera = camera_as_integer_centres(taken)
     assert isinstance(camera, Perspective)
     kind = KINDS.get(out.suffix.lower())
     if kind is None:
@@ -57,7 +59,10 @@ def write_opencv(record: PoseRecord, out: Path, request: Request) -> Written:
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
     storage.write("camera_matrix", intrinsics_matrix(camera))
-    storage.write("distortion_coefficients", np.zeros((5, 1)))
+    coefficients = np.zeros(5) if lens is None else lens.array
+    storage.write("distortion_coefficients", coefficients.reshape(-1, 1))
+    if lens is not None and lens.model == "fisheye":
+        storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
     write_whole(out, storage.releaseAndGetString().encode(), PoseFileError)
@@ -68,11 +73,11 @@ def read_opencv(path: Path, request: Request) -> PoseRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well.
 
     Raises:
-        PoseFileError: it does not hold them, or a lens distortion.
+        PoseFileError: it does not hold them.
     """
     reading = Reading(path.name, [])
     values = _json_values(path) if path.suffix.lower() == ".json" else _yaml_values(path)
-    _refuse_distortion(reading, values)
+    lens = _lens(reading, values)
     matrix = _matrix(reading, values, ("camera_matrix", "K"), (9,)).reshape(3, 3)
     sizes = (_whole(reading, values, "image_width"), _whole(reading, values, "image_height"))
     width, height = size_of(reading, request, sizes)
@@ -84,7 +89,7 @@ def read_opencv(path: Path, request: Request) -> PoseRecord:
     else:
         place = RigidTransform.from_rotation_vector(rotation, translation)
     pose = Pose(camera_from_integer_centres(camera), place)
-    return make_record(reading, pose, unit=request.unit)
+    return make_record(reading, pose, unit=request.unit, lens=lens)
 
 
 def _yaml_values(path: Path) -> dict[str, Any]:
@@ -137,13 +142,14 @@ def _whole(reading: Reading, values: dict[str, Any], name: str) -> int | None:
     return reading.size(value, name)
 
 
-def _refuse_distortion(reading: Reading, values: dict[str, Any]) -> None:
+def _lens(reading: Reading, values: dict[str, Any]) -> Lens | None:
+    """``distortion_coefficients``, of the fisheye model where ``fisheye_model`` says so."""
+    is_fisheye = bool(reading.number(values.get("fisheye_model") or 0.0, "fisheye_model"))
     for name in ("distortion_coefficients", "dist_coeffs"):
-        if values.get(name) is not None and np.any(_flat(reading, values[name], name)):
-            raise reading.error(
-                f"{name} are {json.dumps(values[name])}",
-                "a pose is one in an undistorted photo: undistort it, and leave these out",
-            )
+        if values.get(name) is not None:
+            numbers = _flat(reading, values[name], name).tolist()
+            return lens_from(reading, "fisheye" if is_fisheye else "opencv", numbers)
+    return None
 
 
 def _matrix(

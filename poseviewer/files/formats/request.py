@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.pose_checks import Reading
 from poseviewer.files.pose_file import ModelReference, PhotoReference, PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
@@ -31,6 +32,8 @@ class Request:
     object_id: int | None = None
     """Which object (BOP)."""
     overwrite: bool = False
+    undistorted_photo: Path | None = None
+    """Where to write the undistorted photo, which the pose is then written for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,22 @@ def require_perspective(record: PoseRecord, tool: str) -> Perspective:
     )
 
 
+def refuse_lens(record: PoseRecord, tool: str) -> None:
+    """Raise PoseFileError where the pose is one in an undistorted photo, and the file would name
+    the photo as taken.
+    """
+    if record.undistortion is not None:
+        raise no_such_lens(tool)
+
+
+def no_such_lens(tool: str) -> PoseFileError:
+    """The error of a lens that a tool's files cannot say."""
+    return PoseFileError(
+        f"The pose is one in an undistorted photo, and {tool} files cannot hold its lens; write it "
+        "for the undistorted photo, with --undistorted-photo FILE."
+    )
+
+
 def refuse_existing(request: Request, *paths: Path) -> None:
     """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
     for path in paths:
@@ -65,6 +84,20 @@ def refuse_existing(request: Request, *paths: Path) -> None:
             raise PoseFileError(
                 f"{path}: is there already and was not touched; name another, or add --overwrite."
             )
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there.
+
+    Raises:
+        PoseFileError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PoseFileError(
+            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
+        ) from error
 
 
 def require_file(path: Path | None, what: str, tool: str) -> Path:
@@ -125,9 +158,37 @@ def _by(size: tuple[int, int] | None) -> str:
 
 
 def make_record(
-    reading: Reading, pose: Pose, photo: str | None = None, unit: str | None = None
+    reading: Reading,
+    pose: Pose,
+    photo: str | None = None,
+    unit: str | None = None,
+    lens: Lens | None = None,
 ) -> PoseRecord:
-    """The record of a pose that was read from another tool's file."""
+    """The record of a pose that was read from another tool's file.
+
+    With a ``lens``, the pose's camera is that of the photo as taken, and the record is one of the
+    undistorted photo.
+    """
+    undistortion = None
+    if lens is not None and isinstance(pose.camera, Perspective):
+        undistortion = Undistortion.of(lens, pose.camera)
+        pose = replace(pose, camera=undistortion.camera)
     reference = PhotoReference(photo, pose.camera.width, pose.camera.height)
     model = ModelReference(unit=unit) if unit else None
-    return PoseRecord(pose, reference, model, warnings=tuple(reading.warnings))
+    return PoseRecord(
+        pose, reference, model, undistortion=undistortion, warnings=tuple(reading.warnings)
+    )
+
+
+def lens_from(reading: Reading, model: LensModel, coefficients: list[float]) -> Lens | None:
+    """The lens of these coefficients; None where they are all 0.
+
+    Raises:
+        PoseFileError: the model has not so many.
+    """
+    if not any(coefficients):
+        return None
+    if len(coefficients) not in COEFFICIENTS[model]:
+        wanted = ", ".join(str(count) for count in COEFFICIENTS[model])
+        raise reading.error(f"{len(coefficients)} distortion coefficients", f"wanted {wanted}")
+    return Lens(model, tuple(coefficients))

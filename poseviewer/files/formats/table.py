@@ -11,6 +11,13 @@ from poseviewer.files.formats.bop_scene import read_bop, write_bop
 from poseviewer.files.formats.colmap_model import read_colmap, write_colmap
 from poseviewer.files.formats.gltf_camera import read_gltf
 from poseviewer.files.formats.gltf_file import write_gltf
+from poseviewer.files.formats.lens_models import (
+    held_by_colmap,
+    held_by_nerfstudio,
+    held_by_none,
+    held_by_opencv,
+    held_whole,
+)
 from poseviewer.files.formats.matrices_file import read_matrices, write_matrices
 from poseviewer.files.formats.meshlab_project import read_meshlab, write_meshlab
 from poseviewer.files.formats.nerfstudio_file import read_nerfstudio, write_nerfstudio
@@ -34,6 +41,10 @@ class Format:
     """Where the centre of the upper left pixel is."""
     parallel: bool
     """Whether it can say parallel projection."""
+    lens: str
+    """Which lens models it has."""
+    held: Callable[[PoseRecord], str | None]
+    """What the format calls the lens of a pose's photo; None where it cannot say it."""
     write: Callable[[PoseRecord, Path, Request], Written]
     read: Callable[[Path, Request], PoseRecord] | None
 
@@ -41,10 +52,20 @@ class Format:
 DOWN, UP = "x right, y down, z forward", "x right, y up, z backward"
 MODEL_UNIT = "the model's"
 INTEGERS, HALVES = "(0, 0)", "(0.5, 0.5)"
+BOTH, NONE = "all, in words of our own", "none"
 
 FORMATS = {
     "poseviewer": Format(
-        "`.json`", "camera from model", DOWN, MODEL_UNIT, INTEGERS, True, write_own, read_own
+        "`.json`",
+        "camera from model",
+        DOWN,
+        MODEL_UNIT,
+        INTEGERS,
+        True,
+        BOTH,
+        held_whole,
+        write_own,
+        read_own,
     ),
     "opencv": Format(
         "`.yml`, `.yaml` or `.json`",
@@ -53,6 +74,8 @@ FORMATS = {
         MODEL_UNIT,
         INTEGERS,
         False,
+        "all of OpenCV's",
+        held_by_opencv,
         write_opencv,
         read_opencv,
     ),
@@ -63,6 +86,8 @@ FORMATS = {
         MODEL_UNIT,
         INTEGERS,
         True,
+        BOTH,
+        held_whole,
         write_matrices,
         read_matrices,
     ),
@@ -73,6 +98,8 @@ FORMATS = {
         "mm",
         INTEGERS,
         False,
+        NONE,
+        held_by_none,
         write_bop,
         read_bop,
     ),
@@ -83,6 +110,8 @@ FORMATS = {
         MODEL_UNIT,
         HALVES,
         False,
+        "`OPENCV`, `FULL_OPENCV`, `OPENCV_FISHEYE`",
+        held_by_colmap,
         write_colmap,
         read_colmap,
     ),
@@ -93,6 +122,8 @@ FORMATS = {
         MODEL_UNIT,
         HALVES,
         False,
+        "`OPENCV` (k1 k2 k3 p1 p2), `OPENCV_FISHEYE`",
+        held_by_nerfstudio,
         write_nerfstudio,
         read_nerfstudio,
     ),
@@ -103,6 +134,8 @@ FORMATS = {
         "m",
         "none: a field of view",
         True,
+        NONE,
+        held_by_none,
         write_gltf,
         read_gltf,
     ),
@@ -113,6 +146,8 @@ FORMATS = {
         MODEL_UNIT,
         "none: lens and shift",
         True,
+        NONE,
+        held_by_none,
         write_blender,
         None,
     ),
@@ -123,6 +158,8 @@ FORMATS = {
         MODEL_UNIT,
         "(0.5, height - 0.5), y up",
         False,
+        NONE,
+        held_by_none,
         write_meshlab,
         read_meshlab,
     ),
@@ -130,7 +167,7 @@ FORMATS = {
 
 HEADINGS = (
     "format", "OUT", "pose", "camera axes", "handed", "unit", "centre of the upper left pixel",
-    "parallel", "read",
+    "parallel", "lens", "read",
 )  # fmt: skip
 
 
@@ -148,6 +185,7 @@ def formats_as_markdown() -> str:
                 known.unit,
                 known.pixel_centre,
                 "yes" if known.parallel else "no",
+                known.lens,
                 "yes" if known.read else "no",
             )
         )

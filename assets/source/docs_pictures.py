@@ -1,0 +1,207 @@
+"""The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
+
+Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
+it makes all of them. ``report`` and ``quick_start_wheels`` need chromium.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import tempfile
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from poseviewer.cli import main as poseviewer
+from poseviewer.demo import demo_case
+from poseviewer.files.marks_file import PointPairs
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.photo_file import load_photo
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.placing import surface_point
+from poseviewer.quick_start import Material, StartCamera, start_from_pairs
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+QUALITY, WIDTH, GAP = 80, 640, 6
+LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
+SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
+REGION = ((140.0, 220.0), (810.0, 550.0))
+"""Two corners, px."""
+
+
+def run(*arguments: object) -> None:
+    """One command; anything but success ends the script."""
+    if code := poseviewer([str(argument) for argument in arguments]):
+        raise SystemExit(code)
+
+
+def save(name: str, *pictures: np.ndarray | Path) -> None:
+    """RGB pictures side by side, each ``WIDTH`` px wide (alone: 900), as JPEG."""
+    width = WIDTH if len(pictures) > 1 else 900
+    found = [
+        Image.open(p).convert("RGB") if isinstance(p, Path) else Image.fromarray(p)
+        for p in pictures
+    ]
+    height = min(round(p.height * width / p.width) for p in found)
+    sheet = Image.new("RGB", (len(found) * (width + GAP) - GAP, height), "white")
+    for index, picture in enumerate(found):
+        small = picture.resize((width, round(picture.height * width / picture.width)))
+        sheet.paste(small, (index * (width + GAP), 0))
+    FOLDER.mkdir(exist_ok=True)
+    sheet.save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
+
+
+def lens(folder: Path) -> None:
+    """The demo's photo as a lens would have taken it, and that photo undistorted."""
+    case = demo_case()
+    photo = load_photo(case.photo)
+    camera = load_pose(case.truth, photo.width, photo.height).pose.camera
+    assert isinstance(camera, Perspective)
+    # A longer lens than the demo's, so that its photo has nothing to show beyond the demo's.
+    camera = replace(camera, fx=1.15 * camera.fx, fy=1.15 * camera.fy)
+    known = load_pose(case.truth, photo.width, photo.height).pose.camera
+    assert isinstance(known, Perspective)
+    undistortion = Undistortion(LENS, camera, known)
+    rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
+    points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    where = undistortion.from_taken(points).reshape(*rows.shape, 2).astype(np.float32) - 0.5
+    taken = cv2.remap(photo.pixels, where[..., 0], where[..., 1], cv2.INTER_CUBIC)
+    Image.fromarray(taken).save(folder / "taken.png")
+    write_calibration(folder / "camera.yml", camera)
+    run("undistort", folder / "taken.png", "--calibration", folder / "camera.yml",
+        "--out", folder / "flat.png")  # fmt: skip
+    save("lens", folder / "taken.png", folder / "flat.png")
+
+
+def write_calibration(path: Path, camera: Perspective) -> None:
+    """As OpenCV's calibration sample writes it: pixel centres at integers."""
+    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]])
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", LENS.array.reshape(-1, 1))
+    storage.release()
+
+
+def export(folder: Path) -> None:
+    """The model's vertices, drawn by OpenCV from the file that ``convert`` wrote for it."""
+    case = demo_case()
+    run("convert", case.truth, "--to", "opencv", folder / "pose.yml")
+    storage = cv2.FileStorage(str(folder / "pose.yml"), cv2.FILE_STORAGE_READ)
+    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
+    rvec, tvec, matrix, distortion = (storage.getNode(field).mat() for field in fields)
+    points = np.ascontiguousarray(load_mesh(case.model).vertices[::7])
+    seen, _ = cv2.projectPoints(points, rvec, tvec, matrix, distortion)
+    picture = np.array(Image.open(case.photo).convert("RGB"))
+    for x, y in np.rint(seen[:, 0]).astype(int):
+        cv2.circle(picture, (int(x), int(y)), 1, (255, 220, 0), -1)
+    save("export", picture)
+
+
+def pairs(folder: Path) -> None:
+    """Four places on the demo's photo, to a pixel, and the start that they give."""
+    case = demo_case()
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    found = [surface_point(mesh, truth, spot) for spot in SPOTS]
+    points = np.array([point for point in found if point is not None])
+    pixels = np.rint(truth.project(points))
+    material = Material(photo, mesh, None)
+    start = start_from_pairs(material, PointPairs(points, pixels), StartCamera(focal_px=1333.0))
+    save_pose(folder / "start.json", PoseRecord(start.pose))
+    run("overlay", case.photo, case.model, "--pose", folder / "start.json",
+        "--out", folder / "start.png", "--quiet")  # fmt: skip
+    marked = np.array(photo.as_rgb8(photo.width, photo.height))
+    for number, (x, y) in enumerate(pixels.astype(int).tolist(), 1):
+        cv2.drawMarker(marked, (x, y), (255, 220, 0), cv2.MARKER_CROSS, 34, 4)
+        cv2.putText(marked, str(number), (x + 14, y - 12), cv2.FONT_HERSHEY_SIMPLEX, 1.3,
+                    (255, 220, 0), 4)  # fmt: skip
+    save("pairs", marked, folder / "start.png")
+
+
+def looks(folder: Path) -> None:
+    """The demo's start, and the residual at its true pose."""
+    case = demo_case()
+    jobs = (("start", case.start, "outline"), ("residual", case.truth, "residual"))
+    for name, pose, look in jobs:
+        run("overlay", case.photo, case.model, "--pose", pose, "--look", look,
+            "--out", folder / f"{name}.png", "--quiet")  # fmt: skip
+    save("library", folder / "start.png", folder / "residual.png")
+
+
+def report(folder: Path) -> None:
+    """The report of a batch of two rows, one of which fails, as a browser shows it."""
+    from tests.viewer.browser import open_browser
+
+    case = demo_case()
+    with (folder / "jobs.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["photo", "model", "start"])
+        rows.writerow(["001.jpg", "car.glb", "start.json"])
+        rows.writerow(["002.jpg", "car.glb", "start.json"])
+    keypoints = case.model.with_suffix(".keypoints.json")
+    files = {"001.jpg": case.photo, "car.glb": case.model, "start.json": case.start}
+    for name, path in (files | {"car.keypoints.json": keypoints}).items():
+        (folder / name).write_bytes(path.read_bytes())
+    (folder / "002.jpg").write_text("not a photo")
+    poseviewer(["batch", str(folder / "jobs.csv"), "--out", str(folder / "results"),
+                "--evaluations", "100", "--processes", "1", "--quiet"])  # fmt: skip
+    with open_browser() as browser:
+        page = browser.new_page(viewport={"width": 1000, "height": 520})
+        page.goto((folder / "results" / "report.html").as_uri())
+        page.wait_for_load_state()
+        save("report", shot_of(page))
+
+
+def quick_start(folder: Path) -> None:
+    """Wheels that the app found in a region, in a real browser."""
+    from tests.viewer.app_process import AppProcess
+    from tests.viewer.browser import AppPage, open_browser
+
+    case, photo = demo_case(), (960, 720)
+    with open_browser() as browser, AppProcess(folder, case.photo, case.model) as process:
+        tab = AppPage(browser, process.url, (1400, 800))
+        tab.wait_for_text("at this pose")
+        tab.page.get_by_text("Quick start", exact=True).click()
+        tab.page.get_by_role("button", name="Find wheels: draw a region").click()
+        tab.wait_for_text("drag a rectangle on the photo")
+        tab.drag(*REGION, photo)
+        tab.page.get_by_role("button", name="Find wheels in the region").click()
+        tab.wait_for_text("10 of 10 points on the rims")
+        tab.page.wait_for_timeout(5000)
+        save("quick_start_wheels", shot_of(tab.page))
+
+
+def shot_of(page: object) -> np.ndarray:
+    """What a page shows, (height, width, 3)."""
+    data = page.screenshot()  # type: ignore[attr-defined]
+    return np.asarray(Image.open(BytesIO(data)).convert("RGB"))
+
+
+PICTURES = {
+    "lens": lens,
+    "export": export,
+    "library": looks,
+    "pairs": pairs,
+    "report": report,
+    "quick_start_wheels": quick_start,
+}
+
+
+def main() -> None:
+    """Make the pictures that are named, or all."""
+    for name in sys.argv[1:] or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,234 @@
+"""Poses found through a lens: every number that is written says which photo it belongs to."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer import cli
+from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.colmap_model import read_colmap, write_colmap
+from poseviewer.files.formats.lens_models import colmap_lens, nerfstudio_lens
+from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
+from poseviewer.files.formats.opencv_file import write_opencv
+from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.table import FORMATS
+from poseviewer.files.photo_file import load_photo
+from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens, Undistortion, undistort
+from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
+from tests.files.formats.foreign import read_with
+from tests.files.formats.test_round_trip import ENDINGS, assert_same, contents
+
+K4 = (-0.2, 0.05, 0.001, -0.002)
+LENSES = {
+    "four": Lens("opencv", K4),
+    "five": Lens("opencv", (*K4, 0.01)),
+    "eight": Lens("opencv", (*K4, 0.01, 0.02, -0.03, 0.004)),
+    "prism": Lens("opencv", (*K4, 0.01, 0.02, -0.03, 0.004, 0.001, 0.0, 0.002, 0.0)),
+    "fisheye": Lens("fisheye", (0.05, -0.01, 0.002, -0.0003)),
+}
+TAKEN = Perspective(300.0, 270.0, 112.0, 66.0, WIDTH, HEIGHT)
+
+
+def record_through(lens: Lens, zoom: float = 0.9) -> PoseRecord:
+    record = perspective_record()
+    undistortion = Undistortion.of(lens, TAKEN, zoom)
+    pose = replace(record.pose, camera=undistortion.camera)
+    return replace(record, pose=pose, undistortion=undistortion)
+
+
+def seen_as_taken(record: PoseRecord, points: np.ndarray) -> np.ndarray:
+    """Where the photo as taken shows points of the model, as poseviewer knows it."""
+    assert record.undistortion is not None
+    return record.undistortion.to_taken(record.pose.project(points))
+
+
+def written(name: str, record: PoseRecord, folder: Path, more: str = "") -> int:
+    save_pose(folder / "pose.json", record)
+    out = folder / f"out.{ENDINGS.get(name, 'yml')}"
+    return cli.main(["convert", str(folder / "pose.json"), str(out), "--to", name, *more.split()])
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
+def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
+    mesh, request = write_files(tmp_path)
+    record = record_through(lens)
+    write_opencv(record, tmp_path / "pose.yml", request)
+    storage = cv2.FileStorage(str(tmp_path / "pose.yml"), cv2.FILE_STORAGE_READ)
+    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
+    rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
+    is_fisheye = storage.getNode("fisheye_model").isInt()
+    assert is_fisheye == (lens.model == "fisheye")
+    points = mesh.vertices[:, None]
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
+    seen, _ = project(points, rvec, tvec, camera, distortion)
+    expected = seen_as_taken(record, mesh.vertices)
+    np.testing.assert_allclose(seen[:, 0] + 0.5, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["four", "eight", "fisheye"])
+def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, name):
+    mesh, request = write_files(tmp_path)
+    record = record_through(LENSES[name])
+    write_colmap(record, tmp_path / "model", request)
+    points = tmp_path / "points.json"
+    points.write_text(json.dumps(mesh.vertices[:50].tolist()))
+    answer = read_with(
+        "pycolmap", tmp_path / "model", points, request.photo, out=tmp_path / "out.json"
+    )
+    expected = seen_as_taken(record, mesh.vertices[:50])
+    np.testing.assert_allclose(answer["points"], expected, rtol=0.0, atol=1e-8)
+    assert answer["name"] == "000003.png"
+
+
+@pytest.mark.parametrize("name", ["four", "five", "fisheye"])
+def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
+    """By what its dataloader does: ``k1 k2 p1 p2 k3`` to OpenCV, the centre half a pixel less."""
+    _, request = write_files(tmp_path)
+    record = record_through(LENSES[name])
+    write_nerfstudio(record, tmp_path / "transforms.json", request)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    k = {key: data.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
+    camera = np.array([[data["fl_x"], 0, data["cx"] - 0.5], [0, data["fl_y"], data["cy"] - 0.5],
+                       [0, 0, 1.0]])  # fmt: skip
+    pixels = np.array([[[20.0, 15.0]], [[150.0, 110.0]], [[100.0, 70.0]]])
+    if data["camera_model"] == "OPENCV_FISHEYE":
+        coefficients = np.array([k["k1"], k["k2"], k["k3"], k["k4"]])
+        rays = cv2.fisheye.undistortPoints(pixels, camera, coefficients)
+    else:
+        assert k["k4"] == 0.0
+        coefficients = np.array([k["k1"], k["k2"], k["p1"], k["p2"], k["k3"]])
+        enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+        rays = cv2.undistortPoints(pixels, camera, coefficients, criteria=enough)
+    assert record.undistortion is not None
+    ours = record.undistortion.from_taken(pixels[:, 0] + 0.5)
+    expected = record.undistortion.camera.rays(ours)[:, :2]
+    np.testing.assert_allclose(rays[:, 0], expected, atol=1e-6)
+
+
+def test_what_a_tool_has_not_is_not_said():
+    assert colmap_lens(LENSES["prism"]) is None
+    assert nerfstudio_lens(LENSES["eight"]) is None
+    assert colmap_lens(LENSES["four"]) == ("OPENCV", K4)
+    _, request = Path(), Request()
+    with pytest.raises(PoseFileError, match="cannot hold its lens"):
+        write_colmap(record_through(LENSES["prism"]), Path("none"), request)
+
+
+@pytest.mark.parametrize("name", [n for n in FORMATS if FORMATS[n].read])
+@pytest.mark.parametrize("lens", ["five", "fisheye"])
+def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
+    _, request = write_files(tmp_path)
+    record = record_through(LENSES[lens], zoom=1.0)
+    if FORMATS[name].held(record) is None:
+        with pytest.raises(PoseFileError, match="--undistorted-photo"):
+            FORMATS[name].write(record, tmp_path / f"out.{ENDINGS[name]}", request)
+        return
+    out = tmp_path / f"out.{ENDINGS.get(name, 'yml')}"
+    FORMATS[name].write(record, out, request)
+    read = FORMATS[name].read
+    assert read is not None
+    found = read(out, request)
+    assert_same(found, record)
+    assert found.undistortion is not None
+    model, k = found.undistortion.lens.model, found.undistortion.lens.coefficients
+    assert model == LENSES[lens].model
+    length = len(LENSES[lens].coefficients)
+    np.testing.assert_allclose(k[:length], LENSES[lens].coefficients, atol=1e-12)
+    assert not any(k[length:])
+
+
+@pytest.mark.parametrize("name", ["bop", "gltf", "blender", "meshlab"])
+def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, capsys, name):
+    _, request = write_files(tmp_path)
+    record = record_through(LENSES["five"])
+    assert written(name, record, tmp_path) == 0
+    said = capsys.readouterr().out
+    photo = tmp_path / ("out.scene/rgb/000003.png" if name == "bop" else "000003.undistorted.png")
+    assert f"All numbers belong to {photo.name}, the undistorted photo" in said
+    assert f"undistorted photo: {photo}" in said
+    assert request.photo is not None
+    assert record.undistortion is not None
+    expected, _ = undistort(load_photo(request.photo).pixels, record.undistortion)
+    np.testing.assert_array_equal(load_photo(photo).pixels, expected)
+    if name in ("blender", "meshlab"):
+        out = (tmp_path / f"out.{ENDINGS[name]}").read_text()
+        assert "000003.undistorted.png" in out
+        assert "000003.png" not in out
+    # The same photo is used again, and the photo as taken is not touched.
+    assert written(name, record, tmp_path, "--overwrite" if name != "bop" else "") == 0
+
+
+def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
+    write_files(tmp_path)
+    record = record_through(LENSES["five"], zoom=0.8)
+    out = f"--undistorted-photo {tmp_path / 'flat.png'}"
+    assert written("colmap", record, tmp_path, out) == 0
+    found = read_colmap(tmp_path / "out.model", Request())
+    assert found.undistortion is None
+    assert_same(found, record)
+    assert found.photo is not None
+    assert found.photo.file == "flat.png"
+    assert written("poseviewer", record, tmp_path, out) == 0
+    own = load_pose(tmp_path / "out.json", WIDTH, HEIGHT)
+    assert own.undistortion is None
+    assert own.photo is not None
+    assert own.photo.sha256 == load_photo(tmp_path / "flat.png").sha256
+
+
+def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path, capsys):
+    write_files(tmp_path)
+    record = record_through(LENSES["five"])
+    camera = record.pose.camera
+    assert isinstance(camera, Perspective)
+    found = replace(record, pose=replace(record.pose, camera=replace(camera, fx=333.0, fy=299.7)))
+    assert written("opencv", found, tmp_path) == 0
+    assert "000003.undistorted.png" in capsys.readouterr().out
+    text = (tmp_path / "out.yml").read_text()
+    assert "333." in text
+    assert "[ 0., 0., 0., 0., 0. ]" in text
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("--undistorted-photo PHOTO", "the photo as taken, which is never replaced"),
+        ("--undistorted-photo OTHER", "is there already and was not touched"),
+        ("--undistorted-photo NONE/a.png", "NONE"),
+        ("--photo OTHER", "it is for a photo of 200x150 px"),
+    ],
+)
+def test_mistakes_write_nothing(tmp_path, capsys, more, says):
+    _, request = write_files(tmp_path)
+    other = tmp_path / "other.png"
+    cv2.imwrite(str(other), np.zeros((10, 10, 3), np.uint8))
+    names = {"PHOTO": str(request.photo), "OTHER": str(other), "NONE": str(tmp_path / "NONE")}
+    for word, path in names.items():
+        more = more.replace(word, path)
+    save_pose(tmp_path / "pose.json", record_through(LENSES["five"]))
+    before = contents(tmp_path)
+    assert written("blender", record_through(LENSES["five"]), tmp_path, more) == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+def test_a_photo_that_is_not_known_or_has_no_lens_is_said(tmp_path, capsys):
+    record = record_through(LENSES["five"])
+    assert written("bop", record, tmp_path) == 2
+    assert "add --photo FILE" in capsys.readouterr().err
+    write_files(tmp_path)
+    more = f"--undistorted-photo {tmp_path / 'a.png'}"
+    assert written("opencv", perspective_record(), tmp_path, more) == 2
+    assert "without a lens" in capsys.readouterr().err
+    # A file that cannot be written leaves no photo behind.
+    assert written("gltf", replace(record, model=None), tmp_path) == 2
+    assert not (tmp_path / "000003.undistorted.png").exists()
