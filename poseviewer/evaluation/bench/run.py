@@ -17,6 +17,7 @@ from poseviewer.evaluation.bench.searches import (
     time_first_maps,
     time_fit,
     time_maps,
+    time_method,
 )
 from poseviewer.evaluation.bench.timing import Row, measure
 from poseviewer.render.many import processors
@@ -149,4 +150,7 @@ def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime
         if letter in letters:
             tell(f"searching on path {letter}, for {limit:.0f} s at most")
             fits.append(time_fit(demo, letter, limit))
+    tell(f"fitting by both methods, for {plan.fit_limit_s:.0f} s at most each")
+    fits.append(time_method(demo, "default", processors(), plan.fit_limit_s))
+    fits.append(time_method(demo, "paper", 1, plan.fit_limit_s))  # one after another by its nature
     return fits

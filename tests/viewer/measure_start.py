@@ -1,0 +1,53 @@
+"""How long the app takes to start: ``python -m tests.viewer.measure_start``.
+
+Twice, on the bundled demo: with no kernel compiled, as after the installation, and once more. Each
+time from the start of the process to its address, to the page, and to the first outline in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+
+from tests.viewer.app_process import AppProcess
+from tests.viewer.socket_page import OUTLINE, SocketPage
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--starts", type=int, default=2, help="the first has nothing compiled")
+    starts = parser.parse_args().starts
+    load = os.getloadavg()[0]
+    print(f"{os.cpu_count()} processors, load {load:.1f} at the start")
+    with tempfile.TemporaryDirectory() as name:
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(name) / "kernels")
+        for start in range(starts):
+            folder = Path(name) / str(start)
+            folder.mkdir()
+            address, page, outline, said = measure(folder)
+            kind = "first" if start == 0 else "again"
+            print(f"{kind}: address {address:.1f} s, page {page:.1f} s, outline {outline:.1f} s")
+            print(*(f"    {line}" for line in said), sep="\n")
+
+
+def measure(folder: Path) -> tuple[float, float, float, list[str]]:
+    """Seconds until the address, the page and the outline were there; what was printed."""
+    began = time.perf_counter()
+    with AppProcess(folder) as app:
+        address = time.perf_counter() - began
+        with urllib.request.urlopen(app.url) as answer:
+            assert b"<html" in answer.read().lower()
+        page = time.perf_counter() - began
+        with SocketPage(app.url) as socket:
+            socket.wait_until(lambda: socket.is_shown(OUTLINE))
+            outline = time.perf_counter() - began
+        return address, page, outline, list(app.lines)
+
+
+if __name__ == "__main__":
+    main()
