@@ -122,11 +122,12 @@ def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
         close()
 
 
-def time_method(demo: Demo, method: Method, threads: int, limit_s: float) -> FitTime:
-    """What ``fit --method`` does on the demo, on all ``threads`` where the method knows several."""
+def time_method(
+    demo: Demo, renderer: SoftwareRenderer, method: Method, threads: int, limit_s: float
+) -> FitTime:
+    """What ``fit --method`` does on the demo; ``renderer`` is of its model."""
     settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
     problem, _ = make_problem(demo.registration, settings)
-    renderer = SoftwareRenderer(demo.registration.mesh)
     return _timed(demo, problem, renderer, (method, "d" if threads == 1 else "e", threads))
 
 
