@@ -120,11 +120,13 @@ class Case:
         seconds: float | None = None,
         evaluations: int | None = None,
         watch: Watch | None = None,
+        threads: int = 1,
     ) -> FitResult:
         """Search from the start to the end, or to a limit (default: the settings' own).
 
         ``watch`` is called with a ``FitProgress`` after every evaluation; whatever it raises ends
-        the search.
+        the search. With more ``threads`` the same search takes less time, where poses can be
+        judged side by side.
         """
         limits = self.problem.limits
         limits = Limits(
@@ -132,7 +134,7 @@ class Case:
             limits.seconds if seconds is None else seconds,
         )
         progress: FitProgress | None = None
-        for progress in fit_pose(replace(self.problem, limits=limits), self.renderer):
+        for progress in fit_pose(replace(self.problem, limits=limits), self.renderer, threads):
             if watch is not None:
                 watch(progress)
         assert progress is not None  # a fit yields at least once

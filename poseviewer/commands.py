@@ -52,7 +52,7 @@ from poseviewer.registration import (
     make_renderer,
 )
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.many import RendererPool
+from poseviewer.render.many import RendererPool, processors
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -302,7 +302,7 @@ def _search(problem: FitProblem, renderer: Renderer, quiet: bool) -> FitProgress
     latest: FitProgress | None = None
     with _bar(None, quiet) as bar:
         try:
-            for latest in fit_pose(problem, renderer):
+            for latest in fit_pose(problem, renderer, processors()):
                 bar.set_description_str(
                     f"restart {latest.restart}, loss {latest.loss:.5f}", refresh=False
                 )

@@ -20,6 +20,7 @@ from poseviewer.registration import (
     make_problem,
     make_renderer,
 )
+from poseviewer.render.many import processors
 
 Box = tuple[int, int, int, int]
 Watch = Callable[[str, FitProgress], Any]
@@ -119,7 +120,8 @@ def _fitted(
 ) -> Candidate:
     problem, _ = make_problem(registration, settings, mask)
     progress: FitProgress | None = None
-    for progress in fit_pose(problem, make_renderer(registration.mesh, settings.renderer)):
+    renderer = make_renderer(registration.mesh, settings.renderer)
+    for progress in fit_pose(problem, renderer, processors()):
         if watch is not None:
             watch(registration.mesh_name, progress)
     assert progress is not None  # a fit yields at least once

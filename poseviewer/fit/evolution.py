@@ -7,7 +7,7 @@ better half of them. A simplex sees what is around it; the cloud sees the shape 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ class EvolutionRules:
 
 
 def evolve(
-    objective: Callable[[FloatArray], float],
+    objective: Callable[[Sequence[FloatArray]], Iterator[float]],
     start: FloatArray,
     spans: FloatArray,
     rules: EvolutionRules,
@@ -42,15 +42,19 @@ def evolve(
     """Search from ``start`` (d,); yields after every evaluation the d + 1 best points of the
     generation so far, the best of all first, and once more at the end (``converged``).
 
-    The same arguments give the same search.
+    ``objective`` gives the losses of points, in their order: a whole generation is asked for at
+    once, so that several can be judged at a time. The same arguments give the same search.
     """
     size = len(start)
     cloud = _Cloud(size, rules, np.random.default_rng(seed))
 
-    def judged(offset: FloatArray) -> float:
-        return objective(start + spans * offset) + rules.nearness * float(offset @ offset)
+    def judged(offsets: FloatArray) -> Iterator[float]:
+        losses = objective([start + spans * offset for offset in offsets])
+        for offset, loss in zip(offsets, losses, strict=True):
+            yield loss + rules.nearness * float(offset @ offset)
 
-    best, value = start, judged(np.zeros(size))
+    (value,) = judged(np.zeros((1, size)))
+    best = start
     corners = np.tile(start, (size + 1, 1))
     values = np.full(size + 1, np.inf)
     values[0] = value
@@ -58,10 +62,10 @@ def evolve(
     for _ in range(rules.generations):
         offsets = cloud.draw()
         losses = np.full(len(offsets), np.inf)
-        for index, offset in enumerate(offsets):
-            losses[index] = judged(offset)
-            if losses[index] < value:
-                best, value = start + spans * offset, float(losses[index])
+        for index, loss in enumerate(judged(offsets)):
+            losses[index] = loss
+            if loss < value:
+                best, value = start + spans * offsets[index], loss
             order = np.argsort(losses)[:size]
             corners[0], corners[1:] = best, start + spans * offsets[order]
             values[0], values[1:] = value, losses[order]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poseviewer.fit.loss import whitening
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.moments import Moments
+from poseviewer.render.whitening import whitening
 
 
 @dataclass(frozen=True, slots=True, eq=False)

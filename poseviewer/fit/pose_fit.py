@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -22,6 +22,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.levels import Level
+from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes
 
 Method = Literal["default", "paper"]
@@ -141,19 +142,21 @@ def _loss(
     return registration_loss(moments)
 
 
-def fit_pose(problem: FitProblem, renderer: Renderer) -> Iterator[FitProgress]:
+def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Iterator[FitProgress]:
     """Search from the problem's start, coarse to fine; yields after every evaluation, the outcome
     last.
 
-    To stop it, stop asking. Deterministic but for ``Limits.seconds``.
+    To stop it, stop asking. Deterministic but for ``Limits.seconds``: also, poses that are judged
+    on several ``threads`` at a time, where the search knows several, are the same ones.
     """
-    for progress in _Search(problem, renderer).run():
+    for progress in _Search(problem, renderer, threads).run():
         yield progress
         if progress.status is not Status.RUNNING:
             return
 
 
-def _stages(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Stage, ...]:
+def stages_of(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Stage, ...]:
+    """The stages that a search from ``start`` goes through."""
     if problem.method == "paper":
         return paper_stages(problem.photo, renderer, problem.rules)
     return make_stages(problem.photo, renderer, start, problem.rules)
@@ -162,8 +165,8 @@ def _stages(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Stage
 class _Search:
     """A search under way: what has been spent, and the best pose on the photo itself."""
 
-    def __init__(self, problem: FitProblem, renderer: Renderer) -> None:
-        self._problem = problem
+    def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
+        self._problem, self._threads = problem, threads
         self._photo = Level(1, problem.photo, renderer)
         self._began = time.perf_counter()
         self._evaluations, self._restart = 0, 0
@@ -175,7 +178,7 @@ class _Search:
         """Progress after every evaluation, and once more at the end of every descent."""
         problem = self._problem
         renderer = self._photo.renderer
-        for stage in _stages(problem, renderer, self._pose):
+        for stage in stages_of(problem, renderer, self._pose):
             yield from (self._on_the_photo if stage.tells_the_loss else self._coarsely)(stage)
             self._restart += 1
 
@@ -205,12 +208,14 @@ class _Search:
     def _states(self, stage: Stage) -> Iterator[SearchState]:
         problem, before, rules = self._problem, self._restart, stage.rules
         spans = problem.chart.spans(problem.start)[problem.free_indices]
-        search = self._objective(stage.level), self._best, spans
+        search = self._best, spans
         if isinstance(rules, EvolutionRules):
-            for cloud in evolve(*search, rules, problem.seed):
-                yield SearchState(cloud.vertices[0], float(cloud.values[0]), cloud, before)
+            with RendererPool(stage.level.renderer, self._threads) as pool:
+                objective = self._of_many(stage.level.photo, pool)
+                for cloud in evolve(objective, *search, rules, problem.seed):
+                    yield SearchState(cloud.vertices[0], float(cloud.values[0]), cloud, before)
             return
-        for state in restarted_simplex(*search, rules, problem.seed):
+        for state in restarted_simplex(self._objective(stage.level), *search, rules, problem.seed):
             self._restart = before + state.restart
             yield state
 
@@ -221,6 +226,21 @@ class _Search:
             self._evaluations += 1
             numbers = problem.complete(free_numbers)
             return _loss(problem, level.photo, level.renderer, numbers)
+
+        return objective
+
+    def _of_many(
+        self, photo: PhotoAttributes, pool: RendererPool
+    ) -> Callable[[Sequence[FloatArray]], Iterator[float]]:
+        problem = self._problem
+
+        def loss(renderer: Renderer, numbers: FloatArray) -> float:
+            return _loss(problem, photo, renderer, numbers)
+
+        def objective(points: Sequence[FloatArray]) -> Iterator[float]:
+            for found in pool.map(loss, [problem.complete(point) for point in points]):
+                self._evaluations += 1
+                yield found
 
         return objective
 

@@ -30,12 +30,15 @@ def _sample(texels, offset, width, height, u, v):
     y = (1.0 - (v - math.floor(v))) * height - 0.5
     x0, y0 = math.floor(x), math.floor(y)
     fx, fy = x - x0, y - y0
-    left, right = int(x0) % width, (int(x0) + 1) % width
-    top, bottom = offset + int(y0) % height * width, offset + (int(y0) + 1) % height * width
+    left, upper = int(x0), int(y0)  # from -1 on: divisions would cost more than all the rest
+    right, lower = left + 1, upper + 1
+    left, right = left if left >= 0 else width - 1, right if 0 <= right < width else 0
+    upper, lower = upper if upper >= 0 else height - 1, lower if 0 <= lower < height else 0
+    top, bottom = offset + upper * width, offset + lower * width
     a, b = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy)
     c, d = (1.0 - fx) * fy, fx * fy
-    p, q = texels[top + left], texels[top + right]
-    r, s = texels[bottom + left], texels[bottom + right]
+    p, q = texels[np.uint64(top + left)], texels[np.uint64(top + right)]
+    r, s = texels[np.uint64(bottom + left)], texels[np.uint64(bottom + right)]
     return (
         a * p[0] + b * q[0] + c * r[0] + d * s[0],
         a * p[1] + b * q[1] + c * r[1] + d * s[1],
@@ -55,11 +58,9 @@ def _project(vertices, camera, index):
 
 
 @_jit
-def _texture_level(vertices, camera, vertex_data, a, b, c, width, height, levels):
+def _texture_level(one, two, three, vertex_data, a, b, c, width, height, levels):
     """Mip level of a face: half the log2 of texels per pixel, rounded, from the two areas."""
-    xa, ya, wa = _project(vertices, camera, a)
-    xb, yb, wb = _project(vertices, camera, b)
-    xc, yc, wc = _project(vertices, camera, c)
+    (xa, ya, wa), (xb, yb, wb), (xc, yc, wc) = one, two, three
     if wa <= 0.0 or wb <= 0.0 or wc <= 0.0:
         return 0
     ax, ay, bx, by, cx, cy = xa / wa, ya / wa, xb / wb, yb / wb, xc / wc, yc / wc
@@ -75,19 +76,43 @@ def _texture_level(vertices, camera, vertex_data, a, b, c, width, height, levels
 
 
 @_jit
-def _shares(u, v, vertices, camera, a, b, c):
-    """The point of face (a, b, c) at (u, v): three shares that sum to 1.
+def _edge(one, two):
+    """(p, q, r): the edge through two corners is ``p + q u + r v``, 0 on it."""
+    (xa, ya, wa), (xb, yb, wb) = one, two
+    return xa * yb - xb * ya, wb * ya - wa * yb, wa * xb - wb * xa
 
-    With homogeneous corners and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` they are
-    ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic (Olano and Greer, *Triangle scan conversion using 2D
-    homogeneous coordinates*, 1997), also where the face reaches behind the camera.
+
+@_jit
+def _set_up(face, surface, camera, textures):
+    """What all pixels of a face share: corners, edges, and offset, width, height of its texture.
+
+    With homogeneous corners and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` the shares of a point
+    are ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic, linear in u and v (Olano and Greer, *Triangle scan
+    conversion using 2D homogeneous coordinates*, 1997), also where the face reaches behind the
+    camera. Without a texture the offset is -1.
     """
-    xa, ya, wa = _project(vertices, camera, a)
-    xb, yb, wb = _project(vertices, camera, b)
-    xc, yc, wc = _project(vertices, camera, c)
-    xa, ya, xb, yb = xa - u * wa, ya - v * wa, xb - u * wb, yb - v * wb
-    xc, yc = xc - u * wc, yc - v * wc
-    la, lb, lc = xb * yc - xc * yb, xc * ya - xa * yc, xa * yb - xb * ya
+    vertices, faces, vertex_data, face_texture = surface
+    _, table = textures
+    f = np.uint32(face)
+    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+    one, two = _project(vertices, camera, a), _project(vertices, camera, b)
+    three = _project(vertices, camera, c)
+    edges = _edge(two, three), _edge(three, one), _edge(one, two)
+    texture = face_texture[f]
+    offset, width, height = np.int64(-1), np.int64(1), np.int64(1)
+    if texture >= 0:
+        size = table[texture, 0, 1], table[texture, 0, 2]
+        level = _texture_level(one, two, three, vertex_data, a, b, c, *size, table.shape[1])
+        offset, width = np.int64(table[texture, level, 0]), np.int64(table[texture, level, 1])
+        height = np.int64(table[texture, level, 2])
+    return (a, b, c), edges, (offset, width, height)
+
+
+@_jit
+def _shares(u, v, edges):
+    """The point of a face at (u, v): three shares that sum to 1."""
+    (pa, qa, ra), (pb, qb, rb), (pc, qc, rc) = edges
+    la, lb, lc = pa + qa * u + ra * v, pb + qb * u + rb * v, pc + qc * u + rc * v
     side = 1.0 if la + lb + lc > 0.0 else -1.0
     # Snapping may put the pixel centre just outside the exact triangle: stay on it.
     la, lb, lc = max(side * la, 0.0), max(side * lb, 0.0), max(side * lc, 0.0)
@@ -98,50 +123,32 @@ def _shares(u, v, vertices, camera, a, b, c):
 
 
 @_jit
-def _reflectance(u, v, face, level, surface, camera, textures):
-    """RGB of a face whose reflectance varies: vertex colour, times the texture's, if any."""
-    vertices, faces, vertex_data, face_texture = surface
-    texels, table = textures
-    f = np.uint32(face)
-    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-    la, lb, lc = _shares(u, v, vertices, camera, a, b, c)
-    red = la * vertex_data[a, 3] + lb * vertex_data[b, 3] + lc * vertex_data[c, 3]
-    green = la * vertex_data[a, 4] + lb * vertex_data[b, 4] + lc * vertex_data[c, 4]
-    blue = la * vertex_data[a, 5] + lb * vertex_data[b, 5] + lc * vertex_data[c, 5]
-    texture = face_texture[f]
-    if texture < 0:
+def _reflectance(u, v, vertex_data, texels, corners, edges, texture):
+    """RGB at (u, v) of a face that is set up: vertex colour, times the texture's, if any."""
+    la, lb, lc = _shares(u, v, edges)
+    a, b, c = vertex_data[corners[0]], vertex_data[corners[1]], vertex_data[corners[2]]
+    red = la * a[3] + lb * b[3] + lc * c[3]
+    green = la * a[4] + lb * b[4] + lc * c[4]
+    blue = la * a[5] + lb * b[5] + lc * c[5]
+    offset, width, height = texture
+    if offset < 0:
         return red, green, blue
-    s = la * vertex_data[a, 6] + lb * vertex_data[b, 6] + lc * vertex_data[c, 6]
-    t = la * vertex_data[a, 7] + lb * vertex_data[b, 7] + lc * vertex_data[c, 7]
-    width, height = table[texture, level, 1], table[texture, level, 2]
-    r, g, b_ = _sample(texels, table[texture, level, 0], width, height, s, t)
+    s, t = la * a[6] + lb * b[6] + lc * c[6], la * a[7] + lb * b[7] + lc * c[7]
+    r, g, b_ = _sample(texels, offset, width, height, s, t)
     return red * r, green * g, blue * b_
 
 
 @_jit
-def _level_of(face, surface, camera, textures):
-    """Mip level of a face, 0 if it has no texture."""
-    vertices, faces, vertex_data, face_texture = surface
-    _, table = textures
-    f = np.uint32(face)
-    texture = face_texture[f]
-    if texture < 0:
-        return 0
-    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-    width, height = table[texture, 0, 1], table[texture, 0, 2]
-    return _texture_level(vertices, camera, vertex_data, a, b, c, width, height, table.shape[1])
-
-
-@_jit
-def shade(box, ids, planes, colours, rotation, surface, camera, textures, reflectance, normals):
+def shade(box, ids, planes, colours, rotation, of_model, reflectance, normals):
     """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures.
 
-    ``surface`` is (vertices (3, V), faces (F, 3), vertex data (V, 8) float32: normal, RGB, UV, and
-    texture of each face (F,)). ``textures`` as ``flatten_textures`` gives them.
+    ``of_model`` is (surface, camera, textures): the surface (vertices (3, V), faces (F, 3), vertex
+    data (V, 8) float32: normal, RGB, UV, and texture of each face (F,)), the textures as
+    ``flatten_textures`` gives them.
     """
-    left, top, right, bottom = box
+    (left, top, right, bottom), (surface, camera, textures) = box, of_model
     for row in range(top, bottom):
-        last, level = -1, 0
+        last = -1
         for column in range(left, right):
             face = ids[row, column]
             if face < 0:
@@ -159,9 +166,9 @@ def shade(box, ids, planes, colours, rotation, surface, camera, textures, reflec
                 )
             if plane[VARIES] > 0.0:
                 if face != last:
-                    last, level = face, _level_of(face, surface, camera, textures)
+                    last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
                 colour = _reflectance(
-                    column + 0.5, row + 0.5, face, level, surface, camera, textures
+                    column + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture
                 )
                 for k in range(3):
                     reflectance[row, column, k] = colour[k]
@@ -191,16 +198,19 @@ def _fill_plain(row, first, faces, planes, colours, count, normals, run, at_mode
 
 
 @_jit
-def _fill_varied(row, first, faces, planes, grey, surface, camera, textures, count, run, at_model):
+def _fill_varied(row, first, faces, planes, grey, of_model, count, run, at_model):
     """The reflectance of those of a row's pixels whose face's reflectance varies."""
-    last, level = np.int32(-1), 0
+    surface, camera, textures = of_model
+    last = np.int32(-1)
     for k in range(faces.shape[0]):
         face = faces[k]
         if face < 0 or planes[face, VARIES] == 0.0:
             continue
         if face != last:
-            last, level = face, _level_of(face, surface, camera, textures)
-        r, g, b = _reflectance(first + k + 0.5, row + 0.5, face, level, surface, camera, textures)
+            last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
+        r, g, b = _reflectance(
+            first + k + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture
+        )
         if count == 1:
             run[at_model, k] = grey[0] * r + grey[1] * g + grey[2] * b
         else:
@@ -208,36 +218,73 @@ def _fill_varied(row, first, faces, planes, grey, surface, camera, textures, cou
 
 
 @_jit
-def accumulate(
-    box,
-    ids,
-    planes,
-    colours,
-    varies,
-    surface,
-    camera,
-    textures,
-    grey,
-    planar,
-    weights,
-    origin,
-    model,
-    normals,
-    weighted,
-    run,
-    first,
-    second,
-):
+def fill_planes(box, ids, of_faces, of_model, grey, room, spans, out):
+    """Attributes of all visible pixels inside ``box`` as planes, normals in the model's frame.
+
+    ``out`` (5 or 8, height + 2, width + 2): unit normals, grey reflectance, 1 where the model is,
+    and R, G, B; zeros elsewhere. ``spans`` (height, 2) are the columns of each row that hold all of
+    it, ends excluded; they and ``out`` are given as the last call left them. The others are as for
+    ``accumulate``.
+    """
+    (planes, colours, varies), (normals, _, run) = of_faces, room
+    count = 3 if out.shape[0] > 5 else 1
+    red, green, blue = np.float32(grey[0]), np.float32(grey[1]), np.float32(grey[2])
+    left, top, right, bottom = box
+    for row in range(spans.shape[0]):
+        begin, end = spans[row, 0], spans[row, 1]
+        for k in range(out.shape[0]):
+            out[k, row + 1, begin + 1 : end + 1] = np.float32(0.0)
+        begin, end = (left, right) if top <= row < bottom else (0, 0)
+        while begin < end and ids[row, begin] < 0:
+            begin += 1
+        while end > begin and ids[row, end - 1] < 0:
+            end -= 1
+        spans[row, 0], spans[row, 1] = begin, end
+        if begin == end:
+            continue
+        faces = ids[row, begin:end]
+        _fill_plain(row, begin, faces, planes, colours, count, normals, run, 0)
+        if varies:
+            _fill_varied(row, begin, faces, planes, grey, of_model, count, run, 0)
+        _write_planes(row + 1, begin + 1, faces, count, red, green, blue, normals, run, out)
+
+
+@_jit_sums
+def _write_planes(row, first, faces, count, red, green, blue, normals, run, out):
+    size, none = faces.shape[0], np.float32(0.0)
+    x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
+    nx, ny = out[0, row, first : first + size], out[1, row, first : first + size]
+    nz, covered = out[2, row, first : first + size], out[4, row, first : first + size]
+    for p in range(size):
+        square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
+        scale = np.float32(1.0) / math.sqrt(max(square, TINY))
+        nx[p], ny[p], nz[p] = scale * x[p], scale * y[p], scale * z[p]
+        covered[p] = np.float32(1.0) if faces[p] >= 0 else none
+    k, r, g, b = out[3, row, first : first + size], run[0, :size], run[4, :size], run[8, :size]
+    for p in range(size):
+        mixed = r[p] if count == 1 else red * r[p] + green * g[p] + blue * b[p]
+        k[p] = mixed if faces[p] >= 0 else none
+    for colour in range(3 if count == 3 else 0):
+        channel, value = out[5 + colour, row, first : first + size], run[4 * colour, :size]
+        for p in range(size):
+            channel[p] = value[p] if faces[p] >= 0 else none
+
+
+@_jit
+def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, first, second):
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
 
-    x = (F, M) - ``origin``: ``planar`` (n, height, width), ``model`` = m is 4 (grey, by the
-    weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the model, and the
-    products of F with F are left out. The normals in M are those of the model's frame. ``origin``
-    (n + m,) is given for F and set for M. ``normals`` (3, width) float32, ``weighted`` (width,)
-    float64 and ``run`` (n + 14, width) float32 are room for a row of pixels. Adds into ``first``
+    x = (F, M) - ``origin``: ``photo`` is (F (n, height, width), w (height, width)), ``model`` = m
+    is 4 (grey, by the weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the
+    model, and products of F with F are left out. Normals are those of the model's frame. ``origin``
+    (n + m,) is given for F and set for M. ``of_faces`` is (planes, colours, whether any reflectance
+    varies), ``of_model`` (surface, camera, textures), see ``shade``; ``room`` is for a row of
+    pixels: (3, width) float32, (width,) float64, (n + 14, width) float32. Adds into ``first``
     (n + m,) and ``second`` (n + m, n + m); returns how many pixels of positive weight there were,
     and their weight.
     """
+    (planes, colours, varies), (normals, weighted, run) = of_faces, room
+    planar, weights = photo
     n = planar.shape[0]
     count, whole = (1 if model < 12 else 3), model in (5, 13)
     at_model = 1 + n
@@ -259,28 +306,17 @@ def accumulate(
             continue
         _fill_plain(row, begin, faces, planes, colours, count, normals, run, at_model)
         if varies:
-            _fill_varied(
-                row, begin, faces, planes, grey, surface, camera, textures, count, run, at_model
-            )
+            _fill_varied(row, begin, faces, planes, grey, of_model, count, run, at_model)
         _fill_products(end - begin, count, normals, run, at_model)
-        if pixels == 0:
-            _set_origin(end - begin, weight, n, count, run, origin)
-        _centre(end - begin, n, count, run, origin)
+        _centre(end - begin, pixels == 0, weight, n, count, run, origin)
         _add_products(end - begin, n, count, whole, weighted, run, first, second)
         pixels += seen
         total += weight
-    if whole:
-        _copy_constant(n + model - 1, total, first, second)
+    if whole:  # sums with the attribute that is 1 on the model are those without it
+        second[-1] += first
+        first[-1] += total
+        second[-1, -1] += total
     return pixels, total
-
-
-@_jit
-def _copy_constant(last, total, first, second):
-    """Sums with the attribute that is 1 on the model: those without it."""
-    for j in range(last):
-        second[last, j] += first[j]
-    first[last] += total
-    second[last, last] += total
 
 
 @_jit_sums
@@ -326,23 +362,19 @@ def _fill_products(size, count, normals, run, at_model):
 
 
 @_jit_sums
-def _set_origin(size, weight, n, count, run, origin):
-    """The means of a row's model attributes as their origin.
+def _centre(size, is_first, weight, n, count, run, origin):
+    """Take model attributes about an origin: their means over the first row.
 
     Sums about it keep their digits where the model's attributes hardly vary.
     """
     used = run[0, :size]
     for j in range(n, n + 4 * count):
         row, total = run[1 + j, :size], np.float32(0.0)
-        for p in range(size):
-            total += used[p] * row[p]
-        origin[j] = np.float32(total / weight)
-
-
-@_jit_sums
-def _centre(size, n, count, run, origin):
-    for j in range(n, n + 4 * count):
-        row, mean = run[1 + j, :size], np.float32(origin[j])
+        if is_first:
+            for p in range(size):
+                total += used[p] * row[p]
+            origin[j] = np.float32(total / weight)
+        mean = np.float32(origin[j])
         for p in range(size):
             row[p] -= mean
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from poseviewer.render.kernel_compiler import kernel
 
 _jit: Any = kernel()
@@ -49,3 +51,27 @@ def add_surroundings(n, weight, first, second, origin, region_first, region_seco
         origin[i] = 0.0
     first[:n] = region_first
     second[:n, :n] = region_second
+
+
+@_jit
+def of_classes(weight, photo_mean, photo_covariance, joint, second):
+    """Mean (n + m,) and covariance (n + m, n + m), where F's are known.
+
+    ``joint`` (n, m) and ``second`` (m, m) are sums of ``F M^T`` and ``M M^T``; the last attribute
+    of M is 1 where it is summed, and so the last row of ``second`` is the sum of M.
+    """
+    n, m = joint.shape
+    mean, covariance = np.zeros(n + m), np.zeros((n + m, n + m))
+    if weight <= 0.0:
+        return mean, covariance
+    share = 1.0 / weight
+    mean[:n], mean[n:] = photo_mean, share * second[m - 1]
+    covariance[:n, :n] = photo_covariance
+    for i in range(n):
+        for j in range(m):
+            covariance[i, n + j] = share * joint[i, j] - mean[i] * mean[n + j]
+            covariance[n + j, i] = covariance[i, n + j]
+    for i in range(m):
+        for j in range(m):
+            covariance[n + i, n + j] = share * second[i, j] - mean[n + i] * mean[n + j]
+    return mean, covariance

@@ -81,7 +81,8 @@ class RendererPool:
             for item in items:
                 yield function(self._renderer, item)
             return
-        chunks = (items[at : at + CHUNK] for at in range(0, len(items), CHUNK))
+        size = min(CHUNK, -(-len(items) // (2 * self.threads)) or 1)  # a few: some for everyone
+        chunks = (items[at : at + size] for at in range(0, len(items), size))
         waiting: deque[Future[list[Result]]] = deque()
         try:
             for chunk in chunks:

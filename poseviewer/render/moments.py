@@ -19,6 +19,7 @@ from poseviewer.render.structure import (
     edge_agreement,
     orientation_field,
 )
+from poseviewer.render.whitening import whitening
 
 if TYPE_CHECKING:
     from poseviewer.render.attributes import AttributeImage
@@ -33,6 +34,21 @@ class RegionSums:
     """(n,): sum of ``w (F - origin)``."""
     second: FloatArray
     """(n, n): sum of ``w (F - origin)(F - origin)^T``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedPart:
+    """What no pose alters, where classes and edges are compared: F is summed over all of P."""
+
+    weight: float
+    mean: FloatArray
+    """(n,): of F."""
+    covariance: FloatArray
+    """(n, n): of F."""
+    whitening: FloatArray
+    """(rank, n): see ``whitening.whitening``."""
+    edges: NDArray[np.float32]
+    """(2, height, width): the photo's orientation field times the weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +108,18 @@ class PhotoAttributes:
             second += weighted.T @ centred
         return RegionSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
 
+    @cached_property
+    def fixed_part(self) -> FixedPart:
+        """What the ``structure`` adds to the moments of all poses; made once."""
+        assert self.structure is not None
+        weight = float(self.structure.shares.sum())
+        share = 1.0 / weight if weight > 0.0 else 0.0
+        mean = share * self.structure.first
+        covariance = share * self.structure.second - np.outer(mean, mean)
+        weighted = self.weights[..., None] * self.structure.field
+        target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
+        return FixedPart(weight, mean, covariance, whitening(covariance, mean), target)
+
     @property
     def photo_channels(self) -> int:
         """n, the number of attributes of the photo."""
@@ -121,6 +149,8 @@ class Moments:
     """n, where F ends and M begins."""
     edge_cosine: float | None = None
     """In [-1, 1]: how well the edges of model and photo agree; None where they are not compared."""
+    photo_whitening: FloatArray | None = None
+    """(rank, n): of F alone, where it is known; the same for all poses if P is fixed."""
 
     def __post_init__(self) -> None:
         size = np.shape(self.mean)[0]

@@ -26,10 +26,11 @@ from poseviewer.render import (
     kernel_visibility,
 )
 from poseviewer.render.attributes import AttributeImage
+from poseviewer.render.class_room import ClassRoom
 from poseviewer.render.clusters import make_clusters
 from poseviewer.render.level_pose import level_pose
-from poseviewer.render.moments import Moments, PhotoAttributes, moments_of_classes
-from poseviewer.render.structure import MARGIN_PX, MODEL_NOISE, PhotoStructure, edge_agreement
+from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
 from poseviewer.render.texture import flatten_textures
 
 NEAR_PER_DIAMETER = 1e-3
@@ -51,7 +52,8 @@ def kernels_are_compiled() -> bool:
         kernel_visibility.list_others,
         kernel_coverage.draw_listed,
         kernel_attributes.accumulate,
-        kernel_moments.as_moments,
+        kernel_structure.edge_sums,
+        kernel_moments.of_classes,
     )
     return all(_is_compiled(kernel) for kernel in kernels)
 
@@ -111,7 +113,7 @@ class SoftwareRenderer:
         self._weighted = np.empty(width)
         self._run = np.empty((0, width), np.float32)
         self._drawn: Box = (0, 0, 0, 0)
-        self._pictures = np.empty((2, 0, 0, 3), np.float32)
+        self._room: ClassRoom | None = None
 
     def _seen_from_outside(self) -> NDArray[np.bool_]:
         """(F,): the mesh's faces that others do not hide all around."""
@@ -177,20 +179,13 @@ class SoftwareRenderer:
         pixels, weight = kernel_attributes.accumulate(
             box,
             self._ids,
-            self._planes,
-            surface.colours,
-            self._varies,
-            self._attributes,
-            self._camera,
-            self._textures,
+            (self._planes, surface.colours, self._varies),
+            (self._attributes, self._camera, self._textures),
             GREY_WEIGHTS,
-            photo.planar,
-            photo.weights,
+            (photo.planar, photo.weights),
             origin,
             photo.model_channels,
-            self._normals,
-            self._weighted,
-            self._run_for(n),
+            (self._normals, self._weighted, self._run_for(n)),
             first,
             second,
         )
@@ -209,35 +204,56 @@ class SoftwareRenderer:
         return Moments(pixels, weight, mean, covariance, n)
 
     def _classes(self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure) -> Moments:
-        """The moments of classes, and the agreement of edges, from a picture of the attributes."""
-        height, width = structure.labels.shape
+        """The moments of classes, and the agreement of edges, from planes of the attributes."""
+        fixed, room, surface = photo.fixed_part, self._room_for(photo), self._surface
         box = self._rasterise(pose)
-        left, top, right, bottom = box
-        if self._pictures.shape[1:3] != (height, width):
-            self._pictures = np.empty((2, height, width, 3), np.float32)
-        reflectance, normals = self._pictures  # what is not covered is left as it was
-        self._shade(pose, box, reflectance, normals)
-        pixels, joint, first, second = kernel_structure.class_sums(
+        kernel_attributes.fill_planes(
             box,
             self._ids,
-            reflectance,
-            normals,
+            (self._planes, surface.colours, self._varies),
+            (self._attributes, self._camera, self._textures),
+            GREY_WEIGHTS,
+            (self._normals, self._weighted, self._run_for(0)),
+            room.spans,
+            room.planes,
+        )
+        pixels = kernel_structure.class_sums(
+            room.spans,
+            room.planes,
             photo.weights,
             photo.planar,
             structure.labels,
-            len(structure.shares),
-            photo.colour_reflectance,
-            GREY_WEIGHTS,
+            pose.camera_from_model.rotation,
+            room.run,
+            room.joint,
+            room.second,
         )
-        rows = slice(max(top - MARGIN_PX, 0), min(bottom + MARGIN_PX, height))
-        columns = slice(max(left - MARGIN_PX, 0), min(right + MARGIN_PX, width))
-        part = columns.start, rows.start, columns.stop, rows.stop
-        planes = kernel_structure.attribute_planes(
-            box, part, self._ids, reflectance, normals, GREY_WEIGHTS.astype(np.float32)
+        likeness, length = kernel_structure.edge_sums(
+            room.spans,
+            room.planes,
+            MODEL_NOISE,
+            BLUR_TAPS,
+            photo.weights,
+            fixed.edges,
+            room.rows,
+            room.across,
         )
-        field = kernel_structure.orientation(planes, MODEL_NOISE)
-        cosine = edge_agreement(structure, photo.weights, field, rows, columns)
-        return moments_of_classes(structure, pixels, joint, (first, second), cosine)
+        mean, covariance = kernel_moments.of_classes(
+            fixed.weight, fixed.mean, fixed.covariance, room.joint, room.second
+        )
+        # They are ours alone: to freeze them here saves two copies for every pose.
+        mean.flags.writeable = covariance.flags.writeable = False
+        cosine = likeness / length**0.5 if length > 0.0 else 0.0
+        n = len(fixed.mean)
+        return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
+
+    def _room_for(self, photo: PhotoAttributes) -> ClassRoom:
+        height, width = photo.weights.shape
+        size = photo.model_channels, photo.photo_channels
+        room = self._room
+        if room is None or room.planes.shape[1:] != (height + 2, width + 2) or room.size != size:
+            room = self._room = ClassRoom(height, width, *size)
+        return room
 
     def _shade(
         self,
@@ -253,9 +269,7 @@ class SoftwareRenderer:
             self._planes,
             self._surface.colours,
             pose.camera_from_model.rotation,
-            self._attributes,
-            self._camera,
-            self._textures,
+            (self._attributes, self._camera, self._textures),
             reflectance,
             normals,
         )

@@ -39,6 +39,8 @@ second is how far an edge is felt."""
 PHOTO_NOISE, MODEL_NOISE = 0.02, 0.1
 """Gradients below this, per px, are no edges: of RGB in [0, 1] lightened by ``LIGHTENING``, and of
 reflectance and unit normals."""
+BLUR_TAPS = cv2.getGaussianKernel(17, REACH_PX)[8:, 0].astype(np.float32)
+"""The right half of the blur of the fields, from its middle: OpenCV's own for that deviation."""
 LIGHTENING = 1.0 / 2.2
 """Exponent on the photo's values: edges in the shade are edges."""
 MARGIN_PX = 10

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from poseviewer.fit.stages import FEWEST_PIXELS, coarse_rules, fine_rules, make_
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.levels import structured
 from poseviewer.render.moments import PhotoAttributes
 from poseviewer.render.software import SoftwareRenderer
 from tests.meshes import make_bumpy
@@ -109,6 +112,26 @@ def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
     for one, other in zip(search, again, strict=True):
         assert np.array_equal(one.numbers, other.numbers)
         assert np.array_equal(one.simplex, other.simplex)
+
+
+def test_a_cloud_judged_on_several_threads_is_the_same_search():
+    """Also where a limit ends it within a generation, and where nobody asks any more."""
+    lit = make_problem(160, limits=Limits(evaluations=150))
+    small = replace(lit.photo, colour_reflectance=False)
+    problem = replace(lit, photo=structured(small, 1))
+    alone = list(fit_pose(problem, RENDERER))
+    assert alone[-1].loss < alone[0].loss
+    for threads in (2, 3):
+        together = list(fit_pose(problem, RENDERER, threads))
+        assert len(together) == len(alone)
+        for one, other in zip(alone, together, strict=True):
+            assert one.evaluations == other.evaluations
+            assert one.loss == other.loss
+            assert np.array_equal(one.numbers, other.numbers)
+            assert np.array_equal(one.simplex, other.simplex)
+    left = fit_pose(problem, RENDERER, 2)
+    next(left)
+    left.close()
 
 
 def test_small_models_are_searched_on_the_photo_alone():

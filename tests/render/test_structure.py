@@ -61,6 +61,7 @@ def test_the_fast_path_gives_the_plain_moments(parallel, coloured, factor):
         np.testing.assert_allclose(fast.mean, plain.mean, atol=1e-6)
         np.testing.assert_allclose(fast.covariance, plain.covariance, atol=1e-6)
         assert fast.edge_cosine == pytest.approx(plain.edge_cosine, abs=1e-5)
+        assert registration_loss(fast) == pytest.approx(registration_loss(plain), rel=1e-5)
 
 
 def test_the_loss_rises_away_from_the_truth():

@@ -127,6 +127,9 @@ def whole_table(report: Report) -> Table:
 
 def _fit_name(fit: FitTime) -> str:
     level = "" if fit.factor == 1 else f" ({fit.coarse_evaluations:,} on the photo / {fit.factor})"
+    if fit.method != "lit":
+        cores = "1 core" if fit.threads == 1 else f"{fit.threads} cores"
+        return f"fit of the demo, --method {fit.method}, {cores}{level}"
     return f"search of the demo from 8 % off, path {fit.path}{level}"
 
 

@@ -17,10 +17,12 @@ from poseviewer.evaluation.bench.searches import (
     time_first_maps,
     time_fit,
     time_maps,
+    time_method,
 )
 from poseviewer.evaluation.bench.timing import Row, measure
 from poseviewer.render.many import processors
 from poseviewer.render.opengl import opengl_unavailable_reason
+from poseviewer.render.software import SoftwareRenderer
 
 Size = tuple[int, int]
 Tell = Callable[[str], None]
@@ -54,8 +56,8 @@ QUICK = Plan(
     sizes=(MAIN_SIZE,),
     rounds=6,
     rounds_limit_s=4.0,
-    fit_limit_s=4.0,
-    plain_fit_limit_s=3.0,
+    fit_limit_s=3.0,
+    plain_fit_limit_s=2.0,
     map_size=None,
     maps_limit_s=3.0,
     scaling=None,
@@ -149,4 +151,8 @@ def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime
         if letter in letters:
             tell(f"searching on path {letter}, for {limit:.0f} s at most")
             fits.append(time_fit(demo, letter, limit))
+    tell(f"fitting by both methods, for {plan.fit_limit_s:.0f} s at most each")
+    renderer = SoftwareRenderer(demo.registration.mesh)
+    fits.append(time_method(demo, renderer, "default", processors(), plan.fit_limit_s))
+    fits.append(time_method(demo, renderer, "paper", 1, plan.fit_limit_s))  # it knows no threads
     return fits

@@ -13,9 +13,17 @@ from numpy.typing import NDArray
 from poseviewer.evaluation.bench.case import Case, Demo, lit_problem
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.fit.landscape import Pair, free_pairs, landscape
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
-from poseviewer.fit.stages import make_stages
+from poseviewer.fit.pose_fit import (
+    FitProblem,
+    FitProgress,
+    Limits,
+    Method,
+    Status,
+    fit_pose,
+    stages_of,
+)
 from poseviewer.geometry.camera import Pose
+from poseviewer.registration import FitSettings, make_problem
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.levels import Level
 from poseviewer.render.many import CHUNK, RendererPool
@@ -28,9 +36,12 @@ NO_LIMIT = float("inf")
 
 @dataclass(frozen=True, slots=True)
 class FitTime:
-    """The default search from the demo's start, 8 % off in each of its numbers."""
+    """A search from the demo's start, 8 % off in each of its numbers."""
 
+    method: str
+    """What is searched for: ``lit`` colours, which all paths can compute; else a ``--method``."""
     path: str
+    threads: int
     seconds: float
     """Of the search alone."""
     model_s: float
@@ -106,12 +117,31 @@ def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
     problem = lit_problem(demo.registration, Limits(seconds=limit_s))
     renderer, close = _search_renderer(demo, letter)
     try:
-        model_s, coarsest = _ready(problem, renderer)
-        coarse, end = _run(problem, renderer)
+        return _timed(demo, problem, renderer, ("lit", letter, 1))
     finally:
         close()
+
+
+def time_method(
+    demo: Demo, renderer: SoftwareRenderer, method: Method, threads: int, limit_s: float
+) -> FitTime:
+    """What ``fit --method`` does on the demo; ``renderer`` is of its model."""
+    settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
+    problem, _ = make_problem(demo.registration, settings)
+    return _timed(demo, problem, renderer, (method, "d" if threads == 1 else "e", threads))
+
+
+def _timed(
+    demo: Demo, problem: FitProblem, renderer: Renderer, name: tuple[str, str, int]
+) -> FitTime:
+    """The search that is called (method, path, threads)."""
+    model_s, coarsest = _ready(problem, renderer)
+    coarse, end = _run(problem, renderer, name[2])
+    limit_s = problem.limits.seconds
     return FitTime(
-        path=letter,
+        method=name[0],
+        path=name[1],
+        threads=name[2],
         seconds=end.seconds,
         model_s=model_s,
         evaluations=end.evaluations,
@@ -131,17 +161,17 @@ def _ready(problem: FitProblem, renderer: Renderer) -> tuple[float, Level]:
     start = problem.chart.to_pose(problem.start)
     renderer.moments(start, problem.photo)
     began = perf_counter()
-    stages = make_stages(problem.photo, renderer, start, problem.rules)
+    stages = stages_of(problem, renderer, start)
     seconds = perf_counter() - began
     for stage in stages:
         stage.level.renderer.moments(start, stage.level.photo)
     return seconds, stages[0].level
 
 
-def _run(problem: FitProblem, renderer: Renderer) -> tuple[int, FitProgress]:
+def _run(problem: FitProblem, renderer: Renderer, threads: int) -> tuple[int, FitProgress]:
     """Evaluations while it was on the coarse level, and the end."""
     coarse, before, end = 0, 0, None
-    for end in fit_pose(problem, renderer):
+    for end in fit_pose(problem, renderer, threads):
         coarse += (end.evaluations - before) * (end.factor > 1)
         before = end.evaluations
     assert end is not None  # a search yields at least once
