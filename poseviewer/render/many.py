@@ -68,9 +68,13 @@ class RendererPool:
             self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
 
     def map(
-        self, function: Callable[[Renderer, Item], Result], items: Sequence[Item]
+        self,
+        function: Callable[[Renderer, Item], Result],
+        items: Sequence[Item],
+        at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
         """``function(renderer, item)`` of all items, in their order, as soon as they are known.
+        So many are handed out ``at_a_time``.
 
         At most two chunks for each thread are under way: to stop, stop asking.
 
@@ -81,7 +85,7 @@ class RendererPool:
             for item in items:
                 yield function(self._renderer, item)
             return
-        chunks = (items[at : at + CHUNK] for at in range(0, len(items), CHUNK))
+        chunks = (items[at : at + at_a_time] for at in range(0, len(items), at_a_time))
         waiting: deque[Future[list[Result]]] = deque()
         try:
             for chunk in chunks:
