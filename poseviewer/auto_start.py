@@ -105,7 +105,7 @@ def _propose_anywhere(
     photo = _photo_about(wanted, everywhere)
     boxes = find_boxes(photo, lambda box, count: _few_fits(wanted, box, count), renderer, begin)
     # The squares say where, not which shape; each has its share of the views.
-    wanted = replace(wanted, rules=replace(wanted.rules, misshapen=np.inf, shape_weight=0.0))
+    wanted = replace(wanted, rules=replace(wanted.rules, misshapen=np.inf, box_weight=0.0))
     found: list[Proposal] = []
     for box in boxes:
         near = _problem(wanted, box, _photo_about(wanted, box))

@@ -51,11 +51,12 @@ class ViewRules:
     """Spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
     misshapen: float = 0.35
     """Views are tried whose aspect ratio is off by no more than this factor (as a logarithm)."""
-    shape_weight: float = 1.0
-    """What the square of that logarithm costs, beside the loss, where views are chosen."""
+    box_weight: float = 4.0
+    """What it costs, beside the loss, that the outline leaves the rectangle: times the squares of
+    its four sides' distances, as shares of the rectangle's size."""
     side_px: float = 40.0
     """Side of the rectangle, made square, on the coarsest level."""
-    rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 60, 0.06, 56.0))
+    rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 80, 0.08, 60.0))
     proposals: int = 5
     apart: float = 0.1
     """Proposals are no nearer to one another: mean distance of the model's corners in the photo, as
@@ -139,7 +140,8 @@ def _try_all(
     if not len(shaped):
         shaped = np.argsort(fits.misshapen)[: len(fits.poses) // 10 + 1]
     level = view_level(problem, renderer, rules.side_px)
-    costs = rules.shape_weight * fits.misshapen**2
+    # Half of the logarithm goes to each of width and height, half of that to each side.
+    costs = rules.box_weight * 4.0 * (fits.misshapen / 4.0) ** 2
 
     def judge(own: Renderer, index: int) -> float:
         return registration_loss(own.moments(fits.poses[index], level.photo))
@@ -180,12 +182,25 @@ def descended(
             pose = chart.to_pose(numbers)
         except OutsideChartError:
             return worst
-        return registration_loss(renderer.moments(pose, photo))
+        loss = registration_loss(renderer.moments(pose, photo))
+        return loss + problem.rules.box_weight * beside_box(problem, pose)
 
     corners = axis_simplex(np.zeros(6), np.full(6, this.step))
     states = downhill_simplex(objective, corners, x_tolerance=1e-3, f_tolerance=1e-4)
     *_, last = islice(states, this.evaluations)
     return Proposal(chart.to_pose(last.vertices[0]), float(last.values[0]))
+
+
+def beside_box(problem: ViewProblem, pose: Pose) -> float:
+    """The squares of the distances between the sides of the outline's box and the rectangle's, as
+    shares of its size, summed; 4 for a pose that is partly behind the camera.
+    """
+    box = problem.box
+    seen = pose.project(problem.points)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    off = np.concatenate([low - [box.left, box.top], high - [box.right, box.bottom]])
+    share = float(off @ off) / (box.width * box.height)
+    return share if np.isfinite(share) else 4.0
 
 
 def _different(problem: ViewProblem, found: Sequence[Proposal], most: int) -> list[Proposal]:

@@ -28,6 +28,16 @@ class Box:
     height: float
 
     @property
+    def right(self) -> float:
+        """Of its right side, px."""
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> float:
+        """Of its lower side, px."""
+        return self.top + self.height
+
+    @property
     def centre(self) -> tuple[float, float]:
         """Its middle (u, v)."""
         return self.left + self.width / 2.0, self.top + self.height / 2.0
