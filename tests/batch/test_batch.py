@@ -71,7 +71,8 @@ def workers_of(process: int) -> list[int]:
 
 
 def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, capsys):
-    bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto,900 0 9 9\nphoto0.png,,\n"
+    bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto,900 0 9 9\n"
+    bad += "photo0.png,,\n"
     table = write_table(scene, tmp_path, 2, bad)
     out = tmp_path / "out"
     assert run("batch", table, "--out", out, "--processes", 2, "--quiet") == 2

@@ -24,7 +24,7 @@ def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
     for pose, misshapen in zip(fits.poses, fits.misshapen, strict=True):
         seen = box_of(pose, CAR.vertices)
         np.testing.assert_allclose(seen.centre, BOX.centre, atol=0.5)
-        assert seen.width * seen.height == pytest.approx(BOX.width * BOX.height, rel=0.02)
+        assert seen.width * seen.height == pytest.approx(BOX.width * BOX.height, rel=0.04)
         aspect = np.log(seen.width / seen.height) - np.log(BOX.width / BOX.height)
         assert misshapen == pytest.approx(abs(aspect), abs=1e-6)
 
