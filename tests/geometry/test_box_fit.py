@@ -35,7 +35,7 @@ def test_the_true_view_comes_back():
     (pose,) = fit_box(BOX, rotation[None], CAR.vertices, CAR.centre, camera).poses
     # As seen along the line of sight to the rectangle's middle.
     middle = pose.camera_from_model.apply(CAR.centre)
-    to_middle, _ = Rotation.align_vectors([middle / np.linalg.norm(middle)], [[0.0, 0.0, 1.0]])
+    to_middle = Rotation.align_vectors([middle / np.linalg.norm(middle)], [[0.0, 0.0, 1.0]])[0]
     along = to_middle.as_matrix() @ rotation
     turn = Rotation.from_matrix(pose.camera_from_model.rotation @ along.T).magnitude()
     assert turn < np.radians(8.0)  # the outline's middle is not quite the centre
