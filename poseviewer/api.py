@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from poseviewer.auto_start import AUTOMATIC, AutoStart
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
@@ -31,6 +32,7 @@ from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, fit_pose, pose_loss
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.quick_start import StartCamera, load_unplaced
 from poseviewer.registration import (
     FitSettings,
     LoadedModel,
@@ -52,6 +54,7 @@ __all__ = [
     "FitSettings",
     "LossMaps",
     "PoseViewerError",
+    "StartCamera",
     "load",
 ]
 
@@ -64,8 +67,11 @@ def load(
     start: str | Path,
     settings: FitSettings | None = None,
     *,
+    box: tuple[int, int, int, int] | None = None,
+    camera: StartCamera | None = None,
     mask: str | Path | None = None,
     renderer: Renderer | None = None,
+    watch: Callable[[], object] = lambda: None,
     **changes: Any,
 ) -> Case:
     """A photo, a model and a start pose, ready to be fitted.
@@ -74,9 +80,15 @@ def load(
         photo: JPEG, PNG, TIFF, WebP or BMP file.
         model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or one that is loaded
             (``registration.load_model``), for many photos of one thing.
-        start: a pose file.
+        start: a pose file; or ``"auto"``: one is looked for, which takes some seconds.
         settings: what is compared and how.
+        box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; without
+            one, the settings' region, or the whole photo.
+        camera: for ``"auto"``: what is known of it; by default EXIF's focal length, or a view of 50
+            degrees.
         mask: a picture of the photo's size whose white pixels count.
+        watch: for ``"auto"``: called after every evaluation of the fits that it makes; whatever it
+            raises ends them.
         renderer: one of the same model, to be used again; by default one is made.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
 
@@ -84,7 +96,14 @@ def load(
         PoseViewerError: a file cannot be used, or the settings do not go with it.
     """
     chosen = _changed(settings or FitSettings(), changes)
-    registration = load_registration(photo, model, start)
+    if start == AUTOMATIC:
+        auto = AutoStart(
+            box, camera or StartCamera(), chosen, Path(mask) if mask else None, watch=watch
+        )
+        unplaced = model if isinstance(model, LoadedModel) else Path(model)
+        registration = load_unplaced(Path(photo), unplaced, auto.find)
+    else:
+        registration = load_registration(photo, model, start)
     weights = None
     if mask is not None:
         weights = load_mask(mask, registration.photo.width, registration.photo.height)

@@ -272,6 +272,12 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
         metavar="LEFT,TOP,WIDTH,HEIGHT",
         help="look for both wheels in a rectangle about the car, in px",
     )
+    start.add_argument(
+        "--start", choices=("auto",), help="look for one: in the --box, else in the whole photo"
+    )
+    group.add_argument(
+        "--box", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="about the object, px"
+    )
     group.add_argument(
         "--projection",
         choices=("perspective", "parallel"),

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from poseviewer import converting, describe
 from poseviewer.api import draw_pose
+from poseviewer.auto_start import AutoStart
 from poseviewer.calibration_options import calibration_of
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
@@ -223,7 +224,7 @@ def convert(options: Namespace) -> int:
 
 def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     settings = _settings(options)
-    registration = _started(options)
+    registration = _started(options, settings)
     photo = registration.photo
     mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
     problem, note = make_problem(registration, settings, mask)
@@ -235,12 +236,18 @@ def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
     return registration, settings, problem
 
 
-def _started(options: Namespace) -> Registration:
-    """Photo, model and start: from a pose file, or from marks on the photo."""
+def _started(options: Namespace, settings: FitSettings) -> Registration:
+    """Photo, model and start: from a pose file, from marks on the photo, or found."""
     given, calibration = vars(options), calibration_of(options)
+    if given.get("box") and options.start is None:
+        raise SettingsError("--box without --start auto; leave it out, or add --start auto")
     if options.pose is not None:
         return load_registration(options.photo, options.model, options.pose, calibration)
     known = StartCamera(options.projection == "parallel", options.focal, options.free_focal)
+    if options.start is not None:
+        with _bar(None, options.quiet) as bar:
+            looked = AutoStart(options.box, known, settings, options.mask, bar.update)
+            return load_unplaced(options.photo, options.model, looked.find, calibration)
 
     def find(material: Material) -> Start:
         if given.get("pairs") is not None:

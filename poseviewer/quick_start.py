@@ -12,12 +12,9 @@ import numpy as np
 from poseviewer.errors import QuickStartError
 from poseviewer.files.calibrated_photo import load_calibrated_photo
 from poseviewer.files.calibration_file import Calibration
-from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.marks_file import PointPairs
-from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import PoseRecord
-from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.wheel_search import find_wheel_pairs
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -27,7 +24,14 @@ from poseviewer.geometry.pair_choice import likeliest
 from poseviewer.geometry.point_pairs import FEWEST_FOR_FOCAL, PairFit, poses_from_pairs
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.geometry.wheel_start import WheelFit, Wheels, poses_from_wheels
-from poseviewer.registration import FitSettings, Registration, make_photo_attributes, make_renderer
+from poseviewer.registration import (
+    FitSettings,
+    LoadedModel,
+    Registration,
+    load_model,
+    make_photo_attributes,
+    make_renderer,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,26 +77,27 @@ class Material:
 
 def load_unplaced(
     photo_path: Path,
-    model_path: Path,
+    model: Path | LoadedModel,
     find: Callable[[Material], Start],
     calibration: Calibration | None = None,
 ) -> Registration:
-    """Photo and model from their files, and a start that ``find`` finds; its notes are last.
+    """Photo and model (a file, or one that is loaded), and a start that ``find`` finds; its notes
+    are last.
 
     Raises:
         PoseViewerError: a file cannot be used, or no start is found.
     """
-    photo, mesh = load_calibrated_photo(photo_path, calibration), load_mesh(model_path)
-    keypoints = load_keypoints(model_path, mesh)
+    photo = load_calibrated_photo(photo_path, calibration)
+    model = model if isinstance(model, LoadedModel) else load_model(model)
+    mesh, keypoints = model.mesh, model.keypoints
     start = find(Material(photo, mesh, keypoints))
     notes = (
         *(f"{photo.name}: {note}" for note in photo.notes),
-        *(f"{model_path.name}: {note}" for note in mesh.notes),
+        *(f"{model.name}: {note}" for note in mesh.notes),
         *start.notes,
     )
-    sha256 = sha256_of(model_path)
     record = PoseRecord(start.pose)
-    return Registration(photo, mesh, model_path.name, sha256, keypoints, record, notes)
+    return Registration(photo, mesh, model.name, model.sha256, keypoints, record, notes)
 
 
 def start_from_pairs(material: Material, pairs: PointPairs, known: StartCamera) -> Start:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from poseviewer.errors import BatchError
 from poseviewer.registration import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
-AUTOMATIC = "auto"
-"""In the column ``start``: find one."""
+BOX = "box"
+"""A column that may be there: where the start is ``auto``, a rectangle about the object."""
 KEY_LENGTH = 16
 
 
@@ -33,16 +35,35 @@ class Job:
     """What relative paths start from: the table's own folder, absolute."""
     key: str = ""
     """The same for the same files, unchanged, and the same settings: a result has it as a name."""
+    box: str = ""
+    """For the start ``auto``: left, top, width, height in px, as the table has it."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
         return Path(self.folder) / text
 
+    def rectangle(self) -> tuple[int, int, int, int] | None:
+        """The box; None where the cell is empty.
+
+        Raises:
+            BatchError: it is no rectangle.
+        """
+        if not self.box:
+            return None
+        try:
+            left, top, width, height = (int(part) for part in re.split(r"[\s,;]+", self.box))
+        except ValueError:
+            raise BatchError(
+                f"the box {self.box!r} is not four whole numbers; write left,top,width,height."
+            ) from None
+        return left, top, width, height
+
 
 def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     """The rows of a CSV file with the columns ``photo``, ``model`` and ``start``, in their order.
 
-    Other columns are left alone; relative paths start from the file's folder. Whether the files
+    A start ``auto`` is looked for, in the rectangle of the column ``box`` if there is one. Other
+    columns are left alone; relative paths start from the file's folder. Whether the files
     of a row are there is found out when it is that row's turn.
 
     Raises:
@@ -52,7 +73,14 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     rows = _read_rows(path)
     folder = str(path.resolve().parent)
     jobs = [
-        Job(number, _cell(row, "photo"), _cell(row, "model"), _cell(row, "start"), folder)
+        Job(
+            number,
+            _cell(row, "photo"),
+            _cell(row, "model"),
+            _cell(row, "start"),
+            folder,
+            box=_cell(row, BOX),
+        )
         for number, row in enumerate(rows, 1)
     ]
     if not jobs:
@@ -89,15 +117,16 @@ def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
 
 
 def _cell(row: Mapping[str, str | None], column: str) -> str:
-    return (row[column] or "").strip()
+    return (row.get(column) or "").strip()
 
 
 def _with_key(job: Job, settings: FitSettings) -> Job:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
-    content = [[str(path), *_stamp(path)] for path in files]
+    content: list[Any] = [[str(path), *_stamp(path)] for path in files]
+    content += [job.box] if job.box else []
     text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
     key = hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
-    return Job(job.row, job.photo, job.model, job.start, job.folder, key)
+    return replace(job, key=key)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

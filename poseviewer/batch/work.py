@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult, load
-from poseviewer.batch.jobs import AUTOMATIC, COLUMNS, Job
+from poseviewer.auto_start import AUTOMATIC
+from poseviewer.batch.jobs import COLUMNS, Job
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
@@ -77,27 +78,24 @@ def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
-    if job.start == AUTOMATIC:
-        raise SettingsError(
-            "the start is 'auto', and poseviewer does not find starts by itself yet; "
-            "name a pose file."
-        )
     model_path = job.path(job.model)
     model, renderer = _open_model(model_path, _changed(model_path), plan.settings.renderer)
+
+    def watch(_progress: object = None) -> None:
+        if stopped():
+            raise StoppedError
+
     case = load(
         job.path(job.photo),
         model,
-        job.path(job.start),
+        AUTOMATIC if job.start == AUTOMATIC else job.path(job.start),
         plan.settings,
+        box=job.rectangle(),
+        watch=watch,
         mask=plan.mask,
         # A renderer is for one thread at a time, and a cluster's worker may have several.
         renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
     )
-
-    def watch(_progress: object) -> None:
-        if stopped():
-            raise StoppedError
-
     return case.fit(watch=watch)
 
 

@@ -62,7 +62,14 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
     if factor == 1:
         return Level(1, photo, renderer)
     small = coarser(photo, factor)
-    return Level(factor, small, LevelRenderer(_reduced(renderer, pixels / factor**2), factor))
+    return Level(factor, small, LevelRenderer(reduced(renderer, pixels / factor**2), factor))
+
+
+def sketch_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
+    """The same with a simplified model even where the ``factor`` is 1: for a quick look."""
+    if factor > 1:
+        return make_level(photo, renderer, factor, pixels)
+    return Level(1, photo, reduced(renderer, pixels))
 
 
 def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
@@ -153,7 +160,7 @@ def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     return replace(small, factor=factor, structure=make_structure(small.channels, small.weights))
 
 
-def _reduced(renderer: Renderer, pixels: float) -> Renderer:
+def reduced(renderer: Renderer, pixels: float) -> Renderer:
     """A renderer of the same model for a picture in which it covers ``pixels`` px."""
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
     faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))

@@ -68,9 +68,13 @@ class RendererPool:
             self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
 
     def map(
-        self, function: Callable[[Renderer, Item], Result], items: Sequence[Item]
+        self,
+        function: Callable[[Renderer, Item], Result],
+        items: Sequence[Item],
+        at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
         """``function(renderer, item)`` of all items, in their order, as soon as they are known.
+        So many are handed out ``at_a_time``.
 
         At most two chunks for each thread are under way: to stop, stop asking.
 
@@ -81,7 +85,7 @@ class RendererPool:
             for item in items:
                 yield function(self._renderer, item)
             return
-        size = min(CHUNK, -(-len(items) // (2 * self.threads)) or 1)  # a few: some for everyone
+        size = min(at_a_time, -(-len(items) // (2 * self.threads)) or 1)  # some for everyone
         chunks = (items[at : at + size] for at in range(0, len(items), size))
         waiting: deque[Future[list[Result]]] = deque()
         try:

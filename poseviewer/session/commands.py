@@ -13,7 +13,7 @@ from poseviewer.session.document import Document
 from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
 
 Projection = Literal["perspective", "parallel"]
-Tool = Literal["pose", "region", "pairs", "wheels"]
+Tool = Literal["pose", "region", "box", "pairs", "wheels"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,9 @@ class Open:
 
 @dataclass(frozen=True, slots=True)
 class SetTool:
-    """What a press does: the pose, the region's rectangle, a point pair, or a wheel's rim."""
+    """What a press does: the pose, the rectangle of the region or about the object, a point pair,
+    or a wheel's rim.
+    """
 
     tool: Tool
 
@@ -176,6 +178,39 @@ class LayWheels:
     rear: Ellipse
     front: Ellipse
     pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class ProposeStarts:
+    """Look for start poses, in the rectangle about the object or in the whole photo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartsProposed:
+    """What came of the ``number``-th asking: poses, the likeliest first."""
+
+    number: int
+    poses: tuple[Pose, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ProposingFailed:
+    """Why nothing came of the ``number``-th asking."""
+
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StepProposals:
+    """Show another proposal: the one so many places on."""
+
+    by: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TakeProposal:
+    """The proposal that is shown becomes the start pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +333,11 @@ Command = (
     | RemoveMark
     | ClearMarks
     | LayWheels
+    | ProposeStarts
+    | StartsProposed
+    | ProposingFailed
+    | StepProposals
+    | TakeProposal
     | ChangeView
     | ChangeLandscape
     | PickInLandscape

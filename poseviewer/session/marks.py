@@ -32,6 +32,8 @@ class Marks:
     """All marks; only the last pair may be half done."""
 
     pairs: tuple[Pair, ...] = ()
+    box: tuple[int, int, int, int] | None = None
+    """Rectangle (left, top, width, height) about the object, px."""
     rims: tuple[FloatArray, ...] = ()
     """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""
     note: str = ""

@@ -54,6 +54,25 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Proposing:
+    """Start poses that are being looked for, or were found and await a word."""
+
+    number: int
+    document: Document
+    """What they were asked for."""
+    running: bool = True
+    poses: tuple[Pose, ...] = ()
+    """The likeliest first."""
+    index: int = 0
+    """The one that is shown."""
+
+    def is_about(self, document: Document) -> bool:
+        """Whether a document has the same photo and model."""
+        own, other = self.document.registration, document.registration
+        return own.photo is other.photo and own.mesh is other.mesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """All that the page shows."""
 
@@ -69,6 +88,9 @@ class Session:
     search: Search | None = None
     searches: int = 0
     """How many searches were started."""
+    proposing: Proposing | None = None
+    proposals_asked: int = 0
+    """How many times proposals were asked for."""
     landscape: LandscapeNews | None = None
     painting: Painting | None = None
     anchor: Pose | None = None

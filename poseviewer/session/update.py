@@ -16,7 +16,7 @@ from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
-from poseviewer.session import news
+from poseviewer.session import news, proposing
 from poseviewer.session.cameras import (
     with_field_of_view,
     with_other_projection,
@@ -83,12 +83,11 @@ def _press(session: Session, command: c.Press) -> Session:
     point = np.array([command.x, command.y])
     if session.tool in MARKING:
         return _mark(session, command)
-    if session.tool == "region":
-        grip = RegionGrip(point)
+    if session.tool in _RECTANGLES:
+        grip = _RECTANGLES[session.tool](point)
     else:
         way = "roll" if command.ctrl else "turn" if command.shift else "move"
-        rings = session.look.rings
-        grip = take_hold(session.document, point, command.zoom, way, rings)
+        grip = take_hold(session.document, point, command.zoom, way, session.look.rings)
     if grip is None:
         return session
     return replace(session, grip=grip, before_grip=None)
@@ -298,8 +297,7 @@ def _start_search(session: Session, command: c.StartSearch) -> Session:
     del command
     if session.searching:
         return session
-    number = session.searches + 1
-    document = session.document
+    number, document = session.searches + 1, session.document
     return replace(
         session,
         searches=number,
@@ -348,6 +346,7 @@ def _search_failed(session: Session, command: c.SearchFailed) -> Session:
     return replace(_revert(session, c.RevertSearch()), complaint=sentence(command.reason))
 
 
+_RECTANGLES = {"region": RegionGrip, "box": proposing.BoxGrip}
 _NO_POSE = (OutsideChartError, SingularChartError)
 _NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted, c.Weighed)
 _DURING_A_DRAG = (
@@ -381,6 +380,7 @@ _HANDLERS = {
     c.SetFieldOfView: _set_field_of_view,
     c.Open: _open,
     c.SetTool: _set_tool,
+    **proposing.HANDLERS,
     c.RemoveMark: _mark,
     c.ClearMarks: _mark,
     c.LayWheels: _mark,

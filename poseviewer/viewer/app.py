@@ -36,6 +36,7 @@ from poseviewer.viewer.autosaving import Autosaver
 from poseviewer.viewer.mapping import MapJob, Mapper
 from poseviewer.viewer.opening import Opened
 from poseviewer.viewer.page import Page
+from poseviewer.viewer.proposing import Proposer
 from poseviewer.viewer.reports import command_of
 from poseviewer.viewer.requests import (
     Download,
@@ -79,6 +80,7 @@ class App:
         self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring)
         self._searcher: Worker[SearchNews] = Worker("searcher")
         self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
+        self._proposer = Proposer(self._mailbox.ring)
         self._tasks = Tasks(self._mailbox.ring, state)
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post)
@@ -106,6 +108,7 @@ class App:
             )
             for worker in workers:
                 worker.close()
+            self._proposer.close()
             self._tasks.close()
 
     def stop(self) -> None:
@@ -201,6 +204,9 @@ class App:
         if news is not None and news.item is not None and self._is_current(news.item):
             self._command(c.Weighed(news.item))
         self._collect_search()
+        proposed = self._proposer.take()
+        if proposed is not None:
+            self._command(proposed)
         news = self._mapper.take()
         if news is not None and news.error is not None:
             self._page.maps_note(str(news.error))
@@ -245,6 +251,7 @@ class App:
     def _start_jobs(self) -> None:
         self._start_painting()
         self._start_search()
+        self._proposer.start(self.session, self._renderer)
         job = MapJob.wanted(self.session, self._in_motion())
         if job is not None and job.replaces(self._mapped, self._mapper.busy):
             self._mapped = job

@@ -1,4 +1,4 @@
-"""The folder "Quick start": point pairs and wheels, and what is to be clicked next."""
+"""The folder "Quick start": point pairs, wheels, proposals; and what is to be clicked next."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from poseviewer.session.marks import WHEELS
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Post, button, choices, set_property
 from poseviewer.viewer.requests import FindWheels, Request
+from poseviewer.viewer.proposing import BOX_HINT, ProposalsPanel
 
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 FIND, DRAW = "Find wheels in the region", "Find wheels: draw a region"
@@ -37,6 +38,7 @@ class QuickStartPanel:
             self._again = button(
                 gui, "Draw another region", post, lambda _: c.SetTool("region"), color="gray"
             )
+            self._proposals = ProposalsPanel(gui, post)
             self._text = gui.add_markdown("")
             self._buttons = [
                 button(gui, "Remove last mark", post, lambda _: c.RemoveMark(), color="gray"),
@@ -50,13 +52,14 @@ class QuickStartPanel:
 
     def show(self, session: Session) -> None:
         """Say what is marked, and how well the pose shows it."""
-        key = (session.document, session.tool)
+        key = (session.document, session.tool, session.proposing)
         if self._shown == key:
             return
         self._shown = key
         self._has_region = session.document.settings.region is not None
         set_property(self._find, "label", FIND if self._has_region else DRAW)
         set_property(self._again, "visible", self._has_region)
+        self._proposals.show(session)
         set_property(self._text, "content", _text(session))
         for handle in self._buttons:
             set_property(handle, "visible", session.tool in MARKING)
@@ -64,8 +67,8 @@ class QuickStartPanel:
 
 def hint_of(session: Session) -> str:
     """The line over the photo; "" for the usual one."""
-    if session.tool == "region":
-        return REGION_HINT
+    if session.tool in ("region", "box"):
+        return REGION_HINT if session.tool == "region" else BOX_HINT
     return f"<b>{_next(session)}</b>{_OTHERWISE}" if session.tool in MARKING else ""
 
 

@@ -36,6 +36,7 @@ PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
 """And where they lie: the axle's tip may be close to the rear wheel."""
 RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
 REGION_COLOUR = (255, 226, 120)
+BOX_COLOUR = (150, 255, 160)
 _NO_LINES = np.zeros((1, 2, 3), np.float32)
 
 
@@ -62,6 +63,7 @@ class PhotoScene:
         self._outline = self._lines("/model/outline", LINE_COLOUR, 2.0)
         self._links = self._lines("/links", (230, 230, 230), 1.2)
         self._region = self._lines("/region", REGION_COLOUR, 1.6)
+        self._box = self._lines("/box", BOX_COLOUR, 1.6)
         self._rings = self._lines("/rings", (255, 255, 255), 2.4)
         self._marks = MarksScene(server, self.place)
         self._pins = [self._pin(i) for i in range(3)]
@@ -81,7 +83,8 @@ class PhotoScene:
                 self._show_model(painting, session)
             self._show_pins(session)
             self._show_rings(session)
-            self._show_region(session)
+            self._show_rectangle("region", self._region, session.document.settings.region)
+            self._show_rectangle("box", self._box, session.document.marks.box)
             self._marks.show(session)
         if self._shown.get("model") is not drawn:
             # viser gathers messages for a while before it sends them; a drag must not wait.
@@ -219,18 +222,19 @@ class PhotoScene:
             self._rings.colors = np.rint(255.0 * (shades / 255.0) ** 2.2).astype(np.uint8)
         _set(self._rings, "visible", shown)
 
-    def _show_region(self, session: Session) -> None:
-        region = session.document.settings.region
-        if self._shown.get("region") == (region, self._size):
+    def _show_rectangle(
+        self, name: str, lines: Any, rectangle: tuple[int, int, int, int] | None
+    ) -> None:
+        if self._shown.get(name) == (rectangle, self._size):
             return
-        self._shown["region"] = (region, self._size)
-        if region is not None:
-            left, top, width, height = region
+        self._shown[name] = (rectangle, self._size)
+        if rectangle is not None:
+            left, top, width, height = rectangle
             right, bottom = left + width, top + height
             corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
             sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-            self._region.points = self.place(sides, OUTLINE).astype(np.float32)
-        _set(self._region, "visible", region is not None)
+            lines.points = self.place(sides, OUTLINE).astype(np.float32)
+        _set(lines, "visible", rectangle is not None)
 
     def _lines(
         self, name: str, colour: tuple[int, int, int], thickness: float

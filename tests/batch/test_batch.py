@@ -37,7 +37,7 @@ def command(*arguments: object) -> list[str]:
 
 def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:
     """``rows`` rows of photos that differ in name alone, and some lines ``more``."""
-    lines = ["photo,model,start"]
+    lines = ["photo,model,start,box"]
     for number in range(rows):
         shutil.copy(scene.photo, folder / f"photo{number}.png")
         lines.append(f"photo{number}.png,{scene.model},{scene.start}")
@@ -71,7 +71,8 @@ def workers_of(process: int) -> list[int]:
 
 
 def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, capsys):
-    bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto\nphoto0.png,,\n"
+    bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto,900 0 9 9\n"
+    bad += "photo0.png,,\n"
     table = write_table(scene, tmp_path, 2, bad)
     out = tmp_path / "out"
     assert run("batch", table, "--out", out, "--processes", 2, "--quiet") == 2
@@ -83,7 +84,7 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
     reasons = [row["reason"] for row in results]
     assert reasons[:2] == ["", ""]
     assert "gone.png: no such file" in reasons[2]
-    assert "'auto'" in reasons[3]
+    assert "--box" in reasons[3]
     assert "no model" in reasons[4]
     mesh, truth = load_mesh(scene.model), load_pose(scene.truth, 160, 120).pose
     for row in results[:2]:
