@@ -6,7 +6,7 @@ import csv
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
@@ -16,6 +16,10 @@ from poseviewer.registration import FitSettings, settings_as_json
 COLUMNS = ("photo", "model", "start")
 AUTOMATIC = "auto"
 """In the column ``start``: find one."""
+LAST = "last"
+"""In the column ``start``: the pose that the nearest row above ended in."""
+REACH = 20
+"""So many rows above are looked at for one that ended in a pose."""
 KEY_LENGTH = 16
 
 
@@ -33,6 +37,9 @@ class Job:
     """What relative paths start from: the table's own folder, absolute."""
     key: str = ""
     """The same for the same files, unchanged, and the same settings: a result has it as a name."""
+    above: tuple[str, ...] = ()
+    """Where the start is ``LAST``: the keys of the rows above, the nearest first, down to one with
+    a start of its own."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
@@ -57,7 +64,18 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     ]
     if not jobs:
         raise BatchError(f"{path.name}: no rows; wanted a photo, a model and a start in each.")
-    return tuple(_with_key(job, settings) for job in jobs)
+    return with_keys(jobs, settings)
+
+
+def with_keys(jobs: Sequence[Job], settings: FitSettings) -> tuple[Job, ...]:
+    """The jobs, in the order of their rows, with their keys and what they follow."""
+    keyed: list[Job] = []
+    for job in jobs:
+        if job.start == LAST and keyed:
+            nearest = keyed[-1]
+            job = replace(job, above=(nearest.key, *nearest.above)[:REACH])
+        keyed.append(_with_key(job, settings))
+    return tuple(keyed)
 
 
 def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
@@ -94,10 +112,12 @@ def _cell(row: Mapping[str, str | None], column: str) -> str:
 
 def _with_key(job: Job, settings: FitSettings) -> Job:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
-    content = [[str(path), *_stamp(path)] for path in files]
+    content: list[list[object]] = [[str(path), *_stamp(path)] for path in files]
+    if job.start == LAST:
+        content[-1] = [LAST, *job.above[:1]]
     text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
     key = hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
-    return Job(job.row, job.photo, job.model, job.start, job.folder, key)
+    return replace(job, key=key)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

@@ -13,6 +13,7 @@ from poseviewer.session.marking import MARKING, pair_errors
 from poseviewer.session.marks import WHEELS
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Post, button, choices, set_property
+from poseviewer.viewer.requests import UseLastPose
 
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 _OTHERWISE = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
@@ -30,6 +31,8 @@ class QuickStartPanel:
                 post,
                 {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")},
             )
+            last = UseLastPose()
+            button(gui, "From the last saved pose", post, lambda _: last, color="gray")
             self._text = gui.add_markdown("")
             self._buttons = [
                 button(gui, "Remove last mark", post, lambda _: c.RemoveMark(), color="gray"),
