@@ -36,7 +36,7 @@ def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
     camera, place = start["camera"], start["camera_from_model"]
     matrix = [camera["fx"], 0, camera["cx"], 0, camera["fy"], camera["cy"], 0, 0, 1]
     entry = {
-        "cam_R_m2c": sum(place["rotation"], []),
+        "cam_R_m2c": [number for row in place["rotation"] for number in row],
         "cam_t_m2c": place["translation"],
         "obj_id": 5,
     }
@@ -116,7 +116,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     review.annotate(queue, second, " blurred,\n half hidden ")
     record = load_pose(out / third.result.pose, 160, 120)
     place = record.pose.camera_from_model
-    moved = RigidTransform(place.rotation, place.translation + [0.25, 0.0, 0.5])
+    moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
     mended = replace(record, pose=replace(record.pose, camera_from_model=moved), loss=None)
     before = (out / third.result.pose).read_bytes()
     review.accept_mended(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
