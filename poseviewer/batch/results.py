@@ -102,7 +102,7 @@ def load_result_of(folder: Path, key: str) -> JobResult | None:
         data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
         known = {field.name for field in fields(JobResult)} - {"review", "note"}
         said = {key: str(data.get(key, "")) for key in ("review", "note")}
-        found = JobResult(**{key: data[key] for key in known}, **said)
+        found = JobResult(**({key: data[key] for key in known} | said))
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not all((folder / name).is_file() for name in (found.pose, found.picture)):

@@ -179,6 +179,7 @@ def test_last_starts_from_the_row_above(scene, tmp_path):
     assert [result.failed for result in results] == [False, True, False]
     # A search never ends worse than it began, and begins where the nearest row above ended.
     assert results[2].start_loss is not None
+    assert results[0].start_loss is not None
     assert results[2].start_loss == pytest.approx(results[0].loss, rel=0.2)
     assert results[2].start_loss < results[0].start_loss
 
