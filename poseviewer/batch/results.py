@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from poseviewer.batch.jobs import Job
 from poseviewer.errors import BatchError
@@ -102,7 +103,8 @@ def load_result_of(folder: Path, key: str) -> JobResult | None:
         data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
         known = {field.name for field in fields(JobResult)} - {"review", "note"}
         said = {key: str(data.get(key, "")) for key in ("review", "note")}
-        found = JobResult(**({key: data[key] for key in known} | said))
+        values: dict[str, Any] = {key: data[key] for key in known} | said
+        found = JobResult(**values)
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not all((folder / name).is_file() for name in (found.pose, found.picture)):
