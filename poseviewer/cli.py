@@ -11,9 +11,10 @@ from typing import NoReturn
 from poseviewer.calibration_options import add_calibration
 from poseviewer.converting import add_convert
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
+from poseviewer.many_options import add_review, add_scene
 from poseviewer.option_values import listed, map_size, port, positive, rectangle, size, whole
 
-MANY = ("study", "batch", "identify")
+MANY = ("study", "batch", "review", "identify")
 """Commands that run many fits."""
 COMMANDS = ("app", "fit", "overlay", "landscape", "info", "demo", "bench", "convert", "undistort")
 COMMANDS += MANY
@@ -91,6 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
     undistort.set_defaults(command="undistort")
     _add_study(commands)
     _add_batch(commands)
+    add_review(commands, port)
     _add_identify(commands)
     return parser
 
@@ -99,6 +101,7 @@ def _add_app(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, nargs="?", metavar="PHOTO")
     parser.add_argument("model", type=Path, nargs="?", metavar="MODEL")
     parser.add_argument("--pose", type=Path, metavar="POSE.json", help="the start")
+    parser.add_argument("--last", action="store_true", help="start from the pose saved last")
     parser.add_argument("--port", type=port, help="(the first free one from 8080 on)")
     parser.add_argument(
         "--host",
@@ -225,13 +228,15 @@ def _add_batch(commands: argparse._SubParsersAction) -> None:
         "batch",
         help="fit many photos",
         description="Fit every row of a table with the columns photo, model and start (a pose "
-        "file); relative paths start from the table's folder. Run again, it goes on where it was.",
+        "file, or last); relative paths start from the table's folder. Or fit the images of a BOP "
+        "scene. Run again, it goes on where it was.",
     )
-    batch.add_argument("jobs", type=Path, metavar="JOBS.csv")
+    batch.add_argument("jobs", type=Path, metavar="JOBS.csv|BOP_SCENE")
     batch.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     batch.add_argument("--processes", type=whole, metavar="N", help="(one for each processor)")
     batch.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on")
     batch.add_argument("--quiet", action="store_true", help="no progress")
+    add_scene(batch, listed(whole))
     _add_settings(batch)
     _add_limits(batch.add_argument_group("search"))
     batch.set_defaults(command="batch")
@@ -258,6 +263,7 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("start, one of")
     start = group.add_mutually_exclusive_group(required=True)
     start.add_argument("--pose", type=Path, metavar="POSE.json", help="a pose file")
+    start.add_argument("--last", action="store_true", help="the pose that was saved last")
     start.add_argument(
         "--pairs", type=Path, metavar="FILE", help="CSV or JSON rows x,y,z,u,v: model, photo point"
     )
@@ -276,7 +282,7 @@ def _add_start(parser: argparse.ArgumentParser) -> None:
         "--start", choices=("auto",), help="look for one: in the --box, else in the whole photo"
     )
     group.add_argument(
-        "--box", type=_rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="about the object, px"
+        "--box", type=rectangle, metavar="LEFT,TOP,WIDTH,HEIGHT", help="about the object, px"
     )
     group.add_argument(
         "--projection",

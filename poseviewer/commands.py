@@ -27,6 +27,7 @@ from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import check_kind, save_figure
 from poseviewer.files.calibrated_photo import load_calibrated_photo, photo_text, pixels_for
 from poseviewer.files.landscape_file import save_landscape
+from poseviewer.files.last_pose_file import keep_last_pose, last_pose
 from poseviewer.files.marks_file import load_pairs, load_wheels
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
@@ -62,14 +63,18 @@ def app(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
     photo, model, pose = options.photo, options.model, options.pose
     if photo is None:
-        if pose is not None:
-            raise SettingsError("--pose without PHOTO and MODEL; name all three")
+        if pose is not None or options.last:
+            raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
         if options.calibration is not None:
             raise SettingsError("--calibration without PHOTO and MODEL; name all three")
         case = demo_case("perspective")
         photo, model, pose = case.photo, case.model, case.start
     elif model is None:
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
+    if options.last:
+        if pose is not None:
+            raise SettingsError("--pose and --last are two starts; leave one of them out")
+        pose = last_pose()
     from poseviewer.render.software import kernels_are_compiled
     from poseviewer.viewer.serving import serve_app
 
@@ -96,10 +101,9 @@ def fit(options: Namespace) -> int:
     registration, settings, problem = _open(options)
     renderer = _renderer(registration, settings)
     progress = _search(problem, renderer, options.quiet)
-    save_pose(
-        options.out,
-        make_record(registration, settings, problem, progress.pose, progress.loss),
-    )
+    record = make_record(registration, settings, problem, progress.pose, progress.loss)
+    save_pose(options.out, record)
+    keep_last_pose(record)
     print(describe.fit_result(progress))
     print(f"pose: {options.out}")
     if options.overlay:
@@ -241,6 +245,8 @@ def _started(options: Namespace, settings: FitSettings) -> Registration:
     given, calibration = vars(options), calibration_of(options)
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
+    if given.get("last"):
+        return load_registration(options.photo, options.model, last_pose(), calibration)
     if options.pose is not None:
         return load_registration(options.photo, options.model, options.pose, calibration)
     known = StartCamera(options.projection == "parallel", options.focal, options.free_focal)

@@ -12,6 +12,7 @@ from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 from poseviewer.files.photo_file import load_mask
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.pose_fit import FitProgress
+from poseviewer.many_options import scene_rule_of
 from poseviewer.registration import load_registration
 from poseviewer.render.many import processors
 
@@ -44,7 +45,8 @@ def batch(options: Namespace) -> int:
     from poseviewer.batch.results import REPORT, TABLE
     from poseviewer.batch.run import open_batch, run_batch, save_outcome
 
-    opened = open_batch(options.jobs, options.out, _settings(options), options.mask)
+    rule = scene_rule_of(options)
+    opened = open_batch(options.jobs, options.out, _settings(options), options.mask, rule)
     if opened.done and not options.quiet:
         _tell(f"{len(opened.done)} of {len(opened.jobs)} rows were done before.")
     fresh, stopped = [], False
@@ -59,9 +61,25 @@ def batch(options: Namespace) -> int:
     known = save_outcome(opened, fresh)
     print(describe.batch_result(len(opened.jobs), [result.failed for result in known], stopped))
     print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
+    if opened.scene is not None:
+        print(f"BOP scene: {options.out}")
     if stopped:
         return EXIT_INTERRUPTED
     return EXIT_MENDABLE if any(result.failed for result in known) else 0
+
+
+def review(options: Namespace) -> int:
+    """Serve the app on what a batch left, until it is interrupted."""
+    from poseviewer.viewer.serving import serve_review
+
+    serve_review(
+        options.folder,
+        host=options.host,
+        port=options.port,
+        browser=not options.no_browser,
+        tell=lambda line: print(line, flush=True),
+    )
+    return 0
 
 
 def identify(options: Namespace) -> int:

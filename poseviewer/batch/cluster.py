@@ -8,6 +8,7 @@ written are not done again.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from poseviewer.batch.jobs import Job
 from poseviewer.batch.results import JobResult, failed_result
@@ -45,7 +46,7 @@ def run_on_cluster(jobs: Sequence[Job], plan: Plan, address: str) -> Iterator[Jo
             "`dask scheduler`, or check the address (tcp://HOST:8786)."
         ) from None
     with client:
-        flying = {client.submit(run_job, job, plan, key=_name(job, plan)): job for job in jobs}
+        flying = _submit(client, jobs, plan)
         try:
             for future in as_completed(list(flying), loop=client.loop):
                 try:
@@ -58,6 +59,21 @@ def run_on_cluster(jobs: Sequence[Job], plan: Plan, address: str) -> Iterator[Jo
                     )
         finally:
             client.cancel([future for future in flying if not future.done()])
+
+
+def _submit(client: Any, jobs: Sequence[Job], plan: Plan) -> dict[Any, Job]:
+    """The futures of all jobs; one that starts from the row above is run after that."""
+    futures: dict[str, Any] = {}
+    for job in jobs:
+        above = futures.get(job.above[0]) if job.above else None
+        futures[job.key] = client.submit(_run_after, job, plan, above, key=_name(job, plan))
+    return {futures[job.key]: job for job in jobs}
+
+
+def _run_after(job: Job, plan: Plan, above: JobResult | None) -> JobResult:
+    """Run a job, now that the row above it is done; what came of that is read from its file."""
+    del above
+    return run_job(job, plan)
 
 
 def _name(job: Job, plan: Plan) -> str:

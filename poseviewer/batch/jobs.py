@@ -18,6 +18,10 @@ from poseviewer.registration import FitSettings, settings_as_json
 COLUMNS = ("photo", "model", "start")
 BOX = "box"
 """A column that may be there: where the start is ``auto``, a rectangle about the object."""
+LAST = "last"
+"""In the column ``start``: the pose that the nearest row above ended in."""
+REACH = 20
+"""So many rows above are looked at for one that ended in a pose."""
 KEY_LENGTH = 16
 
 
@@ -37,6 +41,9 @@ class Job:
     """The same for the same files, unchanged, and the same settings: a result has it as a name."""
     box: str = ""
     """For the start ``auto``: left, top, width, height in px, as the table has it."""
+    above: tuple[str, ...] = ()
+    """Where the start is ``LAST``: the keys of the rows above, the nearest first, down to one with
+    a start of its own."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
@@ -85,7 +92,18 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     ]
     if not jobs:
         raise BatchError(f"{path.name}: no rows; wanted a photo, a model and a start in each.")
-    return tuple(_with_key(job, settings) for job in jobs)
+    return with_keys(jobs, settings)
+
+
+def with_keys(jobs: Sequence[Job], settings: FitSettings) -> tuple[Job, ...]:
+    """The jobs, in the order of their rows, with their keys and what they follow."""
+    keyed: list[Job] = []
+    for job in jobs:
+        if job.start == LAST and keyed:
+            nearest = keyed[-1]
+            job = replace(job, above=(nearest.key, *nearest.above)[:REACH])
+        keyed.append(_with_key(job, settings))
+    return tuple(keyed)
 
 
 def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
@@ -123,6 +141,8 @@ def _cell(row: Mapping[str, str | None], column: str) -> str:
 def _with_key(job: Job, settings: FitSettings) -> Job:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
     content: list[Any] = [[str(path), *_stamp(path)] for path in files]
+    if job.start == LAST:
+        content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
     text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
     key = hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

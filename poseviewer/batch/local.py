@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -56,12 +56,15 @@ def _run_together(
     try:
         while waiting or flying:
             # No more than can run: what is under way when a process dies is what may have done it.
-            while waiting and len(flying) < processes and not suspects:
+            while len(flying) < processes and not suspects:
+                job = _first_ready(waiting, flying.values())
+                if job is None:
+                    break
                 try:
-                    flying[pool.submit(_work, waiting[0], plan)] = waiting[0]
+                    flying[pool.submit(_work, job, plan)] = job
                 except BrokenProcessPool:
                     break
-                waiting.popleft()
+                waiting.remove(job)
             if not flying:
                 return
             done, _ = wait(flying, return_when=FIRST_COMPLETED)
@@ -76,6 +79,12 @@ def _run_together(
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
+
+
+def _first_ready(waiting: Iterable[Job], flying: Iterable[Job]) -> Job | None:
+    """The first job that need not wait for the row above it."""
+    ahead = {job.key for job in (*waiting, *flying)}
+    return next((job for job in waiting if not ahead.intersection(job.above[:1])), None)
 
 
 def _begin(stop: Event) -> None:

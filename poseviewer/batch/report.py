@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -19,6 +20,7 @@ th, td { border-bottom: 1px solid #8884; padding: .5rem; text-align: left; verti
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 img { display: block; max-width: 20rem; max-height: 14rem; }
 .failed { color: #c62828; }
+.accepted { color: #2e7d32; font-weight: 600; }
 """
 _HEAD = "<tr><th>pose</th><th>row</th><th>files</th><th>loss / start</th><th>outcome</th></tr>"
 
@@ -35,12 +37,15 @@ def save_report(folder: Path, results: Sequence[JobResult]) -> None:
 def report_html(folder: Path, results: Sequence[JobResult]) -> str:
     """The page; pictures are read from ``folder``, and left out where they are gone."""
     failed = sum(result.failed for result in results)
+    accepted = sum(bool(result.review) for result in results)
+    reviewed = f" {accepted} accepted by a person, which are last." if accepted else ""
     rows = "\n".join(_row(folder, result) for result in worst_first(results))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{len(results)} photos</h1>\n<p>{len(results) - failed} fitted, {failed} failed. "
-        "Worst first: those that failed, then by what is left of the loss at the start.</p>\n"
+        "Worst first: those that failed, then by what is left of the loss at the start."
+        f"{reviewed}</p>\n"
         f"<table><thead>{_HEAD}</thead><tbody>\n{rows}\n</tbody></table></body></html>\n"
     )
 
@@ -52,15 +57,26 @@ def _row(folder: Path, result: JobResult) -> str:
         outcome = f'<span class="failed">{escape(result.reason)}</span>'
     else:
         picture = _picture(folder, result)
-        losses = f"{result.loss:.4f} / {result.start_loss:.4f}<br>{distrust(result):.0%}"
+        losses = _losses(result)
         outcome = (
             f"{escape(result.status)}<br>{result.evaluations:,} evaluations, "
             f"{result.seconds:.1f} s<br>{escape(result.pose)}"
         )
+    if result.review:
+        outcome = f'<span class="accepted">{escape(result.review)}</span><br>{outcome}'
+    if result.note:
+        outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
     return (
         f'<tr><td>{picture}</td><td class="number">{result.row}</td><td>{files}</td>'
         f'<td class="number">{losses}</td><td>{outcome}</td></tr>'
     )
+
+
+def _losses(result: JobResult) -> str:
+    """The losses at the end and at the start; a pose set by hand may have none."""
+    pair = " / ".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
+    share = distrust(result)
+    return f"{pair}<br>{share:.0%}" if math.isfinite(share) else pair
 
 
 def _picture(folder: Path, result: JobResult) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from poseviewer.batch.jobs import Job
 from poseviewer.errors import BatchError
@@ -20,6 +21,7 @@ from poseviewer.files.writing import write_whole
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT = "results.csv", "report.html"
+ACCEPTED, MENDED = "accepted", "mended"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,10 @@ class JobResult:
     """The pose file, from the folder of results."""
     picture: str = ""
     """The picture of the pose, from the folder of results."""
+    review: str = ""
+    """What a person said of the pose: ``accepted``, or ``mended`` by hand and then accepted."""
+    note: str = ""
+    """The person's own words."""
 
     @property
     def failed(self) -> bool:
@@ -66,8 +72,8 @@ def distrust(result: JobResult) -> float:
 
 
 def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
-    """By ``distrust``; rows alike in that in their order."""
-    return sorted(results, key=lambda result: (-distrust(result), result.row))
+    """By ``distrust``, rows alike in that in their order; those that a person accepted are last."""
+    return sorted(results, key=lambda r: (bool(r.review), -distrust(r), r.row))
 
 
 def make_folders(folder: Path) -> None:
@@ -87,15 +93,23 @@ def make_folders(folder: Path) -> None:
 
 def load_result(folder: Path, job: Job) -> JobResult | None:
     """What came of a job before; None if it is to be done, or what it left is no longer there."""
+    found = load_result_of(folder, job.key)
+    return None if found is None else _as_row_of(job, found)
+
+
+def load_result_of(folder: Path, key: str) -> JobResult | None:
+    """The same by the job's key alone, under the row that it had when it was fitted."""
     try:
-        data = json.loads((folder / ROWS / f"{job.key}.json").read_bytes())
-        known = {field.name for field in fields(JobResult)}
-        found = JobResult(**{key: data[key] for key in known})
+        data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
+        known = {field.name for field in fields(JobResult)} - {"review", "note"}
+        said = {key: str(data.get(key, "")) for key in ("review", "note")}
+        values: dict[str, Any] = {key: data[key] for key in known} | said
+        found = JobResult(**values)
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not all((folder / name).is_file() for name in (found.pose, found.picture)):
         return None
-    return _as_row_of(job, found)
+    return found
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> None:

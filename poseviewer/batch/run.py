@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
+from poseviewer.batch.bop_jobs import SceneRule, load_scene_jobs
 from poseviewer.batch.jobs import Job, load_jobs
-from poseviewer.batch.report import save_report
-from poseviewer.batch.results import JobResult, load_result, make_folders, save_table
+from poseviewer.batch.manifest import Manifest, save_manifest
+from poseviewer.batch.outcome import known_results, save_outcome_files
+from poseviewer.batch.results import JobResult, load_result, make_folders
 from poseviewer.batch.work import Plan
 from poseviewer.registration import FitSettings
 from poseviewer.render.many import processors
@@ -22,6 +24,8 @@ class Batch:
     plan: Plan
     done: tuple[JobResult, ...]
     """What came of rows in an earlier run."""
+    scene: str | None = None
+    """The BOP scene that the rows are from."""
 
     @property
     def to_do(self) -> tuple[Job, ...]:
@@ -35,19 +39,29 @@ class Batch:
 
 
 def open_batch(
-    table: str | Path, folder: str | Path, settings: FitSettings, mask: Path | None = None
+    table: str | Path,
+    folder: str | Path,
+    settings: FitSettings,
+    mask: Path | None = None,
+    rule: SceneRule | None = None,
 ) -> Batch:
-    """Read the table, make the folder, and see what is there already.
+    """Read the table, or the BOP scene; make the folder, and see what is there already.
 
     Raises:
-        BatchError: the table cannot be used, or the folder not made.
+        PoseViewerError: the table or the scene cannot be used, or the folder not made.
     """
-    jobs = load_jobs(table, settings)
-    folder = Path(folder).resolve()
+    folder, scene = Path(folder).resolve(), None
+    if Path(table).is_dir():
+        scene = Path(table).resolve()
+        jobs = load_scene_jobs(scene, folder, settings, rule or SceneRule())
+    else:
+        jobs = load_jobs(table, settings)
     make_folders(folder)
+    save_manifest(folder, Manifest(jobs, settings, None if scene is None else str(scene)))
     found = (load_result(folder, job) for job in jobs)
     plan = Plan(folder, settings, mask.resolve() if mask else None)
-    return Batch(jobs, plan, tuple(result for result in found if result is not None))
+    done = tuple(result for result in found if result is not None)
+    return Batch(jobs, plan, done, None if scene is None else str(scene))
 
 
 def run_batch(
@@ -75,17 +89,14 @@ def run_batch(
 def save_outcome(batch: Batch, fresh: Sequence[JobResult]) -> list[JobResult]:
     """Write the table and the report of all rows that are known; returns them in their order.
 
+    What was done is read from the folder: it may have been reviewed in the meantime.
+
     Raises:
-        BatchError: they cannot be written.
+        PoseViewerError: they cannot be written.
     """
-    by_row = {result.row: result for result in (*batch.done, *fresh)}
+    folder, manifest = batch.plan.folder, Manifest(batch.jobs, batch.plan.settings, batch.scene)
     key_of = {job.row: job.key for job in batch.jobs}
-    by_key = {key_of[row]: result for row, result in by_row.items()}
-    results = [
-        replace(by_key[job.key], row=job.row, photo=job.photo, model=job.model, start=job.start)
-        for job in batch.jobs
-        if job.key in by_key
-    ]
-    save_table(batch.plan.folder, results)
-    save_report(batch.plan.folder, results)
+    failed = {key_of[result.row]: result for result in fresh if result.failed}
+    results = known_results(folder, manifest, failed)
+    save_outcome_files(folder, manifest, results)
     return results

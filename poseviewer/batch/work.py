@@ -13,13 +13,14 @@ import numpy as np
 
 from poseviewer.api import FitResult, load
 from poseviewer.auto_start import AUTOMATIC
-from poseviewer.batch.jobs import COLUMNS, Job
+from poseviewer.batch.jobs import COLUMNS, LAST, Job
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
     JobResult,
     failed_result,
     load_result,
+    load_result_of,
     save_result,
 )
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
@@ -63,7 +64,7 @@ def run_job(job: Job, plan: Plan, stopped: Callable[[], bool] = lambda: False) -
         return found
     try:
         fitted = _fit(job, plan, stopped)
-        picture = _smaller(fitted.picture())
+        picture = smaller(fitted.picture())
     except PoseViewerError as error:
         return failed_result(job, str(error))
     except StoppedError:
@@ -88,7 +89,7 @@ def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
     case = load(
         job.path(job.photo),
         model,
-        AUTOMATIC if job.start == AUTOMATIC else job.path(job.start),
+        _start_of(job, plan),
         plan.settings,
         box=job.rectangle(),
         watch=watch,
@@ -97,6 +98,21 @@ def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
         renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
     )
     return case.fit(watch=watch)
+
+
+def _start_of(job: Job, plan: Plan) -> str | Path:
+    if job.start == AUTOMATIC:
+        return AUTOMATIC
+    if job.start != LAST:
+        return job.path(job.start)
+    above = (load_result_of(plan.folder, key) for key in job.above)
+    nearest = next((result for result in above if result is not None), None)
+    if nearest is None:
+        raise SettingsError(
+            "the start is 'last', and no row just above ended in a pose; name a pose file in the "
+            "first row of a series."
+        )
+    return plan.folder / nearest.pose
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -119,8 +135,7 @@ def _changed(path: Path) -> int:
 
 def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResult:
     """Write the pose, the picture and, last, the result."""
-    name = f"{Path(job.photo).stem[:60]}-{job.key}"
-    pose, drawn = f"{POSES}/{name}.json", f"{PICTURES}/{name}.jpg"
+    pose, drawn = result_files(job)
     progress = fitted.progress
     assert progress is not None  # it was searched for
     result = JobResult(
@@ -146,7 +161,14 @@ def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResul
     return result
 
 
-def _smaller(picture: Picture) -> Picture:
+def result_files(job: Job) -> tuple[str, str]:
+    """Where a job's pose and its picture are kept, from the folder of results."""
+    name = f"{Path(job.photo).stem[:60]}-{job.key}"
+    return f"{POSES}/{name}.json", f"{PICTURES}/{name}.jpg"
+
+
+def smaller(picture: Picture) -> Picture:
+    """A picture (height, width, 3) in the size of the report's."""
     height, width = picture.shape[:2]
     share = min(1.0, PICTURE_SIDE / max(height, width))
     size = max(1, round(share * width)), max(1, round(share * height))

@@ -19,9 +19,11 @@ from typing import Any
 import viser
 
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.last_pose_file import keep_last_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session import commands as c
+from poseviewer.session.document import History
 from poseviewer.session.jobs import (
     LandscapeNews,
     Painter,
@@ -37,20 +39,24 @@ from poseviewer.viewer.mapping import MapJob, Mapper
 from poseviewer.viewer.opening import Opened
 from poseviewer.viewer.page import Page
 from poseviewer.viewer.proposing import Proposer
-from poseviewer.viewer.reports import command_of
+from poseviewer.viewer.reports import command_of, newest_drags
 from poseviewer.viewer.requests import (
+    Annotate,
     Download,
     FindWheels,
     Greet,
     Report,
     Request,
     Restore,
+    Review,
     SavePose,
     ShowHelp,
     Unfit,
     Upload,
+    UseLastPose,
 )
-from poseviewer.viewer.tasks import Done, Exported, Tasks
+from poseviewer.viewer.reviewing import Reviewer
+from poseviewer.viewer.tasks import Done, Exported, Reviewed, Tasks
 from poseviewer.worker import Mailbox, Worker
 
 _log = logging.getLogger(__name__)
@@ -68,12 +74,17 @@ INTERPRETER_SHARE_S = 0.001
 class App:
     """Everything that runs while the page is served."""
 
-    def __init__(self, server: viser.ViserServer, opened: Opened, state: Path) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        opened: Opened,
+        state: Path,
+        review: Reviewer | None = None,
+    ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
-        self.session = Session(
-            opened.document, anchor=opened.document.pose, saved=opened.document.pose
-        )
+        saved = None if opened.restored else opened.document.pose
+        self.session = Session(opened.document, anchor=opened.document.pose, saved=saved)
         self._renderer = opened.renderer
         self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
         self._weigher: Worker[Painting] = Worker("weigher", self._mailbox.ring)
@@ -82,8 +93,10 @@ class App:
         self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
         self._proposer = Proposer(self._mailbox.ring)
         self._tasks = Tasks(self._mailbox.ring, state)
-        self._autosaver = Autosaver(state)
-        self._page = Page(server, self._mailbox.post)
+        self._state = state
+        self._review = review
+        self._autosaver = review or Autosaver(state)
+        self._page = Page(server, self._mailbox.post, review is not None)
         self._running = True
         self._renew_brushes()
         self._painted: PaintRequest | None = None
@@ -119,7 +132,7 @@ class App:
     def step(self) -> None:
         """Take what has come, start what is wanted, show what is new."""
         busy = self._searcher.busy or self._mapper.busy or self._unfinished()
-        for request in _newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
+        for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
             try:
                 self._handle(request)
             except PoseViewerError as error:
@@ -130,12 +143,16 @@ class App:
                 self._page.complain("Something went wrong inside; nothing was changed.")
         self._collect()
         self._start_jobs()
-        self._page.show(self.session, self._autosaver.where(self.session))
+        state = self._review.state(self.session) if self._review is not None else None
+        self._page.show(self.session, self._autosaver.where(self.session), state)
         self._autosaver.tick(self.session)
 
     # --- requests --------------------------------------------------------------------------------
 
     def _handle(self, request: Request) -> None:
+        if self._review is not None and self._review.takes(request):
+            self._review_row(self._review, request)
+            return
         match request:
             case Report():
                 meant = command_of(request, self.session)
@@ -148,6 +165,10 @@ class App:
                 self._page.complain_to(request.client, request.why)
             case SavePose():
                 self._save()
+            case UseLastPose():
+                self._tasks.add_last_pose()
+            case Review() | Annotate():
+                pass  # keys that mean something in a review alone
             case Download():
                 self._export(request)
             case FindWheels():
@@ -178,9 +199,15 @@ class App:
                 self._renderer = SoftwareRenderer(mesh)
             self._renew_brushes()
 
+    def _review_row(self, review: Reviewer, request: Request) -> None:
+        record = exporting.record_of(self.session)
+        self._tasks.add(review.task_for(request, self.session, self._renderer, record))
+
     def _save(self) -> None:
-        document = self.session.document
-        path = self._autosaver.save_pose(self.session, exporting.record_of(self.session))
+        document, record = self.session.document, exporting.record_of(self.session)
+        assert isinstance(self._autosaver, Autosaver)  # in a review, saving is accepting
+        path = self._autosaver.save_pose(self.session, record)
+        keep_last_pose(record, self._state)
         self._command(c.Saved(document.pose))
         self._page.tell(f"Saved {path.name}", str(path))
 
@@ -232,14 +259,25 @@ class App:
         self._page.working("")
         if done.error is not None:
             self._page.complain(str(done.error))
+            if self._review is not None:
+                self._review.gave_up()
+        if isinstance(done.result, Reviewed) and self._review is not None:
+            if done.result.pose is not None:
+                self._command(c.Saved(done.result.pose))
+            self._tasks.add(self._review.finish(done.result, self.session))
         if isinstance(done.result, Opened):
             opened = done.result
+            if opened.row:
+                self._autosaver.save_now(self.session)  # what was dragged while it was being read
             if opened.pose_alone:
                 self._command(c.SetPose(opened.document.pose, as_start=True))
             else:
                 self._renderer = opened.renderer
                 self._command(c.Open(opened.document, unsaved=opened.restored))
-            if opened.restored:
+            if opened.row and self._review is not None:
+                self._review.opened(opened)
+                self.session = replace(self.session, history=History())  # undo stays in the row
+            elif opened.restored:
                 self._autosaver.adopt(self.session)
             self._page.tell_all(opened.warnings)
         elif isinstance(done.result, c.LayWheels):
@@ -342,21 +380,6 @@ class App:
         self._painted = None
         self._weighed = True
         self._mapped = None
-
-
-def _newest_drags(requests: list[Request]) -> list[Request]:
-    """The requests without those drags that another one follows at once."""
-    kept: list[Request] = []
-    for request in requests:
-        if kept and _is_drag(request) and _is_drag(kept[-1]):
-            kept[-1] = request
-        else:
-            kept.append(request)
-    return kept
-
-
-def _is_drag(request: Request) -> bool:
-    return isinstance(request, Report) and request.content.get("kind") == "drag"
 
 
 def _same_picture(one: PaintRequest, other: PaintRequest) -> bool:

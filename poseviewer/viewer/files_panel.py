@@ -15,16 +15,20 @@ from poseviewer.viewer.upload_limits import take_upload
 
 
 class OpenPanel:
-    """Folder "Open"."""
+    """Folder "Open"; where photo and model are ``fixed``, pose files alone."""
 
-    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+    def __init__(self, gui: viser.GuiApi, post: Post, fixed: bool = False) -> None:
         with gui.add_folder("1 · Open"):
             self._what = gui.add_markdown("")
-            self._uploads = [
-                _upload(gui, post, "photo", "Photo ...", "photo"),
-                _upload(gui, post, "model", "Model ...", "cube"),
-                _upload(gui, post, "pose", "Pose file ...", "file-import"),
-            ]
+            self._uploads = (
+                []
+                if fixed
+                else [
+                    _upload(gui, post, "photo", "Photo ...", "photo"),
+                    _upload(gui, post, "model", "Model ...", "cube"),
+                ]
+            )
+            self._uploads.append(_upload(gui, post, "pose", "Pose file ...", "file-import"))
             button(gui, "Keys and mouse (?)", post, ShowHelp, icon="help", color="gray")
 
     def show(self, session: Session) -> None:

@@ -37,6 +37,8 @@ LOOKS: Mapping[str, str] = MappingProxyType(
         "Digit0": "none",
     }
 )
+REVIEW: Mapping[str, str] = MappingProxyType({"KeyN": "next", "KeyP": "previous", "KeyA": "accept"})
+"""In a review."""
 FORWARDED = [
     *NUDGES,
     *LOOKS,
@@ -48,11 +50,12 @@ FORWARDED = [
     "KeyS",
     "KeyY",
     "KeyZ",
+    *REVIEW,
     "Escape",
     "?",
 ]
 """``event.code`` (or ``event.key``) of the keys that the page hands on."""
-LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "Digit0", "Digit1"]
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "Digit0", "Digit1", *REVIEW]
 """Not taken where ctrl is held: find, reload, and so on."""
 
 HELP = """
@@ -75,12 +78,13 @@ HELP = """
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
 | **S**, **ctrl S** | save the pose |
 | **Esc** | let go, leave a tool |
+| **A**, **N**, **P** | in a review: accept, next, previous |
 """
 
 
 def command_for(report: Mapping[str, Any], searching: bool, hidden: bool, rings: bool) -> Any:
-    """The command that a reported key stands for; None for none, or for ``Save`` and ``Help``
-    their names.
+    """The command that a reported key stands for; None for none, or for ``Save``, ``Help`` and the
+    steps of a review their names.
     """
     code, shift, ctrl = str(report.get("code")), bool(report.get("shift")), bool(report.get("ctrl"))
     if report.get("key") == "?":
@@ -92,6 +96,8 @@ def command_for(report: Mapping[str, Any], searching: bool, hidden: bool, rings:
         return None
     if code in LOOKS and not ctrl:
         return c.ChangeView(look=LOOKS[code], hidden=False)
+    if code in REVIEW:
+        return None if ctrl else REVIEW[code]
     if code == "Space":
         return c.StopSearch() if searching else c.StartSearch()
     if code == "KeyZ":

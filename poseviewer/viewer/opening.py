@@ -44,6 +44,8 @@ class Opened:
     """A pose file was read; photo and model are the ones at hand."""
     restored: bool = False
     """It is what an earlier session left, unsaved."""
+    row: str = ""
+    """In a review: the key of the row that it is."""
 
 
 def open_files(

@@ -20,6 +20,8 @@ from poseviewer.viewer.look_panel import LookPanel
 from poseviewer.viewer.place_panel import PlacePanel
 from poseviewer.viewer.quick_start import hint_of
 from poseviewer.viewer.requests import Greet, Report, Restore
+from poseviewer.viewer.review_panel import ReviewPanel
+from poseviewer.viewer.reviewing import ReviewState
 from poseviewer.viewer.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.viewer.tasks import Exported
 from poseviewer.viewer.upload_limits import bound_uploads
@@ -33,7 +35,7 @@ PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
 class Page:
     """All that pages show; what is shown is shared by all of them."""
 
-    def __init__(self, server: viser.ViserServer, post: Post) -> None:
+    def __init__(self, server: viser.ViserServer, post: Post, reviewing: bool = False) -> None:
         self._server = server
         self._post = post
         gui = server.gui
@@ -50,7 +52,8 @@ class Page:
         self._script = ClientScript(
             server, (DEPTH, SIDE), lambda content, client: post(Report(content, client))
         )
-        self._open = OpenPanel(gui, post)
+        self._review = ReviewPanel(gui, post) if reviewing else None
+        self._open = OpenPanel(gui, post, fixed=reviewing)
         self._place = PlacePanel(gui, post)
         self._fit = FitPanel(gui, post)
         self._look = LookPanel(gui, post)
@@ -75,8 +78,10 @@ class Page:
         async def _(client: viser.ClientHandle) -> None:
             post(Greet(client.client_id))
 
-    def show(self, session: Session, where: str) -> None:
+    def show(self, session: Session, where: str, review: ReviewState | None = None) -> None:
         """Bring the page to the session; cheap where nothing has changed."""
+        if self._review is not None and review is not None:
+            self._review.show(review)
         if session is self._shown and not self._late:
             return
         if session is not self._shown:

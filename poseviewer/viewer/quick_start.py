@@ -13,8 +13,8 @@ from poseviewer.session.marking import MARKING, pair_errors
 from poseviewer.session.marks import WHEELS
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Post, button, choices, set_property
-from poseviewer.viewer.requests import FindWheels, Request
 from poseviewer.viewer.proposing import BOX_HINT, ProposalsPanel
+from poseviewer.viewer.requests import FindWheels, Request, UseLastPose
 
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 FIND, DRAW = "Find wheels in the region", "Find wheels: draw a region"
@@ -39,6 +39,8 @@ class QuickStartPanel:
                 gui, "Draw another region", post, lambda _: c.SetTool("region"), color="gray"
             )
             self._proposals = ProposalsPanel(gui, post)
+            last = UseLastPose()
+            button(gui, "From the last saved pose", post, lambda _: last, color="gray")
             self._text = gui.add_markdown("")
             self._buttons = [
                 button(gui, "Remove last mark", post, lambda _: c.RemoveMark(), color="gray"),

@@ -8,8 +8,8 @@ from typing import Any
 from poseviewer.files.uploads import why_unfit
 from poseviewer.session import commands as c
 from poseviewer.session.session import Session
-from poseviewer.viewer.keys import command_for
-from poseviewer.viewer.requests import Report, Request, SavePose, ShowHelp, Unfit
+from poseviewer.viewer.keys import REVIEW, command_for
+from poseviewer.viewer.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 
 LARGEST = 1e6
 """No pointer is farther than so many px from the photo's corner."""
@@ -46,6 +46,8 @@ def _command_of(report: Report, session: Session) -> Request | None:
             meant = command_for(content, session.searching, session.look.hidden, session.look.rings)
             if meant == "save":
                 return SavePose()
+            if meant in REVIEW.values():
+                return Review(meant)
             return ShowHelp(report.client) if meant == "help" else meant
         case "unfit":
             why = why_unfit(str(content["name"]), int(content["size"]))
@@ -66,3 +68,18 @@ def _finite(value: Any) -> float:
     if not math.isfinite(number) or abs(number) > LARGEST:
         raise ValueError(f"{value!r} is no place")
     return number
+
+
+def newest_drags(requests: list[Request]) -> list[Request]:
+    """The requests without those drags that another one follows at once."""
+    kept: list[Request] = []
+    for request in requests:
+        if kept and _is_drag(request) and _is_drag(kept[-1]):
+            kept[-1] = request
+        else:
+            kept.append(request)
+    return kept
+
+
+def _is_drag(request: Request) -> bool:
+    return isinstance(request, Report) and request.content.get("kind") == "drag"

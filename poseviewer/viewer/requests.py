@@ -75,6 +75,26 @@ class Greet:
     client: int
 
 
+@dataclass(frozen=True, slots=True)
+class UseLastPose:
+    """Start from the pose that was saved last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """What is to become of the row under review; ``accept`` goes on to the next one."""
+
+    what: Literal["next", "previous", "accept", "take back"]
+
+
+@dataclass(frozen=True, slots=True)
+class Annotate:
+    """A note on the row of a key."""
+
+    key: str
+    note: str
+
+
 Request = (
     Command
     | Upload
@@ -86,4 +106,7 @@ Request = (
     | Restore
     | Report
     | Greet
+    | UseLastPose
+    | Review
+    | Annotate
 )

@@ -12,7 +12,8 @@ from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.state_folder import state_folder
 from poseviewer.viewer.app import App
 from poseviewer.viewer.guard import serve
-from poseviewer.viewer.opening import open_files
+from poseviewer.viewer.opening import Opened, open_files
+from poseviewer.viewer.reviewing import Reviewer
 
 
 def serve_app(
@@ -31,10 +32,36 @@ def serve_app(
     Raises:
         PoseViewerError: a file cannot be used, or the address is taken.
     """
-    state = state_folder()
     opened = open_files(photo, model, pose, calibration)
+    _serve(opened, None, host=host, port=port, browser=browser, tell=tell)
+
+
+def serve_review(
+    folder: Path, *, host: str, port: int | None, browser: bool, tell: Callable[[str], None]
+) -> None:
+    """Serve the app on the rows of a batch's folder of results until it is interrupted.
+
+    Raises:
+        PoseViewerError: the folder holds no batch, no row can be opened, or the address is taken.
+    """
+    review = Reviewer(folder)
+    opened = next(review.open_beside(0, 1))
+    review.opened(opened)
+    _serve(opened, review, host=host, port=port, browser=browser, tell=tell)
+
+
+def _serve(
+    opened: Opened,
+    review: Reviewer | None,
+    *,
+    host: str,
+    port: int | None,
+    browser: bool,
+    tell: Callable[[str], None],
+) -> None:
+    state = state_folder()
     guarded = serve(host, port, "poseviewer", state)
-    app = App(guarded.server, opened, state)
+    app = App(guarded.server, opened, state, review)
 
     def end(*_: Any) -> None:
         app.stop()

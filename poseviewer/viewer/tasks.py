@@ -7,9 +7,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from poseviewer.batch.results import JobResult
+from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import PoseViewerError, QuickStartError
 from poseviewer.files.autosave_file import AutosavedSession
+from poseviewer.files.last_pose_file import last_pose
 from poseviewer.files.uploads import display_name, keep_upload
+from poseviewer.geometry.camera import Pose
 from poseviewer.quick_start import Material, find_wheels
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.commands import LayWheels
@@ -29,21 +33,38 @@ class Exported:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Reviewed:
+    """What a person said of a row is kept."""
+
+    row: ReviewRow
+    """As it was."""
+    result: JobResult
+    leave: bool
+    """Whether the next row is wanted."""
+    pose: Pose | None = None
+    """The one that was mended, which is the row's now."""
+
+
+Result = Opened | Exported | LayWheels | Reviewed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Done:
     """A task that has ended, one way or the other."""
 
-    result: Opened | Exported | LayWheels | None
+    result: Result | None
     error: Exception | None = None
 
 
-Task = Callable[[Session, SoftwareRenderer], Iterator[Opened | Exported | LayWheels]]
+Task = Callable[[Session, SoftwareRenderer], Iterator[Result]]
 
 
 class Tasks:
     """A queue of tasks, and the thread that does them."""
 
     def __init__(self, ring: Callable[[], None], state: Path) -> None:
-        self._worker: Worker[Opened | Exported | LayWheels] = Worker("tasks", ring)
+        self._worker: Worker[Result] = Worker("tasks", ring)
+        self._state = state
         self._uploads = state / "uploads"
         self._waiting: deque[Task] = deque()
 
@@ -64,6 +85,15 @@ class Tasks:
             return _under_its_name(opened, path.name, name)
 
         self._waiting.append(run)
+
+    def add(self, task: Task | None) -> None:
+        """Do a task (None: nothing) when those before it are done."""
+        if task is not None:
+            self._waiting.append(task)
+
+    def add_last_pose(self) -> None:
+        """Open the pose that was saved last, as a start on what is open by then."""
+        self.add(lambda now, renderer: open_pose(now.document, renderer, last_pose(self._state)))
 
     def add_restore(self, kept: AutosavedSession) -> None:
         """Open what an earlier session left."""

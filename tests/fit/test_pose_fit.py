@@ -130,8 +130,8 @@ def test_a_cloud_judged_on_several_threads_is_the_same_search():
             assert np.array_equal(one.numbers, other.numbers)
             assert np.array_equal(one.simplex, other.simplex)
     left = fit_pose(problem, RENDERER, 2)
-    next(left)
-    left.close()
+    assert next(left).status is Status.RUNNING
+    del left  # it ends its threads
 
 
 def test_small_models_are_searched_on_the_photo_alone():

@@ -56,7 +56,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     entry = _entry(record, request)
     matrix = intrinsics_matrix(camera).reshape(-1).tolist()
     folder_files = out / "scene_camera.json", out / "scene_gt.json"
-    cameras, poses = (_load_scene_file(path) for path in folder_files)
+    cameras, poses = (load_scene_file(path) for path in folder_files)
     there = cameras.setdefault(image, {"cam_K": matrix, "depth_scale": 1.0})
     if not _alike(Reading(folder_files[0].name, []), there, image, matrix):
         raise PoseFileError(
@@ -73,7 +73,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     of_image.append(entry)
     make_folder(out)
     for path, content in zip(folder_files, (cameras, poses), strict=True):
-        write_whole(path, _as_text(content).encode(), PoseFileError)
+        write_whole(path, scene_text(content).encode(), PoseFileError)
     return Written(folder_files)
 
 
@@ -89,7 +89,7 @@ def read_bop(path: Path, request: Request) -> PoseRecord:
     for file in files:
         if not file.is_file():
             raise PoseFileError(f"{file}: no such file; name a BOP scene's folder.")
-    cameras, poses = (_load_scene_file(file) for file in files)
+    cameras, poses = (load_scene_file(file) for file in files)
     image = _chosen_image(files[1], poses, request)
     reading = Reading(files[0].name, [])
     entry = reading.object(cameras.get(image), f"image {image}")
@@ -110,10 +110,15 @@ def _entry(record: PoseRecord, request: Request) -> dict[str, Any]:
         )
     transform = record.pose.camera_from_model
     millimetres = transform.translation * (metres_per_unit(unit) / metres_per_unit(UNIT))
+    return entry_of(_object_id(record, request), RigidTransform(transform.rotation, millimetres))
+
+
+def entry_of(object_id: int, camera_from_model: RigidTransform) -> dict[str, Any]:
+    """A pose as ``scene_gt.json`` has it; lengths in mm."""
     return {
-        "cam_R_m2c": transform.rotation.reshape(-1).tolist(),
-        "cam_t_m2c": millimetres.tolist(),
-        "obj_id": _object_id(record, request),
+        "cam_R_m2c": camera_from_model.rotation.reshape(-1).tolist(),
+        "cam_t_m2c": camera_from_model.translation.tolist(),
+        "obj_id": object_id,
     }
 
 
@@ -141,8 +146,12 @@ def _number(given: str | None, pattern: str, name: str | None, what: str, exampl
     return int(text)
 
 
-def _load_scene_file(path: Path) -> SceneFile:
-    """What a scene's file holds by image; nothing where it is not there yet."""
+def load_scene_file(path: Path) -> SceneFile:
+    """What a scene's file holds by image; nothing where it is not there yet.
+
+    Raises:
+        PoseFileError: it is damaged.
+    """
     if not path.exists():
         return {}
     reading = Reading(path.name, [])
@@ -156,7 +165,7 @@ def _alike(reading: Reading, there: Any, image: str, matrix: list[float]) -> boo
     return np.allclose(numbers, matrix, rtol=1e-9, atol=1e-9)
 
 
-def _as_text(content: SceneFile) -> str:
+def scene_text(content: SceneFile) -> str:
     """One image a line, in order, as the toolkit writes it."""
     lines = (
         f"  {json.dumps(image)}: {json.dumps(content[image])}"
@@ -193,8 +202,17 @@ def _place(reading: Reading, entries: Any, image: str, request: Request) -> Rigi
             + (f" of object {wanted}" if wanted else ""),
             "wanted one, choose it with --object NUMBER",
         )
-    numbers = reading.numbers(of_object[0].get("cam_R_m2c"), "cam_R_m2c", 9)
-    rotation = checked_rotation(reading, np.array(numbers).reshape(3, 3))
-    millimetres = np.array(reading.numbers(of_object[0].get("cam_t_m2c"), "cam_t_m2c", 3))
     scale = metres_per_unit(UNIT) / metres_per_unit(request.unit or UNIT)
+    return transform_of(reading, of_object[0], scale)
+
+
+def transform_of(reading: Reading, entry: dict[str, Any], scale: float) -> RigidTransform:
+    """Camera from model of a pose in ``scene_gt.json``; its mm times ``scale``.
+
+    Raises:
+        PoseFileError: it is no pose.
+    """
+    numbers = reading.numbers(entry.get("cam_R_m2c"), "cam_R_m2c", 9)
+    rotation = checked_rotation(reading, np.array(numbers).reshape(3, 3))
+    millimetres = np.array(reading.numbers(entry.get("cam_t_m2c"), "cam_t_m2c", 3))
     return RigidTransform(rotation, millimetres * scale)

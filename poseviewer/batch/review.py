@@ -1,0 +1,194 @@
+"""What a batch found, row by row for a person: accept, mend, note. No window, no thread.
+
+Everything is kept in the folder of results. What a person says of a row goes into the row's own
+file (``results``), a mended pose into its pose file, with the one that was fitted beside it; a pose
+that is being mended is a draft in ``review/``.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from poseviewer.batch.bop_outcome import require_scene_camera
+from poseviewer.batch.jobs import Job
+from poseviewer.batch.manifest import Manifest, load_manifest
+from poseviewer.batch.outcome import known_results, load_failures, save_outcome_files
+from poseviewer.batch.results import (
+    ACCEPTED,
+    MENDED,
+    JobResult,
+    make_folders,
+    save_result,
+    worst_first,
+)
+from poseviewer.batch.work import result_files, smaller
+from poseviewer.errors import BatchError
+from poseviewer.files.photo_file import save_image
+from poseviewer.files.pose_file import PoseRecord, save_pose
+from poseviewer.render.overlay import Picture
+
+DRAFTS = "review"
+BY_HAND = "Set by hand."
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewRow:
+    """A row, and what came of it so far."""
+
+    job: Job
+    result: JobResult
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewQueue:
+    """The rows in the order in which they are shown: the worst first, those accepted last."""
+
+    folder: Path
+    manifest: Manifest
+    rows: tuple[ReviewRow, ...]
+    failed: Mapping[str, JobResult] = field(default_factory=dict)
+    """The rows without a pose, by their jobs' keys."""
+
+    @property
+    def accepted(self) -> int:
+        """How many rows a person has accepted."""
+        return sum(bool(row.result.review) for row in self.rows)
+
+    def draft(self, row: ReviewRow) -> Path:
+        """Where a pose that is being mended is kept."""
+        return self.folder / DRAFTS / f"{row.job.key}.json"
+
+    def start(self, row: ReviewRow) -> Path:
+        """The pose that a row opens with: the one found, or, where it failed, its start."""
+        return self.folder / row.result.pose if row.result.pose else row.job.path(row.job.start)
+
+    def renewed(self, row: ReviewRow, result: JobResult) -> ReviewQueue:
+        """The queue with another result of a row, in the same order."""
+        rows = tuple(replace(r, result=result) if r.job.key == row.job.key else r
+                     for r in self.rows)  # fmt: skip
+        failed = {key: value for key, value in self.failed.items() if key != row.job.key}
+        if result.failed:
+            failed[row.job.key] = result
+        return replace(self, rows=rows, failed=failed)
+
+
+def load_queue(folder: Path) -> ReviewQueue:
+    """The rows of a batch that were fitted, or failed.
+
+    Raises:
+        BatchError: the folder holds no batch, or nothing in it is done yet.
+    """
+    folder = folder.resolve()
+    manifest = load_manifest(folder)
+    failed = load_failures(folder, manifest)
+    jobs = {job.row: job for job in manifest.jobs}
+    results = worst_first(known_results(folder, manifest, failed))
+    first = {jobs[result.row].key: result for result in reversed(results)}
+    rows = [ReviewRow(jobs[r.row], r) for r in results if first[jobs[r.row].key] is r]
+    if not rows:
+        raise BatchError(f"{folder}: no row of the batch is done yet; nothing to review.")
+    make_folders(folder)
+    try:
+        (folder / DRAFTS).mkdir(exist_ok=True)
+    except OSError as error:
+        raise BatchError(f"{folder}: cannot be written to ({error.strerror}).") from None
+    return ReviewQueue(folder, manifest, tuple(rows), failed)
+
+
+def accept(queue: ReviewQueue, row: ReviewRow) -> JobResult:
+    """Accept the pose that was found.
+
+    Raises:
+        BatchError: the row has no pose, or it cannot be written.
+    """
+    if row.result.failed:
+        raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
+    result = replace(row.result, review=row.result.review or ACCEPTED)
+    save_result(queue.folder, row.job, result)
+    return result
+
+
+def accept_mended(
+    queue: ReviewQueue, row: ReviewRow, record: PoseRecord, picture: Picture
+) -> JobResult:
+    """Accept a pose that a person set, in place of the one found, which is kept beside it.
+
+    Raises:
+        PoseViewerError: it is by another camera than its BOP scene's, or cannot be written.
+    """
+    require_scene_camera(queue.manifest, row.job.photo, record.pose.camera)
+    pose, drawn = result_files(row.job)
+    path, fitted = queue.folder / pose, queue.folder / pose.replace(".json", ".fitted.json")
+    if path.is_file() and not fitted.exists():
+        _copy(path, fitted)
+    save_pose(path, record)
+    save_image(queue.folder / drawn, smaller(picture))
+    status = BY_HAND if row.result.failed else row.result.status
+    result = replace(
+        row.result,
+        status=status,
+        reason="",
+        loss=record.loss,
+        pose=pose,
+        picture=drawn,
+        review=MENDED,
+    )
+    save_result(queue.folder, row.job, result)
+    drop_draft(queue, row)
+    return result
+
+
+def take_back(queue: ReviewQueue, row: ReviewRow) -> JobResult:
+    """Let a row wait for a word again; a pose that was mended stays.
+
+    Raises:
+        BatchError: it cannot be written.
+    """
+    result = replace(row.result, review="")
+    if not result.failed:
+        save_result(queue.folder, row.job, result)
+    return result
+
+
+def annotate(queue: ReviewQueue, row: ReviewRow, note: str) -> JobResult:
+    """Keep a person's words about a row. Those about a row that failed stand in the table alone.
+
+    Raises:
+        BatchError: they cannot be written.
+    """
+    result = replace(row.result, note=" ".join(note.split()))
+    if not result.failed:
+        save_result(queue.folder, row.job, result)
+    return result
+
+
+def drop_draft(queue: ReviewQueue, row: ReviewRow) -> None:
+    """Forget a pose that was being mended; nothing happens where there is none."""
+    try:
+        queue.draft(row).unlink(missing_ok=True)
+    except OSError as error:
+        raise BatchError(
+            f"{queue.draft(row)}: cannot be removed ({error.strerror}); remove it by hand."
+        ) from None
+
+
+def save_reviewed(queue: ReviewQueue) -> None:
+    """Bring table, report and BOP scene to what the rows' own files say.
+
+    Raises:
+        PoseViewerError: they cannot be written.
+    """
+    results = known_results(queue.folder, queue.manifest, queue.failed)
+    save_outcome_files(queue.folder, queue.manifest, results)
+
+
+def _copy(path: Path, to: Path) -> None:
+    try:
+        shutil.copyfile(path, to)
+    except OSError as error:
+        raise BatchError(
+            f"{to}: cannot be written ({error.strerror}); nothing was changed."
+        ) from None

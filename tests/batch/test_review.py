@@ -1,0 +1,221 @@
+"""A BOP scene in, fitted, reviewed, and out again; series of photos, each from the last pose."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.batch import review
+from poseviewer.batch.bop_jobs import SceneRule
+from poseviewer.batch.local import _first_ready
+from poseviewer.batch.results import worst_first
+from poseviewer.batch.run import Batch, open_batch, save_outcome
+from poseviewer.batch.work import run_job
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.formats.bop_scene import read_bop
+from poseviewer.files.formats.request import Request
+from poseviewer.files.pose_file import load_pose
+from poseviewer.fit.pose_fit import Limits
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.registration import FitSettings
+
+QUICK = FitSettings(limits=Limits(20, 600.0))
+IMAGES = (0, 3, 12)
+
+
+def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
+    """A scene of one object in three images, and its models."""
+    start = json.loads(scene.start.read_text())
+    camera, place = start["camera"], start["camera_from_model"]
+    matrix = [camera["fx"], 0, camera["cx"], 0, camera["fy"], camera["cy"], 0, 0, 1]
+    entry = {
+        "cam_R_m2c": [number for row in place["rotation"] for number in row],
+        "cam_t_m2c": place["translation"],
+        "obj_id": 5,
+    }
+    bop, models = folder / "000001", folder / "models"
+    (bop / "rgb").mkdir(parents=True)
+    models.mkdir()
+    shutil.copy(scene.model, models / "obj_000005.ply")
+    for number in IMAGES:
+        shutil.copy(scene.photo, bop / "rgb" / f"{number:06d}.png")
+    cameras = {str(n): {"cam_K": matrix, "depth_scale": 0.1} for n in IMAGES}
+    (bop / "scene_camera.json").write_text(json.dumps(cameras))
+    if posed:
+        poses = json.dumps({str(number): [entry] for number in IMAGES})
+        (bop / "scene_gt.json").write_text(poses)
+    return bop, models
+
+
+def fit_all(batch: Batch) -> None:
+    """In this process: how jobs are handed out is tested elsewhere."""
+    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+
+
+def table_of(out: Path) -> list[dict[str, str]]:
+    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def fitted(scene, tmp_path_factory) -> tuple[Path, Path]:
+    """A scene, and the folder of results of a batch on it."""
+    folder = tmp_path_factory.mktemp("bop")
+    bop, models = make_bop(scene, folder)
+    fit_all(open_batch(bop, folder / "out", QUICK, rule=SceneRule(models)))
+    return bop, folder / "out"
+
+
+@pytest.fixture
+def out(fitted, tmp_path) -> Path:
+    return Path(shutil.copytree(fitted[1], tmp_path / "out"))
+
+
+def test_a_bop_scene_comes_out_as_one(fitted):
+    bop, out = fitted
+    given = json.loads((bop / "scene_camera.json").read_text())
+    assert json.loads((out / "scene_camera.json").read_text()) == given
+    poses = json.loads((out / "scene_gt.json").read_text())
+    assert list(poses) == [str(number) for number in IMAGES]
+    rows = table_of(out)
+    for number, row in zip(IMAGES, rows, strict=True):
+        assert row["photo"] == f"rgb/{number:06d}.png"
+        (entry,) = poses[str(number)]  # the published layout: row-major, mm
+        assert set(entry) == {"cam_R_m2c", "cam_t_m2c", "obj_id"}
+        assert entry["obj_id"] == 5
+        own = load_pose(out / row["pose"], 160, 120).pose
+        request = Request(image=str(number), photo_size=(160, 120))
+        read = read_bop(out, request).pose
+        for place in (own.camera_from_model, read.camera_from_model):
+            np.testing.assert_allclose(place.rotation.ravel(), entry["cam_R_m2c"], atol=1e-9)
+            np.testing.assert_allclose(place.translation, entry["cam_t_m2c"], rtol=1e-9)
+        assert np.allclose([own.camera.cx, own.camera.cy], [read.camera.cx, read.camera.cy])
+
+
+def test_a_scene_is_not_done_twice(fitted, scene, tmp_path):
+    bop, out = fitted
+    again = open_batch(bop, out, QUICK, rule=SceneRule(bop.parent / "models"))
+    assert again.to_do == ()
+    del scene, tmp_path
+
+
+def test_accept_mend_and_note_are_kept_and_read_again(out):
+    queue = review.load_queue(out)
+    first, second, third = queue.rows
+    assert [r.result.row for r in queue.rows] == [
+        r.row for r in worst_first([r.result for r in queue.rows])
+    ]
+    review.accept(queue, first)
+    review.annotate(queue, second, " blurred,\n half hidden ")
+    record = load_pose(out / third.result.pose, 160, 120)
+    place = record.pose.camera_from_model
+    moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
+    mended = replace(record, pose=replace(record.pose, camera_from_model=moved), loss=None)
+    before = (out / third.result.pose).read_bytes()
+    review.accept_mended(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
+    review.save_reviewed(review.load_queue(out))
+    again = review.load_queue(out)
+    assert again.accepted == 2
+    assert again.rows[0].job == second.job  # those accepted are last
+    rows = {row["row"]: row for row in table_of(out)}
+    assert [rows[str(r.job.row)]["review"] for r in (first, second, third)] == [
+        "accepted", "", "mended"]  # fmt: skip
+    assert rows[str(second.job.row)]["note"] == "blurred, half hidden"
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "2 accepted by a person" in page
+    assert "<q>blurred, half hidden</q>" in page
+    kept = out / third.result.pose.replace(".json", ".fitted.json")
+    assert kept.read_bytes() == before
+    image = str(int(Path(third.job.photo).stem))
+    read = read_bop(out, Request(image=image, photo_size=(160, 120)))
+    np.testing.assert_allclose(read.pose.camera_from_model.translation, moved.translation)
+    back = review.take_back(again, replace(third, result=again.rows[-1].result))
+    assert back.review == ""
+
+
+def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
+    queue = review.load_queue(out)
+    bop = fitted[0]
+    batch = open_batch(bop, out, QUICK, rule=SceneRule(bop.parent / "models"))
+    # The starts lie in another folder, and so the rows are others: only the same folder is.
+    assert {job.photo for job in batch.jobs} == {row.job.photo for row in queue.rows}
+    same = replace(batch, jobs=queue.manifest.jobs)
+    review.accept(queue, queue.rows[0])  # while the batch is open
+    save_outcome(same, [])
+    assert sum(row["review"] == "accepted" for row in table_of(out)) == 1
+
+
+def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
+    queue = review.load_queue(out)
+    row = queue.rows[0]
+    record = load_pose(out / row.result.pose, 160, 120)
+    assert isinstance(record.pose.camera, Perspective)
+    other = replace(record.pose, camera=replace(record.pose.camera, fx=400.0))
+    with pytest.raises(PoseViewerError, match="not the BOP scene's"):
+        review.accept_mended(queue, row, replace(record, pose=other), np.zeros((2, 2, 3), np.uint8))
+    assert review.load_queue(out).accepted == 0
+
+
+def test_last_starts_from_the_row_above(scene, tmp_path):
+    for name in ("a.png", "b.png", "c.png"):
+        shutil.copy(scene.photo, tmp_path / name)
+    table = tmp_path / "jobs.csv"
+    lines = [f"a.png,{scene.model},{scene.start}", f"gone.png,{scene.model},last",
+             f"b.png,{scene.model},last"]  # fmt: skip
+    table.write_text("photo,model,start\n" + "\n".join(lines) + "\n")
+    batch = open_batch(table, tmp_path / "out", QUICK)
+    first, second, third = batch.jobs
+    assert (second.above, third.above) == ((first.key,), (second.key, first.key))
+    assert _first_ready([third, second], [first]) is None
+    assert _first_ready([third, second], []) is second
+    results = [run_job(job, batch.plan) for job in batch.to_do]
+    assert [result.failed for result in results] == [False, True, False]
+    # A search never ends worse than it began, and begins where the nearest row above ended.
+    assert results[2].start_loss is not None
+    assert results[0].start_loss is not None
+    assert results[2].start_loss == pytest.approx(results[0].loss, rel=0.2)
+    assert results[2].start_loss < results[0].start_loss
+
+
+def test_last_in_the_first_row_is_said(scene, tmp_path):
+    table = tmp_path / "jobs.csv"
+    table.write_text(f"photo,model,start\n{scene.photo},{scene.model},last\n")
+    batch = open_batch(table, tmp_path / "out", QUICK)
+    assert "no row just above" in run_job(batch.jobs[0], batch.plan).reason
+
+
+def test_a_scene_in_series_starts_each_image_from_the_one_before(scene, tmp_path):
+    bop, models = make_bop(scene, tmp_path)
+    batch = open_batch(bop, tmp_path / "out", QUICK, rule=SceneRule(models, "last"))
+    assert [job.start for job in batch.jobs][1:] == ["last", "last"]
+    assert (bop / batch.jobs[0].start).is_file()
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        (SceneRule(), "--models"),
+        (SceneRule(Path("models")), "no scene_gt.json"),
+        (SceneRule(Path("models"), "auto"), "would not know the scene's cameras"),
+        (SceneRule(Path("none")), "no such folder"),
+    ],
+    ids=["no models", "no poses", "auto", "no folder"],
+)
+def test_a_scene_that_lacks_something_is_said(scene, tmp_path, rule, words):
+    bop, _ = make_bop(scene, tmp_path, posed=False)
+    if rule.models is not None:
+        rule = replace(rule, models=tmp_path / rule.models)
+    with pytest.raises(PoseViewerError, match=words):
+        open_batch(bop, tmp_path / "out", QUICK, rule=rule)
+
+
+def test_a_folder_without_a_batch_is_said(tmp_path):
+    with pytest.raises(PoseViewerError, match=r"no batch\.json in it"):
+        review.load_queue(tmp_path)
