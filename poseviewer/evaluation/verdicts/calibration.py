@@ -17,17 +17,17 @@ from poseviewer.geometry.arrays import FloatArray
 
 NAMES = (
     "loss_margin",
-    "edge_margin",
     "rival_margin",
     "spread_percent",
-    "edges",
     "outline",
     "outline_excess",
 )
 """The numbers of the evidence that are weighed; few, as trials are."""
-PENALTY = 2.0
-"""As much as two trials' worth of doubt on each weight."""
+PENALTY = 1.0
+"""Half of it times the squared length of the weights is what they cost."""
 RIGHT_OF_FOUND, RIGHT_OF_LOST = 0.9, 0.1
+FALLBACK = 0.9
+"""Where no probability separates them so well, it has to be at least so sure itself."""
 """``found`` are to be right at least so often, ``lost`` at most so often, in the tuning half."""
 
 
@@ -75,7 +75,7 @@ def _found_from(probabilities: FloatArray, right: NDArray[np.bool_]) -> float:
         above = probabilities >= level
         if above.any() and np.mean(right[above]) >= RIGHT_OF_FOUND:
             return float(level)
-    return 0.99
+    return FALLBACK
 
 
 def _lost_below(probabilities: FloatArray, right: NDArray[np.bool_]) -> float:
@@ -84,7 +84,7 @@ def _lost_below(probabilities: FloatArray, right: NDArray[np.bool_]) -> float:
         below = probabilities < level
         if below.any() and np.mean(right[below]) <= RIGHT_OF_LOST:
             return float(level)
-    return 0.01
+    return 1.0 - FALLBACK
 
 
 def _tamed_numbers(trials: Sequence[JudgedTrial]) -> FloatArray:
