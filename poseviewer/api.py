@@ -4,7 +4,7 @@
 
     case = load("photo.jpg", "car.glb", "start.json")
     found = case.fit(seconds=60)
-    print(found.loss, found.pose.camera_from_model.rotation)
+    print(found.verdict, found.loss, found.pose.camera_from_model.rotation)
     found.save("pose.json")
     found.draw("residual.png", look="residual")
     found.landscape(size=21).save("maps.png")
@@ -27,9 +27,11 @@ from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import PoseRecord, save_pose
+from poseviewer.fit.judged import judged_fit
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, fit_pose, pose_loss
+from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, pose_loss
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.quick_start import StartCamera, load_unplaced
@@ -153,7 +155,8 @@ class Case:
             limits.seconds if seconds is None else seconds,
         )
         progress: FitProgress | None = None
-        for progress in fit_pose(replace(self.problem, limits=limits), self.renderer, threads):
+        problem = replace(self.problem, limits=limits)
+        for progress in judged_fit(problem, self.registration.mesh, self.renderer, threads):
             if watch is not None:
                 watch(progress)
         assert progress is not None  # a fit yields at least once
@@ -177,10 +180,17 @@ class FitResult:
         return "Not searched." if self.progress is None else self.progress.status.value
 
     @property
+    def verdict(self) -> Verdict | None:
+        """Whether the pose is right, and why; None for a pose that was not searched for."""
+        return None if self.progress is None else self.progress.verdict
+
+    @property
     def record(self) -> PoseRecord:
         """All that the pose file says."""
         case = self.case
-        return make_record(case.registration, case.settings, case.problem, self.pose, self.loss)
+        return make_record(
+            case.registration, case.settings, case.problem, self.pose, self.loss, self.verdict
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the pose file, whole or not at all.

@@ -32,10 +32,12 @@ from poseviewer.files.marks_file import load_pairs, load_wheels
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import save_pose
 from poseviewer.files.writing import write_whole
+from poseviewer.fit.judged import judged_fit, with_verdict
 from poseviewer.fit.landscape import Slice, landscape
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
+from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.quick_start import (
     Material,
     Start,
@@ -100,8 +102,9 @@ def fit(options: Namespace) -> int:
         _require_folder(options.overlay, PhotoFileError)
     registration, settings, problem = _open(options)
     renderer = _renderer(registration, settings)
-    progress = _search(problem, renderer, options.quiet)
-    record = make_record(registration, settings, problem, progress.pose, progress.loss)
+    progress = _search(problem, registration.mesh, renderer, options.quiet)
+    found = progress.pose, progress.loss, progress.verdict
+    record = make_record(registration, settings, problem, *found)
     save_pose(options.out, record)
     keep_last_pose(record)
     print(describe.fit_result(progress))
@@ -179,8 +182,10 @@ def demo(options: Namespace) -> int:
     registration = load_registration(case.photo, case.model, case.start)
     problem, _ = make_problem(registration, settings)
     renderer = _renderer(registration, settings)
-    progress = _search(problem, renderer, quiet=False)
-    record = make_record(registration, settings, problem, progress.pose, progress.loss)
+    progress = _search(problem, registration.mesh, renderer, quiet=False)
+    record = make_record(
+        registration, settings, problem, progress.pose, progress.loss, progress.verdict
+    )
     save_pose(folder / "pose.json", record)
     print(describe.fit_result(progress))
     for look in LOOKS_OF_THE_DEMO:
@@ -310,12 +315,12 @@ def _renderer(registration: Registration, settings: FitSettings) -> Renderer:
     return make_renderer(registration.mesh, settings.renderer)
 
 
-def _search(problem: FitProblem, renderer: Renderer, quiet: bool) -> FitProgress:
+def _search(problem: FitProblem, mesh: Mesh, renderer: Renderer, quiet: bool) -> FitProgress:
     """Run a fit to its end, or to Ctrl-C, which keeps the best pose so far."""
     latest: FitProgress | None = None
     with _bar(None, quiet) as bar:
         try:
-            for latest in fit_pose(problem, renderer, processors()):
+            for latest in judged_fit(problem, mesh, renderer, processors()):
                 bar.set_description_str(
                     f"restart {latest.restart}, loss {latest.loss:.5f}", refresh=False
                 )
@@ -323,7 +328,8 @@ def _search(problem: FitProblem, renderer: Renderer, quiet: bool) -> FitProgress
         except KeyboardInterrupt:
             if latest is None:
                 raise
-            latest = replace(latest, status=Status.STOPPED)
+            stopped = replace(latest, status=Status.STOPPED)
+            latest = with_verdict(stopped, problem, mesh, renderer)
     assert latest is not None  # a fit yields at least once
     return latest
 

@@ -16,19 +16,27 @@ from poseviewer.files.mesh_file import READERS, load_mesh
 from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import PoseRecord, load_pose, record_as_json
 from poseviewer.fit.pose_fit import FitProgress
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.identify import Ranked
 
 
 def fit_result(progress: FitProgress) -> str:
-    """How a fit ended, in three lines."""
-    return (
+    """How a fit ended, in three lines, and the verdict."""
+    text = (
         f"{progress.status.value}\n"
         f"loss: {progress.loss:.6f} (start {progress.start_loss:.6f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, "
         f"{progress.seconds:.1f} s"
     )
+    return text if progress.verdict is None else f"{text}\n{verdict(progress.verdict)}"
+
+
+def verdict(found: Verdict) -> str:
+    """The verdict, and its reasons, a line each."""
+    lines = [f"verdict: {found.word} ({found.probability:.0%} of such fits are right)"]
+    return "\n".join([*lines, *(f"  {reason}" for reason in found.reasons)])
 
 
 def batch_result(rows: int, failed: Sequence[bool], stopped: bool) -> str:
@@ -175,6 +183,7 @@ def _pose_file(path: Path) -> str:
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         chart=_chart_of(record),
         loss="not said" if record.loss is None else f"{record.loss:.6f}",
+        verdict="not said" if record.verdict is None else record.verdict.word,
         note=record.warnings,
     )
 

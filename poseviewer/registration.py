@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,13 +25,15 @@ from poseviewer.files.pose_file import (
     check_against,
     load_pose,
 )
+from poseviewer.files.pose_verdict import RecordedVerdict
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import fewest_pixels
+from poseviewer.fit.near import box_near, inside, working_factor
 from poseviewer.fit.pose_fit import FitProblem, Limits, Method
 from poseviewer.fit.restarts import RestartRules
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.chart_choice import ChartName, choose_chart
-from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.attributes import Renderer
@@ -43,12 +43,6 @@ from poseviewer.render.moments import PhotoAttributes
 RendererName = Literal["software", "opengl"]
 PixelsName = Literal["near", "whole", "clip"]
 
-NEAR_MARGIN = 0.25
-"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
-
-MOST_PIXELS = 20_000
-"""Of the model's convex outline at the start: finer photos are made smaller to be compared. A pose
-is told to a tenth of a pixel, or to less than a thousandth of the model's size."""
 LEAST_COLOUR = 0.02
 """Standard deviation, across the photo's own main line of colour, from which on it has colours:
 5 grey levels of 255. Sensor noise has 1 or 2; the real photos we know have 10 and more."""
@@ -174,7 +168,7 @@ def make_photo_attributes(
     if settings.region is not None:
         weights = weights * _rectangle(photo, settings.region)
     if settings.pixels == "near" and np.any(weights > 0.0):
-        weights = weights * _inside(photo, *box_near(mesh, start))
+        weights = weights * inside((photo.height, photo.width), box_near(mesh, start))
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
@@ -185,7 +179,7 @@ def make_photo_attributes(
     channels = photo.as_float() if coloured else photo.grey()[..., None]
     attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
     if not clipped and settings.method == "default":
-        attributes = structured(attributes, _working_factor(mesh, start))
+        attributes = structured(attributes, working_factor(mesh, start))
     wanted = fewest_pixels(attributes.photo_channels + attributes.model_channels)
     if np.count_nonzero(weights) < wanted:
         raise SettingsError(
@@ -263,6 +257,7 @@ def make_record(
     problem: FitProblem,
     pose: Pose,
     loss: float,
+    verdict: Verdict | None = None,
 ) -> PoseRecord:
     """All that the pose file of a fit says."""
     photo, chart = registration.photo, problem.chart
@@ -276,7 +271,15 @@ def make_record(
         {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
         {"name": "poseviewer", "version": version("poseviewer")},
         photo.undistortion,
+        None if verdict is None else as_recorded(verdict),
     )
+
+
+def as_recorded(verdict: Verdict) -> RecordedVerdict:
+    """The verdict as a pose file says it."""
+    evidence = {} if verdict.evidence is None else asdict(verdict.evidence)
+    numbers = {name: value for name, value in evidence.items() if name != "weak"}
+    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, numbers)
 
 
 def settings_as_json(settings: FitSettings) -> dict[str, Any]:
@@ -318,46 +321,10 @@ def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
 
 def _rectangle(photo: Photo, region: tuple[int, int, int, int]) -> NDArray[np.float32]:
     left, top, width, height = region
-    inside = _inside(photo, left, top, left + width, top + height)
-    if not inside.any():
+    found = inside((photo.height, photo.width), (left, top, left + width, top + height))
+    if not found.any():
         raise SettingsError(
             f"--region {left},{top},{width},{height} has no pixel in the photo of "
             f"{photo.width}x{photo.height} px; give left,top,width,height in px"
         )
-    return inside
-
-
-def _inside(
-    photo: Photo, left: float, top: float, right: float, bottom: float
-) -> NDArray[np.float32]:
-    """(height, width): 1 in the box, its right and lower end excluded, 0 beside it."""
-    inside = np.zeros((photo.height, photo.width), np.float32)
-    rows = slice(int(max(top, 0)), int(max(bottom, 0)))
-    inside[rows, int(max(left, 0)) : int(max(right, 0))] = 1.0
-    return inside
-
-
-def _working_factor(mesh: Mesh, start: Pose) -> int:
-    """How many times smaller a photo is compared: the model about the start has ``MOST_PIXELS``."""
-    seen = start.project(hull_points(mesh))
-    seen = seen[np.all(np.isfinite(seen), axis=1)].astype(np.float32)
-    if len(seen) < 3:
-        return 1
-    whole = float(start.camera.width * start.camera.height)
-    area = min(float(cv2.contourArea(cv2.convexHull(seen))), whole)
-    return max(1, math.ceil(math.sqrt(area / MOST_PIXELS)))
-
-
-def box_near(mesh: Mesh, start: Pose) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom in px of the model at the start, with a margin around it."""
-    size = np.array([start.camera.width, start.camera.height])
-    seen = start.project(hull_points(mesh))
-    seen = seen[np.all(np.isfinite(seen), axis=1)]
-    if not len(seen):
-        return 0.0, 0.0, 0.0, 0.0
-    # Where the start fills the photo and more, the photo is all there is to look at.
-    low, high = np.clip([seen.min(axis=0), seen.max(axis=0)], -size, 2 * size)
-    margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
-    left, top = np.floor(low - margin)
-    right, bottom = np.ceil(high + margin)
-    return left, top, right, bottom
+    return found

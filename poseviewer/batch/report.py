@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from poseviewer.batch.results import REPORT, JobResult, distrust, worst_first
+from poseviewer.batch.results import REPORT, JobResult, worst_first
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
 
@@ -19,10 +18,16 @@ table { border-collapse: collapse; width: 100%; }
 th, td { border-bottom: 1px solid #8884; padding: .5rem; text-align: left; vertical-align: top; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 img { display: block; max-width: 20rem; max-height: 14rem; }
-.failed { color: #c62828; }
 .accepted { color: #2e7d32; font-weight: 600; }
+.failed, .lost { color: #c62828; }
+.doubtful { color: #b26a00; }
+.found { color: #2e7d32; }
+.accepted { color: #2e7d32; }
+.accepted, .lost, .doubtful, .found { font-weight: 600; }
+ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; max-width: 26rem; }
 """
-_HEAD = "<tr><th>pose</th><th>row</th><th>files</th><th>loss / start</th><th>outcome</th></tr>"
+_COLUMNS = ("pose", "row", "files", "verdict", "loss / start", "outcome")
+_HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
 def save_report(folder: Path, results: Sequence[JobResult]) -> None:
@@ -44,7 +49,7 @@ def report_html(folder: Path, results: Sequence[JobResult]) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{len(results)} photos</h1>\n<p>{len(results) - failed} fitted, {failed} failed. "
-        "Worst first: those that failed, then by what is left of the loss at the start."
+        "Worst first: those that failed, then by how likely the pose is to be wrong."
         f"{reviewed}</p>\n"
         f"<table><thead>{_HEAD}</thead><tbody>\n{rows}\n</tbody></table></body></html>\n"
     )
@@ -53,11 +58,12 @@ def report_html(folder: Path, results: Sequence[JobResult]) -> str:
 def _row(folder: Path, result: JobResult) -> str:
     files = "<br>".join(escape(name) for name in (result.photo, result.model, result.start))
     if result.failed:
-        picture, losses = "", ""
+        picture, losses, verdict = "", "", ""
         outcome = f'<span class="failed">{escape(result.reason)}</span>'
     else:
         picture = _picture(folder, result)
         losses = _losses(result)
+        verdict = _verdict(result)
         outcome = (
             f"{escape(result.status)}<br>{result.evaluations:,} evaluations, "
             f"{result.seconds:.1f} s<br>{escape(result.pose)}"
@@ -68,15 +74,23 @@ def _row(folder: Path, result: JobResult) -> str:
         outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
     return (
         f'<tr><td>{picture}</td><td class="number">{result.row}</td><td>{files}</td>'
-        f'<td class="number">{losses}</td><td>{outcome}</td></tr>'
+        f'<td>{verdict}</td><td class="number">{losses}</td><td>{outcome}</td></tr>'
+    )
+
+
+def _verdict(result: JobResult) -> str:
+    if not result.verdict or result.probability is None:
+        return ""
+    reasons = "".join(f"<li>{escape(text)}</li>" for text in result.reasons.split("\n"))
+    return (
+        f'<span class="{escape(result.verdict)}">{escape(result.verdict)}</span> '
+        f"({result.probability:.0%})<ul>{reasons}</ul>"
     )
 
 
 def _losses(result: JobResult) -> str:
     """The losses at the end and at the start; a pose set by hand may have none."""
-    pair = " / ".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
-    share = distrust(result)
-    return f"{pair}<br>{share:.0%}" if math.isfinite(share) else pair
+    return " / ".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
 
 
 def _picture(folder: Path, result: JobResult) -> str:

@@ -44,6 +44,12 @@ class JobResult:
     """The pose file, from the folder of results."""
     picture: str = ""
     """The picture of the pose, from the folder of results."""
+    verdict: str = ""
+    """``found``, ``doubtful`` or ``lost``; empty where the row was not fitted."""
+    probability: float | None = None
+    """That the pose is right, in [0, 1]."""
+    reasons: str = ""
+    """Of the verdict, a sentence a line."""
     review: str = ""
     """What a person said of the pose: ``accepted``, or ``mended`` by hand and then accepted."""
     note: str = ""
@@ -61,14 +67,13 @@ def failed_result(job: Job, reason: str) -> JobResult:
 
 
 def distrust(result: JobResult) -> float:
-    """How little to trust a row, from 0 on; the report starts with the greatest.
+    """How little to trust a row, in [0, 1]; the report starts with the greatest.
 
-    For now what is left of the loss at the start; the verdict of a fit belongs here. Rows that
-    failed come first.
+    The verdict's probability that the pose is wrong. Rows that failed come first.
     """
-    if result.failed or result.loss is None or result.start_loss is None:
+    if result.failed or result.probability is None:
         return float("inf")
-    return result.loss / max(result.start_loss, 1e-12)
+    return 1.0 - result.probability
 
 
 def worst_first(results: Sequence[JobResult]) -> list[JobResult]:

@@ -138,6 +138,7 @@ def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResul
     pose, drawn = result_files(job)
     progress = fitted.progress
     assert progress is not None  # it was searched for
+    verdict = progress.verdict
     result = JobResult(
         job.row,
         job.photo,
@@ -151,6 +152,9 @@ def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResul
         round(progress.seconds, 3),
         pose,
         drawn,
+        "" if verdict is None else verdict.word,
+        None if verdict is None else round(verdict.probability, 4),
+        "" if verdict is None else "\n".join(verdict.reasons),
     )
     try:
         fitted.save(plan.folder / pose)

@@ -17,6 +17,11 @@ import numpy as np
 from poseviewer.errors import PoseFileError
 from poseviewer.files.distortion_block import distortion_as_json, distortion_from_json
 from poseviewer.files.pose_checks import Reading, checked_rotation, kind_of, read_json
+from poseviewer.files.pose_verdict import (
+    RecordedVerdict,
+    verdict_as_json,
+    verdict_from_json,
+)
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
@@ -68,6 +73,8 @@ class PoseRecord:
     software: Mapping[str, str] | None = None
     undistortion: Undistortion | None = None
     """Where the pose belongs to the undistorted photo: how that is made of the one as taken."""
+    verdict: RecordedVerdict | None = None
+    """What the fit thought of the pose."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -121,6 +128,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         None
         if data.get("distortion") is None
         else distortion_from_json(reading, data["distortion"], width, height),
+        verdict_from_json(reading, data.get("verdict")),
         tuple(reading.warnings),
     )
 
@@ -169,6 +177,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "settings": None if record.settings is None else dict(record.settings),
         "software": None if record.software is None else dict(record.software),
     }
+    if record.verdict is not None:
+        data["verdict"] = verdict_as_json(record.verdict)
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
     if record.chart is not None:

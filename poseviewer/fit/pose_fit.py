@@ -17,6 +17,7 @@ from poseviewer.fit.paper import paper_loss, paper_stages
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
 from poseviewer.fit.simplex import SimplexState
 from poseviewer.fit.stages import Stage, make_stages
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
@@ -122,6 +123,8 @@ class FitProgress:
     status: Status
     factor: int = 1
     """How many times smaller the photo is that the simplex is on."""
+    verdict: Verdict | None = None
+    """Of the last one of a ``judged_fit``: whether the pose is right."""
 
 
 def pose_loss(problem: FitProblem, renderer: Renderer, numbers: FloatArray) -> float:

@@ -86,6 +86,11 @@ class FreeBodyChart:
         return "free-body"
 
     @property
+    def focal_gain(self) -> float:
+        """How many times less the picture moves with the focal length than with the scale."""
+        return self._focal_gain
+
+    @property
     def names(self) -> tuple[str, ...]:
         """What each number is called."""
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"

@@ -187,7 +187,8 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
     reflectance = image.reflectance.astype(float)
     if photo.structure is not None and not photo.colour_reflectance:
         shade = (reflectance @ GREY_WEIGHTS)[..., None] * image.normals
-        return np.concatenate([reflectance, shade, image.mask[..., None].astype(float)], axis=-1)
+        parts = reflectance, shade, image.mask[..., None]
+        return np.concatenate(parts, axis=-1).astype(np.float64)
     if not photo.colour_reflectance:
         reflectance = reflectance @ GREY_WEIGHTS[:, None]
     ambient_and_normal = np.concatenate(

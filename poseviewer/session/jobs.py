@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.judged import judged_fit
 from poseviewer.fit.landscape import Slice, landscape, strides
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import registration_loss
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, fit_pose
+from poseviewer.fit.pose_fit import FitProblem, FitProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import (
@@ -195,7 +196,7 @@ def search(
     """
     problem, _ = make_problem(_started(registration, pose), settings)
     improvements: tuple[FitProgress, ...] = ()
-    for progress in fit_pose(problem, renderer):
+    for progress in judged_fit(problem, registration.mesh, renderer):
         if not improvements or progress.loss < improvements[-1].loss:
             improvements = (*improvements, progress)
         yield SearchNews(problem, progress, improvements)

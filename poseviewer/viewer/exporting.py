@@ -45,9 +45,9 @@ def record_of(session: Session) -> PoseRecord:
     registration, settings = document.registration, document.settings
     try:
         if search is not None and search.news is not None:
-            news = search.news
+            problem, progress = search.news.problem, search.news.progress
             return make_record(
-                registration, settings, news.problem, document.pose, news.progress.loss
+                registration, settings, problem, document.pose, progress.loss, progress.verdict
             )
         problem = landscape_problem(registration, document.pose, settings)
         painting = session.painting

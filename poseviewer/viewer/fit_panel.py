@@ -17,6 +17,7 @@ from poseviewer.session import commands as c
 from poseviewer.session.session import Session
 from poseviewer.viewer.fields import Field, Post, button, set_property
 from poseviewer.viewer.requests import Request
+from poseviewer.viewer.verdict_text import verdict_text
 
 MOST_NUMBERS = 7
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
@@ -192,7 +193,7 @@ def status_text(session: Session) -> str:
         return (
             f"**loss {progress.loss:.5f}** (start {progress.start_loss:.5f})  \n"
             f"{progress.evaluations} evaluations, restart {progress.restart}, "
-            f"{progress.seconds:.1f} s  \n{sentence}"
+            f"{progress.seconds:.1f} s  \n{sentence}{verdict_text(progress.verdict)}"
         )
     if search is not None:
         return "Preparing the search ..."

@@ -9,7 +9,9 @@ import numpy as np
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.evaluation.pose_error import pose_error
-from poseviewer.fit.pose_fit import FitProgress, fit_pose, pose_loss
+from poseviewer.evaluation.study.evidence_text import evidence_as_text
+from poseviewer.fit.judged import judged_fit
+from poseviewer.fit.pose_fit import FitProgress, pose_loss
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -38,6 +40,8 @@ class Outcome:
     """Name of the ``Status``, or of the error that kept the fit from beginning."""
     verdict: str
     """What the fit itself thinks of where it ended; empty where it says nothing."""
+    evidence: str
+    """The numbers that the verdict comes from: ``name=value``, with blanks between them."""
 
 
 def fit_from(
@@ -54,7 +58,7 @@ def fit_from(
     began = perf_counter()
     try:
         problem, _ = make_problem(registration, settings)
-        *_, end = fit_pose(problem, renderer)
+        *_, end = judged_fit(problem, mesh, renderer)
     except PoseViewerError as error:
         seconds = perf_counter() - began
         return np.zeros(0), _refused(mesh, start, truth, type(error).__name__, seconds)
@@ -68,12 +72,13 @@ def fit_from(
         seconds=round(seconds, 3),
         status=end.status.name,
         verdict=verdict_of(end),
+        evidence=evidence_as_text(None if end.verdict is None else end.verdict.evidence),
     )
 
 
 def verdict_of(end: FitProgress) -> str:
     """The fit's own judgement of the pose it ended in, or "" if it gives none."""
-    return str(getattr(end, "verdict", ""))
+    return "" if end.verdict is None else end.verdict.word
 
 
 def _refused(mesh: Mesh, start: Pose, truth: Pose, why: str, seconds: float) -> Outcome:
@@ -87,6 +92,7 @@ def _refused(mesh: Mesh, start: Pose, truth: Pose, why: str, seconds: float) -> 
         seconds=round(seconds, 3),
         status=why,
         verdict="",
+        evidence="",
     )
 
 

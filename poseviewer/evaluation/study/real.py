@@ -46,6 +46,8 @@ class RealTrial(Outcome):
     pixels: str
     set: str
     accuracy_percent: float
+    end: str
+    """The numbers of the chart about the start, with blanks between them."""
 
     @property
     def key(self) -> Key:
@@ -79,12 +81,8 @@ def run_real_trial(task: RealTask) -> RealTrial:
         PoseViewerError: photo or model cannot be read.
     """
     case, start = task.case, task.start
-    mesh, renderer = _load_model(case.mesh)
-    pose = Pose(case.truth.camera, start.camera_from_model)
-    registration = Registration(
-        _load_photo(case.photo), mesh, case.mesh.name, "", None, PoseRecord(pose), ()
-    )
-    _, outcome = fit_from(registration, task.settings, renderer, case.truth)
+    registration, renderer = open_real_task(task)
+    end, outcome = fit_from(registration, task.settings, renderer, case.truth)
     return RealTrial(
         case=case.name,
         degrees=start.degrees,
@@ -93,8 +91,22 @@ def run_real_trial(task: RealTask) -> RealTrial:
         pixels=task.settings.pixels,
         set=case.set,
         accuracy_percent=case.accuracy_percent,
+        end=" ".join(repr(float(number)) for number in end),
         **asdict(outcome),
     )
+
+
+def open_real_task(task: RealTask) -> tuple[Registration, Renderer]:
+    """Photo, model and start of a trial, and a renderer of the model.
+
+    Raises:
+        PoseViewerError: photo or model cannot be read.
+    """
+    case = task.case
+    mesh, renderer = _load_model(case.mesh)
+    start = PoseRecord(Pose(case.truth.camera, task.start.camera_from_model))
+    photo = _load_photo(case.photo)
+    return Registration(photo, mesh, case.mesh.name, "", None, start, ()), renderer
 
 
 @lru_cache(maxsize=2)

@@ -1,0 +1,91 @@
+"""The verdict's weights, made from studies: ``python -m poseviewer.evaluation.calibrate_verdict``.
+
+::
+
+    poseviewer study --real FOLDER --degrees 5,15,30 --draws 1 --out STUDY
+    python -m poseviewer.evaluation.calibrate_verdict STUDY/trials.csv
+
+prints how well the verdict tells right from wrong, on the half of the cases that it is made from
+and on the other half; with ``--write`` the weights go to ``fit/verdict_weights.py``. Where only the
+evidence has changed, ``--anew FOLDER`` gathers it again at the ends that the table holds, in a
+fourth of the time of the fits, into a table beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
+from poseviewer.evaluation.verdicts.anew import gather_anew
+from poseviewer.evaluation.verdicts.calibration import (
+    NAMES,
+    Calibration,
+    calibrate,
+    calibration_table,
+)
+from poseviewer.evaluation.verdicts.rows import JudgedTrial, load_judged
+from poseviewer.files.writing import write_whole
+from poseviewer.fit import verdict_weights
+
+WEIGHTS = Path(str(verdict_weights.__file__))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Calibrate on the tables that are named; say how well that does."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
+    parser.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV", help="of studies")
+    parser.add_argument("--anew", type=Path, metavar="FOLDER", help="gather the evidence again")
+    parser.add_argument("--write", action="store_true", help="keep the weights in the program")
+    options = parser.parse_args(arguments)
+    try:
+        tables = options.trials
+        if options.anew:
+            tables = [gather_anew(path, options.anew, sys.stderr.write) for path in tables]
+        return _calibrate(load_judged(tables), options.write)
+    except PoseViewerError as error:
+        sys.stderr.write(f"poseviewer: {error}\n")
+        return EXIT_MENDABLE
+
+
+def _calibrate(trials: list[JudgedTrial], write: bool) -> int:
+    found = calibrate([trial for trial in trials if trial.tunes])
+    text = weights_as_python(found, trials)
+    sys.stdout.write(f"{calibration_table(found, trials).as_text()}\n\n{text}")
+    if write:
+        write_whole(WEIGHTS, text.encode(), SettingsError)
+        sys.stdout.write(f"\nweights: {WEIGHTS}\n")
+    return 0
+
+
+def weights_as_python(calibration: Calibration, trials: Sequence[JudgedTrial]) -> str:
+    """The module ``fit.verdict_weights``."""
+    tuning = [trial for trial in trials if trial.tunes]
+    model = calibration.model
+    lines = [
+        f'    "{name}": ({mean:.4g}, {deviation:.4g}, {weight:.4g}),'
+        for name, mean, deviation, weight in zip(
+            NAMES, model.mean, model.deviation, model.weights, strict=True
+        )
+    ]
+    features = "\n".join(lines)
+    return f'''"""How much each number of the evidence weighs; written by
+``python -m poseviewer.evaluation.calibrate_verdict --write`` from {len(tuning)} trials, {
+        sum(trial.right for trial in tuning)
+    } of them right.
+"""
+
+FEATURES: dict[str, tuple[float, float, float]] = {{
+{features}
+}}
+"""Of each number: mean and standard deviation among the trials, and its weight."""
+OFFSET = {model.offset:.4g}
+FOUND_FROM, LOST_BELOW = {calibration.found_from:.4g}, {calibration.lost_below:.4g}
+"""Probabilities from which on, and below which, the verdict is ``found`` and ``lost``."""
+'''
+
+
+if __name__ == "__main__":
+    sys.exit(main())

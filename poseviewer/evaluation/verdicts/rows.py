@@ -1,0 +1,91 @@
+"""Trials of studies as evidence and answers: which fits ended right, and what they showed."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import SettingsError
+from poseviewer.evaluation.study.evidence_text import evidence_from_text
+from poseviewer.geometry.arrays import FloatArray
+
+BEYOND_TRUTH_PERCENT = 1.0
+"""A fit is right within the truth's own accuracy and so much of the model's size."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedTrial:
+    """A trial that has evidence."""
+
+    case: str
+    """Of which all trials are in one half: they tell of each other."""
+    kind: str
+    """Method and photos."""
+    right: bool
+    evidence: dict[str, float]
+    verdict: str
+    """As the trial's own program gave it."""
+
+    @property
+    def tunes(self) -> bool:
+        """Whether it is of the half that the verdict is made from; by a hash of the case's name."""
+        return hashlib.sha256(self.case.encode()).digest()[0] % 2 == 0
+
+
+def load_judged(tables: Sequence[Path]) -> list[JudgedTrial]:
+    """The trials of studies' ``trials.csv`` that have evidence.
+
+    Raises:
+        SettingsError: a table cannot be read, or is not one of trials.
+    """
+    found = []
+    for path in tables:
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                found += [_judged(row) for row in csv.DictReader(file) if row["evidence"]]
+        except OSError as error:
+            raise SettingsError(
+                f"{path}: cannot be read ({error.strerror}); name a trials.csv of poseviewer study"
+            ) from None
+        except (KeyError, ValueError, TypeError) as error:
+            raise SettingsError(
+                f"{path}: is not a table of trials with evidence ({error}); "
+                "make one with poseviewer study"
+            ) from None
+    return found
+
+
+def _judged(row: dict[str, str]) -> JudgedTrial:
+    evidence, verdict = evidence_from_text(row["evidence"]), row["verdict"]
+    if "case" in row:
+        most = float(row["accuracy_percent"]) + BEYOND_TRUTH_PERCENT
+        right = float(row["error_percent_end"]) < most
+        return JudgedTrial(row["case"], f"{row['method']}, {row['set']}", right, evidence, verdict)
+    case = f"{row['kind']}-{row['photo']}"
+    right = row["found"] == "True"
+    return JudgedTrial(case, f"{row['method']}, {row['kind']}", right, evidence, verdict)
+
+
+def numbers_of(trials: Sequence[JudgedTrial], names: Sequence[str]) -> FloatArray:
+    """(N, k): the named numbers of the evidence.
+
+    Raises:
+        SettingsError: a trial has no such number.
+    """
+    try:
+        return np.array([[trial.evidence[name] for name in names] for trial in trials])
+    except KeyError as error:
+        raise SettingsError(
+            f"the evidence of a trial has no {error}: it is of another version; run it again"
+        ) from None
+
+
+def answers_of(trials: Sequence[JudgedTrial]) -> NDArray[np.bool_]:
+    """(N,): which are right."""
+    return np.array([trial.right for trial in trials], bool)

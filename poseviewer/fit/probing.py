@@ -1,0 +1,118 @@
+"""Looking around a pose: what it and others cost on a coarse level, by comparable small motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poseviewer.fit.loss import registration_loss
+from poseviewer.fit.near import box_near, inside, working_factor
+from poseviewer.fit.pose_fit import FitProblem
+from poseviewer.fit.simplex import axis_simplex, downhill_simplex
+from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.hull import hull_points
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.attributes import Renderer
+from poseviewer.render.levels import Level, coarsest_level, structured
+from poseviewer.render.moments import PhotoAttributes
+
+SMALL_STEP = 1e-4
+"""For the derivative of one chart's numbers by another's, in units of their spans."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a pose costs: the loss, and the agreement of the edges that is a part of it."""
+
+    loss: float
+    edge_cosine: float
+
+
+class Probe:
+    """The surroundings of a pose, as steps (k,) along the motions that its search was free in."""
+
+    def __init__(
+        self,
+        photo: PhotoAttributes,
+        mesh: Mesh,
+        renderer: Renderer,
+        chart: FreeBodyChart,
+        motions: FloatArray,
+    ) -> None:
+        """``motions`` (k, d), orthonormal, of the free-body chart about the pose."""
+        self.chart, self.motions, self._points = chart, motions, hull_points(mesh)
+        self.level: Level = coarsest_level(photo, renderer, chart.start, FEWEST_OF_STRUCTURE)
+
+    def pose(self, step: FloatArray) -> Pose:
+        """The pose so far away.
+
+        Raises:
+            OutsideChartError: there is none.
+        """
+        return self.chart.to_pose(step @ self.motions)
+
+    def cost(self, step: FloatArray) -> Cost | None:
+        """None where the step leads to no pose."""
+        try:
+            pose = self.pose(step)
+        except OutsideChartError:
+            return None
+        moments = self.level.renderer.moments(pose, self.level.photo)
+        return Cost(registration_loss(moments), moments.edge_cosine or 0.0)
+
+    def loss(self, step: FloatArray) -> float:
+        """Infinite where the step leads to no pose."""
+        cost = self.cost(step)
+        return np.inf if cost is None else cost.loss
+
+    def descend(self, step: FloatArray, edge: float, evaluations: int) -> tuple[FloatArray, float]:
+        """Where a downhill simplex of this edge comes from a step, and what that costs."""
+        simplex = axis_simplex(step, np.full(len(step), edge))
+        states = downhill_simplex(self.loss, simplex, x_tolerance=2e-3, f_tolerance=1e-3)
+        best, value = step, np.inf
+        for count, state in enumerate(states):
+            best, value = state.vertices[0], float(state.values[0])
+            if count >= evaluations:
+                break
+        return best, value
+
+    def distance(self, one: FloatArray, other: FloatArray) -> float:
+        """Mean distance of the model's outer points in the photo, as a share of its diagonal."""
+        try:
+            here, there = (self.pose(step).project(self._points) for step in (one, other))
+        except OutsideChartError:
+            return 1.0
+        diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
+        apart = float(np.linalg.norm(here - there, axis=1).mean())
+        return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
+
+
+def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttributes:
+    """What the pose is judged on: classes and edges near it, whatever its search has looked at."""
+    photo = problem.photo
+    if photo.structure is not None:
+        return photo
+    near = photo.weights * inside(photo.weights.shape, box_near(mesh, pose))
+    plain = replace(photo, weights=near, clipped=False)
+    return structured(plain, working_factor(mesh, pose))
+
+
+def free_motions(problem: FitProblem, numbers: FloatArray, chart: FreeBodyChart) -> FloatArray:
+    """(k, d): orthonormal motions that span what the search was free to change."""
+    free = problem.free_indices
+    steps = SMALL_STEP * problem.chart.spans(numbers)
+    motions = []
+    for index in free:
+        changed = numbers.copy()
+        changed[index] += steps[index]
+        motions.append(chart.from_pose(problem.chart.to_pose(changed)) / SMALL_STEP)
+    size = len(motions[0])
+    if len(motions) == size:
+        return np.eye(size)
+    basis, _ = np.linalg.qr(np.array(motions).T)
+    return basis.T
