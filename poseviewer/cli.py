@@ -208,6 +208,11 @@ def _add_study(commands: argparse._SubParsersAction) -> None:
         metavar="NAME,...",
         help="plain,background,photo-parallel,photo-perspective (these), grey",
     )
+    drawn.add_argument(
+        "--photographer",
+        choices=("opengl", "cycles"),
+        help="cycles: path-traced by Blender (poseviewer[photo])",
+    )
     drawn.add_argument("--photos", type=whole, metavar="N", help="synthetic ones of a kind (5)")
     drawn.add_argument("--size", type=size, metavar="WIDTHxHEIGHT", help="of these (640x480)")
     drawn.add_argument("--projection", choices=("parallel", "perspective"), help="of these")

@@ -26,6 +26,7 @@ from poseviewer.fit.landscape import landscape
 from poseviewer.registration import FitSettings, load_registration, make_problem
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.software import SoftwareRenderer
+from tests.ctrl_c import ctrl_c_ends_them
 from tests.opengl import require_opengl
 
 
@@ -333,9 +334,10 @@ def test_ctrl_c_keeps_the_best_pose(tmp_path):
     # On a terminal the progress is shown at once; in a pipe only every few seconds.
     terminal, its_end = pty.openpty()
     termios.tcsetwinsize(its_end, (24, 120))
-    process = subprocess.Popen(
-        [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
-    )
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(
+            [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
+        )
     os.close(its_end)
     with os.fdopen(terminal, errors="replace") as shown:
         for _ in range(10):  # ten times shown: it has come some way

@@ -91,12 +91,7 @@ class Photographer:
         quality = quality or PhotoQuality()
         colour, coverage = self.cut_out(pose, lighting, quality.supersampling, shadows)
         behind = _background(background, pose.camera.width, pose.camera.height)
-        photo = 255.0 * (colour + (1.0 - coverage[..., None]) * behind)
-        if quality.blur_px > 0.0:
-            photo = cv2.GaussianBlur(photo, (0, 0), quality.blur_px)
-        if quality.noise > 0.0:
-            photo = photo + np.random.default_rng(seed).normal(0.0, quality.noise, photo.shape)
-        return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
+        return as_photographed(colour + (1.0 - coverage[..., None]) * behind, quality, seed)
 
     def close(self) -> None:
         """Free the graphics memory; the next picture takes it again."""
@@ -124,6 +119,18 @@ class Photographer:
             [(model_from_camera.rotation @ o.towards, o.intensity) for o in lighting.lights],
             shadows,
         )
+
+
+def as_photographed(
+    picture: NDArray[np.floating], quality: PhotoQuality, seed: int
+) -> NDArray[np.uint8]:
+    """What lens and sensor make of a picture (h, w, 3) of display-encoded RGB in [0, 1]."""
+    photo = 255.0 * picture
+    if quality.blur_px > 0.0:
+        photo = cv2.GaussianBlur(photo, (0, 0), quality.blur_px)
+    if quality.noise > 0.0:
+        photo = photo + np.random.default_rng(seed).normal(0.0, quality.noise, photo.shape)
+    return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
 
 
 def make_photo(

@@ -22,6 +22,7 @@ from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.pose_file import load_pose
 from poseviewer.registration import FitSettings
+from tests.ctrl_c import ctrl_c_ends_them
 
 QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "400")
@@ -172,8 +173,10 @@ def test_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
 def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
     line = command("batch", table, "--out", out, "--processes", 1, "--quiet", *LONG)
-    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                          start_new_session=True) as process:  # fmt: skip
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   start_new_session=True)  # fmt: skip
+    with process:
         wait_until(lambda: len(kept(out)) >= 1)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         printed, complaints = process.communicate(timeout=60)

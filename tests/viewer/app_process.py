@@ -11,6 +11,8 @@ import threading
 from pathlib import Path
 from types import TracebackType
 
+from tests.ctrl_c import ctrl_c_ends_them
+
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PATIENCE_S = 120.0
 ADDRESS = re.compile(r"http://\S+")
@@ -24,15 +26,16 @@ class AppProcess:
         command = [sys.executable, "-m", "poseviewer.cli", *map(str, arguments)]
         state = str(folder / "state")
         self.folder = folder
-        self._process = subprocess.Popen(
-            [*command, "--no-browser", "--port", str(port)],
-            cwd=folder,
-            env={**os.environ, "POSEVIEWER_STATE": state, "PYTHONPATH": str(REPOSITORY)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
+        with ctrl_c_ends_them():
+            self._process = subprocess.Popen(
+                [*command, "--no-browser", "--port", str(port)],
+                cwd=folder,
+                env={**os.environ, "POSEVIEWER_STATE": state, "PYTHONPATH": str(REPOSITORY)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,
+            )
         self.lines: list[str] = []
         """All that it has printed."""
         self._found = threading.Event()

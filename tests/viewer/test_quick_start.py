@@ -20,18 +20,12 @@ from poseviewer.geometry.vehicle_chart import visible_side
 from poseviewer.geometry.wheel_start import wheel_rims
 from poseviewer.registration import Registration, load_registration
 from tests.viewer.app_process import AppProcess
-from tests.viewer.browser import AppPage, open_browser
+from tests.viewer.browser import AppPage
 
 PHOTO = (960, 720)
 TYRE_RADIUS = 0.31
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 """Places in the photo, on the car, that are seen from the app's own first view as well."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with open_browser() as chromium:
-        yield chromium
 
 
 @pytest.fixture(scope="module")

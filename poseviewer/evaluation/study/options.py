@@ -8,7 +8,7 @@ from typing import Any
 
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.study.deviations import READINGS
-from poseviewer.evaluation.study.photos import KINDS
+from poseviewer.evaluation.study.photos import DRAWN, KINDS, TRACED
 from poseviewer.evaluation.study.plan import RealPlan, StudyPlan
 from poseviewer.fit.pose_fit import Limits
 
@@ -26,6 +26,8 @@ OF_DEVIATIONS = {
 }
 OF_REAL = {"degrees": "degrees", "cases": "pattern", "draws": "draws"}
 """Options to the fields of the plan that they set."""
+OF_CYCLES = ("grey", "background")
+"""Kinds of photo that Blender draws where none are named."""
 SMALLEST_SIDE_PX, LARGEST_PERCENT = 32, 100.0
 
 
@@ -44,14 +46,33 @@ def read_plan(options: Namespace) -> StudyPlan | RealPlan:
     if options.method == "paper" and options.pixels == "near":
         raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
     if options.real:
-        _refuse(options, [*OF_DEVIATIONS, "projection"], "goes with synthetic photos: leave out")
+        _refuse(
+            options,
+            [*OF_DEVIATIONS, "projection", "photographer"],
+            "goes with synthetic photos: leave out",
+        )
         return RealPlan(folder=options.real, **shared, **_given(options, OF_REAL))
     _refuse(options, list(OF_REAL), "goes with --real FOLDER: name one, or leave out")
     given = _given(options, OF_DEVIATIONS)
     _check(given)
+    if options.photographer == "cycles":
+        given["kinds"] = tuple(_traced(kind) for kind in given.get("kinds", OF_CYCLES))
     if options.projection:
         given["parallel"] = options.projection == "parallel"
     return StudyPlan(**shared, **given)
+
+
+def _typed_kinds() -> tuple[str, ...]:
+    return tuple(kind for kind in KINDS if kind not in TRACED)
+
+
+def _traced(kind: str) -> str:
+    if kind not in DRAWN:
+        raise SettingsError(
+            f"--photographer cycles with --kinds {kind}, which is not drawn; of those that are, "
+            f"there are {', '.join(DRAWN)}"
+        )
+    return f"{kind}-traced"
 
 
 def _given(options: Namespace, names: dict[str, str]) -> dict[str, Any]:
@@ -66,7 +87,7 @@ def _refuse(options: Namespace, names: Sequence[str], why: str) -> None:
 
 
 def _check(given: dict[str, Any]) -> None:
-    for name, known in (("readings", READINGS), ("kinds", tuple(KINDS))):
+    for name, known in (("readings", READINGS), ("kinds", _typed_kinds())):
         for item in given.get(name, ()):
             if item not in known:
                 raise SettingsError(f"--{name} {item}: there are {', '.join(known)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -11,8 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import RendererUnavailableError
-from poseviewer.evaluation.light import random_lighting
+from poseviewer.evaluation.cycles.photographer import CyclesPhotographer
+from poseviewer.evaluation.cycles.stage import upright
+from poseviewer.evaluation.light import Lighting, random_lighting
 from poseviewer.evaluation.study.deviations import make_seed
+from poseviewer.evaluation.study.traced import GREYS as TRACED_GREYS
+from poseviewer.evaluation.study.traced import draw_traced, random_scene
 from poseviewer.evaluation.study.views import random_view
 from poseviewer.evaluation.synthetic import Photographer, PhotoQuality
 from poseviewer.files.photo_file import save_image
@@ -22,19 +26,28 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.opengl import opengl_unavailable_reason
 
-Kind = Literal["plain", "grey", "background", "photo-parallel", "photo-perspective"]
+Kind = Literal[
+    "plain", "grey", "background",
+    "plain-traced", "grey-traced", "background-traced",
+    "photo-parallel", "photo-perspective",
+]  # fmt: skip
 KINDS: dict[Kind, str] = {
     "plain": "synthetic, plain black ground",
     "grey": "synthetic, plain grey ground",
     "background": "synthetic, real background",
+    "plain-traced": "path-traced, plain black ground",
+    "grey-traced": "path-traced, plain grey ground",
+    "background-traced": "path-traced, real background",
     "photo-parallel": "photo, parallel",
     "photo-perspective": "photo, perspective, 7 numbers",
 }
-"""What each is called in tables. The first three are drawn here; the others are taken as they are.
+"""What each is called in tables. The first three are drawn here by OpenGL, the next three by
+Blender; the others are taken as they are.
 
 ``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
 of the model. ``grey`` shows what becomes of that on another ground."""
 DRAWN = ("plain", "grey", "background")
+TRACED = ("plain-traced", "grey-traced", "background-traced")
 
 GREYS = (0.1, 0.9)
 """From which a ``grey`` ground, of one grey all over, is drawn."""
@@ -82,47 +95,66 @@ class Studio:
     seed: int
 
 
-def make_photos(studio: Studio, kind: Kind, count: int, folder: Path) -> Iterator[StudyPhoto]:
+def make_photos(
+    studio: Studio, kind: Kind, count: int, folder: Path, tell: Callable[[str], None]
+) -> Iterator[StudyPhoto]:
     """``count`` photos in ``folder``; those that are there already are taken from it.
 
     Views, lights and backgrounds are random, the same for the same seed.
 
     Raises:
-        RendererUnavailableError: there are photos to be drawn, and no OpenGL.
+        RendererUnavailableError: there are photos to be drawn, and no OpenGL, or no Blender.
         PhotoFileError: the folder cannot be written to.
     """
-    photographer = Photographer(studio.mesh, "phong")
+    for index in range(count):
+        photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
+        # The pose is written last: where it is, the photo is whole.
+        if not truth.exists():
+            pose, pixels = _drawn(studio, kind, index, tell)
+            save_image(photo, pixels)
+            save_pose(truth, PoseRecord(pose))
+        pose = load_pose(truth, *studio.size).pose
+        yield StudyPhoto(kind, index, photo, studio.model, pose, pose, 0.0)
+
+
+def _drawn(
+    studio: Studio, kind: Kind, index: int, tell: Callable[[str], None]
+) -> tuple[Pose, NDArray[np.uint8]]:
+    seed = make_seed(studio.seed, kind, index)
+    random = np.random.default_rng(seed)
+    pose = random_view(studio.mesh, studio.keypoints, studio.size, studio.parallel, random)
+    if kind in TRACED:
+        behind = _behind(studio, kind, index, TRACED_GREYS, random)
+        # Every other vehicle has the model's own paint.
+        scene = random_scene(pose, upright(studio.keypoints), behind, index % 2 == 1, random)
+        photographer = CyclesPhotographer(studio.mesh, studio.keypoints)
+        return pose, draw_traced(photographer, pose, scene, tell)
+    lighting = random_lighting(random)
+    behind = _behind(studio, kind, index, GREYS, random)
+    return pose, _rasterised(studio.mesh, pose, lighting, behind, seed)
+
+
+def _rasterised(
+    mesh: Mesh, pose: Pose, lighting: Lighting, behind: NDArray, seed: int
+) -> NDArray[np.uint8]:
+    if reason := opengl_unavailable_reason():
+        raise RendererUnavailableError(f"synthetic photos are drawn by OpenGL: {reason}")
+    photographer = Photographer(mesh, "phong")
     try:
-        for index in range(count):
-            photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
-            # The pose is written last: where it is, the photo is whole.
-            if not truth.exists():
-                _draw(studio, kind, index, photographer, photo, truth)
-            pose = load_pose(truth, *studio.size).pose
-            yield StudyPhoto(kind, index, photo, studio.model, pose, pose, 0.0)
+        return photographer.photograph(pose, lighting, behind, QUALITY, shadows=True, seed=seed)
     finally:
         photographer.close()
 
 
-def _draw(
-    studio: Studio, kind: Kind, index: int, photographer: Photographer, photo: Path, truth: Path
-) -> None:
-    reason = opengl_unavailable_reason()
-    if reason:
-        raise RendererUnavailableError(f"synthetic photos are drawn by OpenGL: {reason}")
-    seed = make_seed(studio.seed, kind, index)
-    random = np.random.default_rng(seed)
-    pose = random_view(studio.mesh, studio.keypoints, studio.size, studio.parallel, random)
-    lighting = random_lighting(random)
-    if kind == "plain":
-        behind = np.zeros(3)
-    elif kind == "grey":
-        behind = np.full(3, random.uniform(*GREYS))
-    else:
-        behind = _cut(studio.backgrounds[index % len(studio.backgrounds)], studio.size, random)
-    pixels = photographer.photograph(pose, lighting, behind, QUALITY, shadows=True, seed=seed)
-    save_image(photo, pixels)
-    save_pose(truth, PoseRecord(pose))
+def _behind(
+    studio: Studio, kind: Kind, index: int, greys: tuple[float, float], random: np.random.Generator
+) -> NDArray:
+    """(3,) RGB in [0, 1], or (h, w, 3) uint8."""
+    if kind.startswith("plain"):
+        return np.zeros(3)
+    if kind.startswith("grey"):
+        return np.full(3, random.uniform(*greys))
+    return _cut(studio.backgrounds[index % len(studio.backgrounds)], studio.size, random)
 
 
 def _cut(

@@ -12,7 +12,7 @@ from poseviewer.demo import demo_case
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.evaluation.study.backgrounds import background_files
 from poseviewer.evaluation.study.deviations import READINGS, Reading
-from poseviewer.evaluation.study.photos import DRAWN, Kind
+from poseviewer.evaluation.study.photos import DRAWN, TRACED, Kind
 from poseviewer.evaluation.study.real_cases import CASES, STARTS
 from poseviewer.files.pose_checks import read_json
 from poseviewer.files.writing import sha256_of, write_whole
@@ -61,7 +61,7 @@ class StudyPlan:
         """
         choices: tuple[PixelsName, ...] = ("near",)
         if self.method == "paper":
-            choices = ("whole", "clip") if kind in DRAWN else ("clip",)
+            choices = ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
         if self.pixels:
             choices = (self.pixels,)
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in choices]

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.study.backgrounds import load_backgrounds
 from poseviewer.evaluation.study.cars import load_cars
-from poseviewer.evaluation.study.photos import DRAWN, Studio, StudyPhoto, make_photos
+from poseviewer.evaluation.study.photos import DRAWN, TRACED, Studio, StudyPhoto, make_photos
 from poseviewer.evaluation.study.plan import RealPlan, StudyPlan, open_folder
 from poseviewer.evaluation.study.pool import run_all
 from poseviewer.evaluation.study.real import RealTrial, real_tasks, run_real_trial
@@ -128,12 +128,13 @@ def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> Iterator[Task]
 
 
 def _photos(plan: StudyPlan, kind: Any, tell: Callable[[str], None]) -> Sequence[StudyPhoto]:
-    if kind not in DRAWN:
+    if kind not in (*DRAWN, *TRACED):
         return load_cars(kind, plan.cars)
     folder = plan.out / PHOTOS
     folder.mkdir(exist_ok=True)
     tell(f"{kind}: drawing photos, or taking those in {folder}")
-    return list(make_photos(_studio(plan, kind), kind, min(plan.photos, plan.starts), folder))
+    count = min(plan.photos, plan.starts)
+    return list(make_photos(_studio(plan, kind), kind, count, folder, tell))
 
 
 def _studio(plan: StudyPlan, kind: str) -> Studio:
@@ -144,7 +145,7 @@ def _studio(plan: StudyPlan, kind: str) -> Studio:
             f"{plan.model_path}: the study needs a vehicle, with MODEL.keypoints.json beside it or "
             "parts named like wheels"
         )
-    backgrounds = load_backgrounds(plan.backgrounds) if kind == "background" else []
+    backgrounds = load_backgrounds(plan.backgrounds) if kind.startswith("background") else []
     return Studio(
         plan.model_path, mesh, keypoints, plan.size, plan.parallel, backgrounds, plan.seed
     )

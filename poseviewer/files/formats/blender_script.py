@@ -65,11 +65,12 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
     is_gltf = model.suffix.lower() in GLTF
     photo = request.photo
     notes = () if photo else ("No photo is known: there is no background; add --photo FILE.",)
+    view = blender_view(in_front(record.pose, mesh), mesh, is_gltf)
     script = (
         DOC.format(name=out.name, turned=", turned from y up to z up" if is_gltf else "")
         + f"MODEL = {_paths(out, model)}\n"
         + f"PHOTO = {_paths(out, photo) if photo else '[]'}\n"
-        + f"VIEW = {json.dumps(_view(in_front(record.pose, mesh), mesh, is_gltf), indent=4)}\n\n"
+        + f"VIEW = {json.dumps(view, indent=4)}\n\n"
         + files("poseviewer.files.formats").joinpath("blender_scene.txt").read_text("utf-8")
     )
     write_whole(out, script.encode(), PoseFileError)
@@ -83,8 +84,10 @@ def _paths(out: Path, path: Path) -> str:
     return json.dumps([near, str(whole)], ensure_ascii=False)
 
 
-def _view(pose: Pose, mesh: Mesh, is_gltf: bool) -> dict[str, Any]:
-    """Blender's numbers for the camera; unit of both shifts: the photo's width."""
+def blender_view(pose: Pose, mesh: Mesh, is_gltf: bool = False) -> dict[str, Any]:
+    """Blender's numbers for the camera; unit of both shifts: the photo's width. ``is_gltf``: the
+    model came in by Blender's importer of glTF, which turns its axes.
+    """
     camera = pose.camera
     depths = view_depths(pose, mesh)
     place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()

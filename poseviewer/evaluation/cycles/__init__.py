@@ -1,0 +1,1 @@
+"""Photographs path-traced by Blender's Cycles: glossy paint, reflections, soft shadows."""
