@@ -14,7 +14,7 @@ from poseviewer.fit.evolution import EvolutionRules
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import Level, coarsest_level
+from poseviewer.render.levels import Level, coarsest_level, lighter_level
 from poseviewer.render.moments import PhotoAttributes
 
 FEWEST_PIXELS = 5000
@@ -34,8 +34,6 @@ is up to 5 per cent beside the photo's, on cars whose paint is not the model's."
 FINE_CLOUD = EvolutionRules(width=0.06, generations=30, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
 without it, one in ten runs away to where the model fills the photo."""
-CLOUD_STEP = 0.1
-"""Edge of the last simplex after it, as a share of the rules' step."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
@@ -68,8 +66,12 @@ def make_stages(
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
-        last = replace(fine_rules(rules), step=CLOUD_STEP * rules.step)
-        return Stage(coarse, COARSE_CLOUD), Stage(full, FINE_CLOUD), Stage(full, last)
+        lighter = lighter_level(photo, renderer, start)
+        return (
+            Stage(coarse, COARSE_CLOUD),
+            Stage(lighter, FINE_CLOUD),
+            Stage(full, fine_rules(rules)),
+        )
     if coarse.factor == 1:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))

@@ -72,14 +72,23 @@ def sketch_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels
     return Level(1, photo, reduced(renderer, pixels))
 
 
+def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Level:
+    """The photo as it is, with a model of half as many triangles as it shows pixels of."""
+    return Level(1, photo, reduced(renderer, _pixels(photo, renderer, pose) / 2))
+
+
 def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
     """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px that count.
 
     It is the photo itself where the model covers fewer than four times as many.
     """
-    covered = renderer.covers(level_pose(pose, photo.factor))
-    pixels = int(np.count_nonzero(covered & (photo.weights > 0.0)))
+    pixels = _pixels(photo, renderer, pose)
     return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
+
+
+def _pixels(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> int:
+    covered = renderer.covers(level_pose(pose, photo.factor))
+    return int(np.count_nonzero(covered & (photo.weights > 0.0)))
 
 
 def coarsest_factor(pixels: float, fewest: float) -> int:
