@@ -105,7 +105,7 @@ def load_result(folder: Path, job: Job) -> JobResult | None:
 def load_result_of(folder: Path, key: str) -> JobResult | None:
     """The same by the job's key alone, under the row that it had when it was fitted."""
     try:
-        data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
+        data = dict(json.loads((folder / ROWS / f"{key}.json").read_bytes()))
         known = {field.name for field in fields(JobResult)} - {"review", "note"}
         said = {key: str(data.get(key, "")) for key in ("review", "note")}
         values: dict[str, Any] = {key: data[key] for key in known} | said

@@ -106,8 +106,10 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     assert "http" not in page
     assert "<b>.png" not in page
     assert page.count("data:image/jpeg;base64,") == 2
-    # The failed one, then the one that started at the truth and could not gain, then the other.
-    places = [page.index(f'<td class="number">{row}</td>') for row in (2, 3, 1)]
+    # The failed one, then the one that is likelier to be wrong: not that which began at the truth.
+    likely = {row["row"]: float(row["probability"] or 0.0) for row in read_results(out)}
+    assert likely["1"] < likely["3"]
+    places = [page.index(f'<td class="number">{row}</td>') for row in (2, 1, 3)]
     assert places == sorted(places)
 
 
