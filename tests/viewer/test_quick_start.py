@@ -125,7 +125,7 @@ def test_ten_clicks_on_two_wheels_place_the_car(
 ):
     assert registration.keypoints is not None
     side = visible_side(registration.keypoints, truth)
-    page.page.get_by_role("button", name="Wheels").click()
+    page.page.get_by_role("button", name="Wheels", exact=True).click()
     rims = wheel_rims(truth, side, TYRE_RADIUS)
     for name, rim in zip(("rear", "front"), rims, strict=True):
         page.wait_for_text(f"click the {name} wheel's rim: point 1 of 5")
