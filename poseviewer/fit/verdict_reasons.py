@@ -6,7 +6,7 @@ from poseviewer.fit.evidence import Evidence
 
 MOST_WEAK = 3
 """Directions that are named."""
-SURELY_BETTER, HARDLY_BETTER = 4.0, 2.0
+HARDLY_BETTER = 2.0
 """Standard deviations below what wrong poses cost."""
 GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 """Shares of the outline."""
@@ -36,10 +36,10 @@ def _loss(evidence: Evidence) -> str:
     margin = evidence.loss_margin
     if margin <= 0.0:
         return "Wrong poses of this model cost no more on this photo."
-    how = "clearly" if margin >= SURELY_BETTER else "only" if margin < HARDLY_BETTER else ""
+    how = "no more than " if margin < HARDLY_BETTER else ""
     return (
-        f"Its loss is {how + ' ' if how else ''}{margin:.1f} standard deviations below that of "
-        "wrong poses of this model on this photo."
+        f"Its loss is {how}{margin:.1f} standard deviations below that of wrong poses of this "
+        "model on this photo."
     )
 
 
