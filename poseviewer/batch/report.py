@@ -24,9 +24,11 @@ img { display: block; max-width: 20rem; max-height: 14rem; }
 .found { color: #2e7d32; }
 .accepted { color: #2e7d32; }
 .accepted, .lost, .doubtful, .found { font-weight: 600; }
-ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; max-width: 26rem; }
+ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; }
+td.files { overflow-wrap: anywhere; min-width: 10rem; }
+td.verdict { min-width: 20rem; }
 """
-_COLUMNS = ("pose", "row", "files", "verdict", "loss / start", "outcome")
+_COLUMNS = ("pose", "row", "files", "verdict", "loss, at the start", "outcome")
 _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
@@ -73,8 +75,8 @@ def _row(folder: Path, result: JobResult) -> str:
     if result.note:
         outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
     return (
-        f'<tr><td>{picture}</td><td class="number">{result.row}</td><td>{files}</td>'
-        f'<td>{verdict}</td><td class="number">{losses}</td><td>{outcome}</td></tr>'
+        f'<tr><td>{picture}</td><td class="number">{result.row}</td><td class="files">{files}</td>'
+        f'<td class="verdict">{verdict}</td><td class="number">{losses}</td><td>{outcome}</td></tr>'
     )
 
 
@@ -90,7 +92,7 @@ def _verdict(result: JobResult) -> str:
 
 def _losses(result: JobResult) -> str:
     """The losses at the end and at the start; a pose set by hand may have none."""
-    return " / ".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
+    return "<br>".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
 
 
 def _picture(folder: Path, result: JobResult) -> str:
