@@ -49,12 +49,12 @@ def batch_result(rows: int, failed: Sequence[bool], stopped: bool) -> str:
 def ranking(ranked: Sequence[Ranked]) -> str:
     """Models in their order, a line each, and how clear the first one's place is."""
     width = max(len(one.candidate.name) for one in ranked)
-    lines = [f"{'':3}{'model':{width}}  {'loss':>8}  {'margin':>7}  {'start':>8}"]
+    lines = [f"{'':3}{'model':{width}}  {'loss':>8}  {'margin':>8}  {'start':>8}"]
     for one in ranked:
         found = one.candidate
-        margin = "" if one.margin is None else f"{one.margin:+.1%}"
+        margin = "" if one.margin is None else f"{one.margin:+.4f}"
         lines.append(
-            f"{one.rank:<3}{found.name:{width}}  {found.loss:8.5f}  {margin:>7}  "
+            f"{one.rank:<3}{found.name:{width}}  {found.loss:8.5f}  {margin:>8}  "
             f"{found.start_loss:8.5f}"
         )
     lines.append("margin: how much greater the next model's loss is, over the same pixels")

@@ -48,8 +48,7 @@ class Ranked:
     """From 1: the least loss."""
     candidate: Candidate
     margin: float | None
-    """How much greater the next candidate's loss is, as a share of this one; None for the last,
-    and for a loss of 0."""
+    """How much greater the next candidate's loss is; None for the last."""
 
 
 def identify(
@@ -107,7 +106,7 @@ def rank(candidates: Iterable[Candidate]) -> list[Ranked]:
     ordered = sorted(candidates, key=lambda candidate: candidate.loss)
     following = [*(candidate.loss for candidate in ordered[1:]), None]
     return [
-        Ranked(place, candidate, None if after is None else _margin(candidate.loss, after))
+        Ranked(place, candidate, None if after is None else after - candidate.loss)
         for place, (candidate, after) in enumerate(zip(ordered, following, strict=True), 1)
     ]
 
@@ -134,10 +133,6 @@ def _fitted(
         progress.evaluations,
         progress.seconds,
     )
-
-
-def _margin(loss: float, after: float) -> float | None:
-    return after / loss - 1.0 if loss > 0.0 else None
 
 
 def _intersection(one: Box, other: Box) -> Box:

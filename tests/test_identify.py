@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,14 +70,13 @@ def test_a_region_cuts_the_shared_pixels(scene, others):
     assert np.all(make_problem(opened[0], whole)[0].photo.weights == 1.0)
 
 
-def test_margins_are_shares_of_the_lesser_loss():
+def test_margins_are_differences_to_the_next_loss():
     pose = load_pose_of_nothing()
     found = [Candidate(name, pose, loss, 1.0, "", 0, 0.0)
              for name, loss in (("b", 0.3), ("a", 0.2), ("c", 0.3))]  # fmt: skip
     ranked = rank(found)
     assert [one.candidate.name for one in ranked] == ["a", "b", "c"]
-    assert [one.margin for one in ranked] == [pytest.approx(0.5), pytest.approx(0.0), None]
-    assert rank([replace(found[0], loss=0.0), found[1]])[0].margin is None
+    assert [one.margin for one in ranked] == [pytest.approx(0.1), pytest.approx(0.0), None]
 
 
 def load_pose_of_nothing():
@@ -106,7 +104,7 @@ def test_the_command_prints_a_table_and_writes_json(scene, others, tmp_path, cap
     assert lines[2].split()[:2] == ["2", "box.ply"]
     first, second = json.loads(out.read_text())
     assert first["loss"] < second["loss"]
-    assert first["margin"] == pytest.approx(second["loss"] / first["loss"] - 1.0)
+    assert first["margin"] == pytest.approx(second["loss"] - first["loss"])
     assert second["margin"] is None
     # What it says of a pose is what a pose file says.
     (tmp_path / "pose.json").write_text(json.dumps({**first, "model": None}))

@@ -48,7 +48,7 @@ class Identification:
     best_other: str
     best_other_loss: float
     margin: float
-    """By how much the best other's loss is greater, as a share of the own; below 0: it won."""
+    """By how much the best other's loss is greater; below 0: it won."""
     seconds: float
 
 
@@ -98,7 +98,7 @@ def _identify_case(
         mine.candidate.loss,
         Path(other.name).name,
         other.loss,
-        other.loss / max(mine.candidate.loss, 1e-12) - 1.0,
+        other.loss - mine.candidate.loss,
         sum(one.candidate.seconds for one in ranked),
     )
 
@@ -127,7 +127,7 @@ def summary(found: Sequence[Identification]) -> str:
         first = sum(one.rank == 1 for one in some)
         margin = np.median([one.margin for one in some])
         chance = np.mean([1.0 / one.models for one in some])
-        lines.append(f"{name:10}{len(some):8}{some[0].models:8}{first:8}{chance:8.0%}{margin:9.1%}")
+        lines.append(f"{name:10}{len(some):8}{some[0].models:8}{first:8}{chance:8.0%}{margin:9.3f}")
     return "\n".join(lines)
 
 

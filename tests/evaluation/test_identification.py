@@ -48,7 +48,7 @@ def test_another_model_is_laid_where_the_own_one_is(shared_data):
 def test_the_summary_counts_first_places():
     one = Identification("lmo", "a", 5, 1, 0.5, "b.ply", 0.6, 0.2, 1.0)
     two = Identification("lmo", "c", 5, 3, 0.5, "b.ply", 0.4, -0.2, 1.0)
-    assert summary([one, two]).splitlines()[1].split() == ["lmo", "2", "5", "1", "20%", "0.0%"]
+    assert summary([one, two]).splitlines()[1].split() == ["lmo", "2", "5", "1", "20%", "0.000"]
 
 
 def test_a_folder_without_cases_is_said(tmp_path, capsys):
