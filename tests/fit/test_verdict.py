@@ -24,8 +24,11 @@ def verdicts(scene):
     return [judge(gather_evidence(problem, registration.mesh, renderer, pose)) for pose in poses]
 
 
-def test_the_true_pose_is_found_and_one_far_off_is_lost(verdicts):
-    assert [verdict.word for verdict in verdicts] == ["found", "lost"]
+def test_the_true_pose_is_likely_and_one_far_off_is_lost(verdicts):
+    right, wrong = verdicts
+    assert wrong.word == "lost"
+    assert right.word != "lost"
+    assert right.probability > 0.5 > wrong.probability
 
 
 def test_the_numbers_speak_for_the_true_pose(verdicts):
