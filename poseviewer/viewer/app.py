@@ -288,6 +288,7 @@ class App:
 
     def _start_jobs(self) -> None:
         self._start_painting()
+        self._mapper.hold(self._painter.busy)  # what the hand is moving comes first
         self._start_search()
         self._proposer.start(self.session, self._renderer)
         job = MapJob.wanted(self.session, self._in_motion())

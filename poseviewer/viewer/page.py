@@ -84,6 +84,8 @@ class Page:
             self._review.show(review)
         if session is self._shown and not self._late:
             return
+        if self._shown is None or session.searching is not self._shown.searching:
+            self._next_panels = 0.0  # that a search stopped is seen at once
         if session is not self._shown:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)

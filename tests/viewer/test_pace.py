@@ -1,0 +1,52 @@
+"""What comes first on a busy page: the stop of a search, and what the hand is moving."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from poseviewer.viewer import page as page_module
+from tests.scene import make_scene
+from tests.viewer.running_app import RunningApp, running_app
+
+# pyright: reportPrivateUsage=false
+
+
+@pytest.fixture
+def running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningApp]:
+    (tmp_path / "files").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with running_app(make_scene(tmp_path / "files"), tmp_path / "state") as app:
+        yield app
+
+
+def test_start_and_stop_do_not_wait_for_the_panels_turn(
+    running: RunningApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running.page() as page:
+        page.wait_until(lambda: "Search (space)" in page.labels())
+        monkeypatch.setattr(page_module, "PANELS_S", 3600.0)
+        page.key("Space")
+        page.wait_until(lambda: "Stop (space)" in page.labels())
+        page.key("Space")
+        page.wait_until(lambda: "Search (space)" in page.labels())
+
+
+def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
+    go_on = threading.Event()
+
+    def slow() -> Iterator[None]:
+        go_on.wait(60.0)
+        yield from ()
+
+    app = running.app
+    with running.page() as page:
+        app._painter.start(slow)  # pyright: ignore[reportArgumentType]
+        app._mailbox.ring()
+        page.wait_until(lambda: app._mapper._held)
+        go_on.set()
+        page.wait_until(lambda: not app._mapper._held)
+        page.wait_until(lambda: page.maps() == 15)
