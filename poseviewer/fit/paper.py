@@ -3,6 +3,11 @@
 Jayawardena, Hutter and Brewer (2010): grey photo (n = 1), four attributes of the model (m = 4), P
 either what the model covers ("clipped") or the whole photo, where all attributes are 0 beside the
 model; one downhill simplex on the photo itself, rebuilt where it ended until that gains nothing.
+
+The paper leaves open how large the simplex is and when to give up. What served it best on drawn
+photos is taken: over the whole photo a simplex as wide as the deviations that it is to mend (of ten
+starts 16 % off on black ground it found ten, with the usual small one seven); clipped, where the
+loss tells nothing from far, the small one; and three restarts in turn that gain nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +21,11 @@ from poseviewer.render.attributes import Renderer
 from poseviewer.render.levels import Level
 from poseviewer.render.moments import Moments, PhotoAttributes
 
+WHOLE_STEP = 0.3
+"""Edge of the simplex over the whole photo, in units of each number's span."""
+PATIENCE = 3
+"""So many restarts that gain nothing end the search."""
+
 
 def paper_loss(moments: Moments, clipped: bool) -> float:
     """The loss in [0, min(n, m)], without the attribute that tells model and surroundings apart.
@@ -28,8 +38,10 @@ def paper_loss(moments: Moments, clipped: bool) -> float:
 def paper_stages(
     photo: PhotoAttributes, renderer: Renderer, rules: RestartRules
 ) -> tuple[Stage, ...]:
-    """One stage: the photo itself; the first restart that gains nothing ends it."""
-    return (Stage(Level(1, photo, renderer), replace(rules, scouts=0, patience=1)),)
+    """One stage: the photo itself, without scouts."""
+    step = rules.step if photo.clipped else WHOLE_STEP
+    searched = replace(rules, scouts=0, step=step, patience=PATIENCE)
+    return (Stage(Level(1, photo, renderer), searched),)
 
 
 def _without_indicator(moments: Moments) -> Moments:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.paper import paper_loss, paper_stages
+from poseviewer.fit.paper import PATIENCE, paper_loss, paper_stages
 from poseviewer.fit.pose_fit import FitProblem, Status, fit_pose, pose_loss
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Perspective, Pose
@@ -56,16 +56,19 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
     assert paper_loss(moments, clipped=False) > lighting_loss(moments) + 0.01
 
 
-def test_it_searches_the_photo_alone_and_without_scouts():
-    stages = paper_stages(make_photo(True, 0.0), RENDERER, RestartRules())
+@pytest.mark.parametrize("clipped", [True, False])
+def test_it_searches_the_photo_alone_and_without_scouts(clipped):
+    usual = RestartRules()
+    stages = paper_stages(make_photo(clipped, 0.0), RENDERER, usual)
     assert [stage.level.factor for stage in stages] == [1]
     rules = stages[0].rules
     assert isinstance(rules, RestartRules)
-    assert (rules.scouts, rules.patience) == (0, 1)
+    assert (rules.scouts, rules.patience) == (0, PATIENCE)
+    assert rules.step == usual.step if clipped else rules.step > usual.step
 
 
 @pytest.mark.parametrize("clipped", [True, False])
-def test_it_finds_a_pose_nearby_and_stops_when_a_restart_gains_nothing(clipped):
+def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     chart = FreeBodyChart.near(MESH, POSE)
     start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
     problem = FitProblem(make_photo(clipped, 0.0), chart, start, method="paper")
@@ -73,6 +76,6 @@ def test_it_finds_a_pose_nearby_and_stops_when_a_restart_gains_nothing(clipped):
     end = search[-1]
     assert end.status is Status.CONVERGED
     assert {progress.factor for progress in search} == {1}
-    assert end.restart >= 1
+    assert end.restart >= PATIENCE
     assert end.loss == pose_loss(problem, RENDERER, end.numbers) < end.start_loss
     assert np.abs(end.numbers).max() < 5e-3

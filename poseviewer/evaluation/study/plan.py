@@ -56,12 +56,14 @@ class StudyPlan:
         return self.model or demo_case().model
 
     def settings(self, kind: Kind) -> list[FitSettings]:
-        """How fits of a kind are made: the paper's method has two sets of pixels on photos whose
-        ground is known to be plain or not, and takes the clipped one on others.
+        """How fits of a kind are made. The paper's method takes the whole photo on black ground, as
+        the paper did; both sets of pixels, to compare them, on other ground that is drawn; and on
+        photos as they are the clipped one.
         """
         choices: tuple[PixelsName, ...] = ("near",)
         if self.method == "paper":
             choices = ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
+            choices = ("whole",) if kind in ("plain", "plain-traced") else choices
         if self.pixels:
             choices = (self.pixels,)
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in choices]

@@ -41,6 +41,8 @@ def study(model, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     assert run(model, out) == 0
     assert run(model, out, "--method", "paper") == 0
+    assert {row["pixels"] for row in rows_of(out)} == {"near", "whole"}
+    assert run(model, out, "--method", "paper", "--pixels", "clip") == 0
     return out
 
 
