@@ -11,12 +11,11 @@ right. Half of the cases, told by a hash of their names, were looked at while th
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ import numpy as np
 from poseviewer.auto_start import Proposals, Rectangle, Wanted, best_start, few_corners, propose
 from poseviewer.evaluation.pose_error import PoseError, pose_error
 from poseviewer.evaluation.study.real_cases import RealCase, load_cases
+from poseviewer.evaluation.trial_table import print_trials
 from poseviewer.files.photo_file import load_photo
 from poseviewer.geometry.box_fit import box_of
 from poseviewer.geometry.camera import Pose
@@ -158,18 +158,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--anywhere", action="store_true", help="without a rectangle")
     parser.add_argument("--fit", action="store_true", help="make the short fits, too")
     options = parser.parse_args(arguments)
+    return print_trials(_trials(options), summary)
+
+
+def _trials(options: argparse.Namespace) -> Iterator[Trial]:
     cases = load_cases(options.folder, options.cases)
     if options.half:
         cases = [case for case in cases if was_tuned(case.name) is (options.half == "tuned")]
-    table = csv.DictWriter(sys.stdout, list(Trial.__slots__))
-    table.writeheader()
-    found = []
-    for one in run_trials(cases[:: options.every], options.anywhere, options.fit):
-        found.append(one)
-        table.writerow(asdict(one))
-        sys.stdout.flush()
-    sys.stderr.write(summary(found) + "\n")
-    return 0
+    yield from run_trials(cases[:: options.every], options.anywhere, options.fit)
 
 
 if __name__ == "__main__":

@@ -1,32 +1,31 @@
 """Which model is it, on real photos with known models: how often the right one comes first.
 
 ``python -m poseviewer.evaluation.identification FOLDER`` takes the cases of a folder with
-``cases.json`` and ``starts.json`` (as ``evaluation.real_cases``), fits to each photo the models of
-all cases of its set from the same start, and prints how often the photo's own model has the least
-loss. Each model is laid with its centre where the start puts the own model's, and is turned alike.
+``cases.json`` and ``starts.json`` (as ``evaluation.study.real_cases``), fits to each photo the
+models of all cases of its set from the same start, and prints how often the photo's own model has
+the least loss. Each model is laid with its centre where the start puts the own model's, and is
+turned alike.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from poseviewer.evaluation.study.real_cases import RealCase, RealStart, load_cases, load_starts
+from poseviewer.evaluation.trial_table import print_trials
 from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import Photo, load_photo
+from poseviewer.files.photo_file import load_photo
 from poseviewer.files.pose_file import PoseRecord
 from poseviewer.fit.pose_fit import Limits
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.frames import camera_from_integer_centres
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.transform import RigidTransform, nearest_rotation
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.identify import identify
 from poseviewer.registration import FitSettings, Registration
 
@@ -60,43 +59,43 @@ def run_identifications(
     sets: Sequence[str] = SETS,
     every: int = 1,
 ) -> Iterator[Identification]:
-    """Identify the model of each ``every``-th case of the ``sets`` whose id holds ``pattern``."""
-    cases = json.loads((folder / "cases.json").read_text())["cases"]
-    starts = json.loads((folder / "starts.json").read_text())
-    first = {s["case"]: s for s in reversed(starts) if s["degrees"] == degrees}
+    """Identify the model of each ``every``-th case of the ``sets`` whose id matches ``pattern``.
+
+    Raises:
+        PoseViewerError: the folder holds no such cases, or no starts so far off.
+    """
+    cases = load_cases(folder)
+    wanted = {case.name for case in load_cases(folder, pattern)}
+    starts = {start.case: start for start in load_starts(folder, [degrees], 1)}
     for name in sets:
-        own = [case for case in cases if case["set"] == name]
-        meshes = {path: load_mesh(folder / path) for path in dict.fromkeys(c["mesh"] for c in own)}
-        for case in [case for case in own if pattern in case["id"]][::every]:
-            yield _identify_case(folder, case, first[case["id"]], meshes, settings)
+        own = [case for case in cases if case.set == name]
+        meshes = {path: load_mesh(path) for path in dict.fromkeys(case.mesh for case in own)}
+        for case in [case for case in own if case.name in wanted][::every]:
+            yield _identify_case(case, starts[case.name], meshes, settings)
 
 
 def _identify_case(
-    folder: Path,
-    case: dict[str, Any],
-    start: dict[str, Any],
-    meshes: dict[str, Mesh],
-    settings: FitSettings,
+    case: RealCase, start: RealStart, meshes: dict[Path, Mesh], settings: FitSettings
 ) -> Identification:
-    photo = load_photo(folder / case["photo"])
-    pose = _pose(photo, case["camera"], start["camera_from_model"])
-    own = meshes[case["mesh"]]
+    photo = load_photo(case.photo)
+    pose = Pose(case.truth.camera, start.camera_from_model)
+    own = meshes[case.mesh]
     ranked = identify(
         [
-            Registration(photo, mesh, path, "", None, PoseRecord(placed(own, mesh, pose)), ())
+            Registration(photo, mesh, path.name, "", None, PoseRecord(placed(own, mesh, pose)), ())
             for path, mesh in meshes.items()
         ],
         replace(settings, chart="free-body"),
     )
-    mine = next(one for one in ranked if one.candidate.name == case["mesh"])
-    other = next(one for one in ranked if one.candidate.name != case["mesh"]).candidate
+    mine = next(one for one in ranked if one.candidate.name == case.mesh.name)
+    other = next(one for one in ranked if one.candidate.name != case.mesh.name).candidate
     return Identification(
-        case["set"],
-        case["id"],
+        case.set,
+        case.name,
         len(ranked),
         mine.rank,
         mine.candidate.loss,
-        Path(other.name).name,
+        other.name,
         other.loss,
         other.loss - mine.candidate.loss,
         sum(one.candidate.seconds for one in ranked),
@@ -109,14 +108,6 @@ def placed(own: Mesh, mesh: Mesh, pose: Pose) -> Pose:
     centre = transform.apply(own.centre[None])[0]
     shift = centre - transform.rotation @ mesh.centre
     return replace(pose, camera_from_model=RigidTransform(transform.rotation, shift))
-
-
-def _pose(photo: Photo, camera: dict[str, float], transform: dict[str, Any]) -> Pose:
-    lens = camera_from_integer_centres(
-        Perspective(**camera, width=photo.width, height=photo.height)
-    )
-    rotation = nearest_rotation(np.array(transform["rotation"]))
-    return Pose(lens, RigidTransform(rotation, transform["translation"]))
 
 
 def summary(found: Sequence[Identification]) -> str:
@@ -136,32 +127,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--degrees", type=int, default=10)
-    parser.add_argument("--cases", default="", help="only those whose id holds this text")
+    parser.add_argument("--cases", default="", help="only those whose id matches")
     parser.add_argument("--every", type=int, default=1, help="only each so-manieth of a set")
     parser.add_argument("--sets", nargs="+", default=SETS)
     parser.add_argument("--evaluations", type=int, default=Limits().evaluations)
     parser.add_argument("--grey", action="store_true")
     parser.add_argument("--colour-reflectance", action="store_true")
     options = parser.parse_args(arguments)
-    for name in ("cases.json", "starts.json"):
-        if not (options.folder / name).is_file():
-            parser.error(f"{options.folder} holds no {name}; name a folder of real cases")
     settings = FitSettings(
         colour_reflectance=options.colour_reflectance,
         grey=options.grey,
         limits=Limits(options.evaluations),
     )
-    table = csv.DictWriter(sys.stdout, list(Identification.__slots__))
-    table.writeheader()
-    found = []
-    for one in run_identifications(
+    trials = run_identifications(
         options.folder, settings, options.degrees, options.cases, options.sets, options.every
-    ):
-        found.append(one)
-        table.writerow(asdict(one))
-        sys.stdout.flush()
-    sys.stderr.write(summary(found) + "\n")
-    return 0
+    )
+    return print_trials(trials, summary)
 
 
 if __name__ == "__main__":

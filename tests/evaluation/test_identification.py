@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from poseviewer.evaluation.identification import (
     Identification,
-    main,
     placed,
     run_identifications,
     summary,
@@ -49,10 +47,3 @@ def test_the_summary_counts_first_places():
     one = Identification("lmo", "a", 5, 1, 0.5, "b.ply", 0.6, 0.2, 1.0)
     two = Identification("lmo", "c", 5, 3, 0.5, "b.ply", 0.4, -0.2, 1.0)
     assert summary([one, two]).splitlines()[1].split() == ["lmo", "2", "5", "1", "20%", "0.000"]
-
-
-def test_a_folder_without_cases_is_said(tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main([str(tmp_path)])
-    assert stop.value.code == 2
-    assert "cases.json" in capsys.readouterr().err
