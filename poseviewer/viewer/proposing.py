@@ -82,7 +82,7 @@ def proposals_text(session: Session) -> str:
     """How it stands, for the panel (markdown)."""
     asked = session.proposing
     if asked is not None and asked.running:
-        return "Trying views from everywhere: some seconds."
+        return "Trying views from everywhere: some seconds, longer without a box."
     if asked is not None and asked.poses and asked.is_about(session.document):
         return f"**proposal {asked.index + 1} of {len(asked.poses)}**, the likeliest first"
     if session.document.marks.box is None and session.document.settings.region is None:
