@@ -8,7 +8,7 @@ better half of them. A simplex sees what is around it; the cloud sees the shape 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,15 +32,27 @@ class EvolutionRules:
     """The search is done when the cloud is this narrow in every direction, in the same units."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudState(SimplexState):
+    """The search after one more evaluation: the d + 1 best points of the generation so far, the
+    best of all first.
+    """
+
+    axes: FloatArray = field(kw_only=True)
+    """(d, d): the columns are the principal axes of the cloud that the points are drawn from, each
+    as long as its standard deviation, in the numbers' own units. A cloud that has settled has the
+    shape of the valley it lies in."""
+
+
 def evolve(
     objective: Callable[[Sequence[FloatArray]], Iterator[float]],
     start: FloatArray,
     spans: FloatArray,
     rules: EvolutionRules,
     seed: int,
-) -> Iterator[SimplexState]:
-    """Search from ``start`` (d,); yields after every evaluation the d + 1 best points of the
-    generation so far, the best of all first, and once more at the end (``converged``).
+) -> Iterator[CloudState]:
+    """Search from ``start`` (d,); yields after every evaluation, and once more at the end
+    (``converged``).
 
     ``objective`` gives the losses of points, in their order: a whole generation is asked for at
     once, so that several can be judged at a time. The same arguments give the same search.
@@ -58,7 +70,8 @@ def evolve(
     corners = np.tile(start, (size + 1, 1))
     values = np.full(size + 1, np.inf)
     values[0] = value
-    yield SimplexState(corners.copy(), values.copy())
+    axes = spans[:, None] * cloud.axes
+    yield CloudState(corners.copy(), values.copy(), axes=axes)
     for _ in range(rules.generations):
         offsets = cloud.draw()
         losses = np.full(len(offsets), np.inf)
@@ -69,11 +82,12 @@ def evolve(
             order = np.argsort(losses)[:size]
             corners[0], corners[1:] = best, start + spans * offsets[order]
             values[0], values[1:] = value, losses[order]
-            yield SimplexState(corners.copy(), values.copy())
+            yield CloudState(corners.copy(), values.copy(), axes=axes)
         cloud.follow(offsets[np.argsort(losses)])
+        axes = spans[:, None] * cloud.axes
         if cloud.width < rules.least_width:
             break
-    yield SimplexState(corners.copy(), values.copy(), converged=True)
+    yield CloudState(corners.copy(), values.copy(), converged=True, axes=axes)
 
 
 class _Cloud:
@@ -105,6 +119,11 @@ class _Cloud:
     def width(self) -> float:
         """The greatest standard deviation."""
         return float(self._step * self._lengths.max())
+
+    @property
+    def axes(self) -> FloatArray:
+        """(d, d): the columns are the principal axes, each as long as its standard deviation."""
+        return self._step * self._axes * self._lengths
 
     def draw(self) -> FloatArray:
         """(points, d)."""

@@ -175,6 +175,8 @@ class _Search:
         self._evaluations, self._restart = 0, 0
         self._start_loss, self._loss = np.inf, np.inf
         self._best = problem.start[problem.free_indices]
+        self._spans = problem.chart.spans(problem.start)[problem.free_indices]
+        self._units = np.diag(self._spans)
         self._numbers, self._pose = problem.start, problem.chart.to_pose(problem.start)
 
     def run(self) -> Iterator[FitProgress]:
@@ -210,15 +212,15 @@ class _Search:
 
     def _states(self, stage: Stage) -> Iterator[SearchState]:
         problem, before, rules = self._problem, self._restart, stage.rules
-        spans = problem.chart.spans(problem.start)[problem.free_indices]
-        search = self._best, spans
         if isinstance(rules, EvolutionRules):
             with RendererPool(stage.level.renderer, self._threads) as pool:
                 objective = self._of_many(stage.level.photo, pool)
-                for cloud in evolve(objective, *search, rules, problem.seed):
+                for cloud in evolve(objective, self._best, self._spans, rules, problem.seed):
+                    self._units = cloud.axes
                     yield SearchState(cloud.vertices[0], float(cloud.values[0]), cloud, before)
             return
-        for state in restarted_simplex(self._objective(stage.level), *search, rules, problem.seed):
+        search = self._best, self._units, rules, problem.seed
+        for state in restarted_simplex(self._objective(stage.level), *search):
             self._restart = before + state.restart
             yield state
 

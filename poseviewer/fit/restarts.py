@@ -7,23 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poseviewer.fit.simplex import SimplexState, axis_simplex, downhill_simplex
+from poseviewer.fit.simplex import SimplexState, downhill_simplex
 from poseviewer.geometry.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class RestartRules:
-    """How wide to look, how finely, and when to give up."""
+    """How wide to look, how finely, and when to give up. Lengths are in units that the search is
+    told: the numbers' spans, or what a search before it found of the landscape's shape.
+    """
 
     step: float = 0.05
-    """Edge of each new simplex, in units of each number's span."""
+    """Edge of each new simplex."""
     scouts: int = 4
     """So many short descents start at the start, each with another simplex; the search goes on
     from the best of them. One alone often ends in a side valley."""
     scout_x_tolerance: float = 1e-2
     scout_f_tolerance: float = 1e-3
     x_tolerance: float = 5e-4
-    """A simplex is done when it is this small, in units of each number's span ..."""
+    """A simplex is done when it is this small ..."""
     f_tolerance: float = 2e-5
     """... and its losses differ by no more than this."""
     least_gain: float = 2e-4
@@ -48,31 +50,40 @@ class SearchState:
 def restarted_simplex(
     objective: Callable[[FloatArray], float],
     start: FloatArray,
-    spans: FloatArray,
+    units: FloatArray,
     rules: RestartRules,
     seed: int,
 ) -> Iterator[SearchState]:
     """Descend, rebuild the simplex at the minimum with random directions, descend again.
 
-    The same objective, start (d,), spans (d,), rules and seed give the same search. The first
-    simplex has its edges along the axes; later ones along random orthogonal directions, since a
-    descent that got stuck did so in a simplex that had gone flat. Yields after every evaluation,
-    and once more at the end.
+    Args:
+        objective: of points (d,).
+        start: (d,).
+        units: (d, d): its columns are the directions along which the rules' lengths are measured,
+            each as long as one unit; ``diag(spans)`` where nothing is known of the landscape.
+        rules: see there.
+        seed: of the directions.
+
+    The same arguments give the same search. The first simplex has its edges along the units; later
+    ones along random directions, orthogonal in these units, since a descent that got stuck did so
+    in a simplex that had gone flat. Yields after every evaluation, and once more at the end.
     """
     random = np.random.default_rng(seed)
     start = np.array(start, dtype=float)
-    steps = rules.step * spans
+    steps = rules.step * units
+    reach = np.sqrt(np.sum(units**2, axis=1))  # of one unit, in each number
     best, value, failures, restart = start, np.inf, 0, 0
     state: SearchState | None = None
     while failures < rules.patience:
         scouting = restart < rules.scouts
         centre = start if scouting else best
-        simplex = axis_simplex(start, steps) if not restart else _turned(centre, steps, random)
+        turn = _random_turn(len(start), random) if restart else np.eye(len(start))
+        simplex = np.vstack([centre, centre + (steps @ turn).T])
         before = value
         for inner in downhill_simplex(
             objective,
             simplex,
-            x_tolerance=spans * (rules.scout_x_tolerance if scouting else rules.x_tolerance),
+            x_tolerance=reach * (rules.scout_x_tolerance if scouting else rules.x_tolerance),
             f_tolerance=rules.scout_f_tolerance if scouting else rules.f_tolerance,
         ):
             if inner.values[0] < value:
@@ -87,8 +98,7 @@ def restarted_simplex(
     yield replace(state, finished=True)
 
 
-def _turned(centre: FloatArray, steps: FloatArray, random: np.random.Generator) -> FloatArray:
-    """(d + 1, d): edges along random orthogonal directions of the space scaled by ``steps``."""
-    turn, upper = np.linalg.qr(random.normal(size=(len(steps), len(steps))))
-    turn = turn * np.sign(np.diag(upper))
-    return np.vstack([centre, centre + turn.T * steps])
+def _random_turn(size: int, random: np.random.Generator) -> FloatArray:
+    """(d, d): orthogonal, its columns random directions."""
+    turn, upper = np.linalg.qr(random.normal(size=(size, size)))
+    return turn * np.sign(np.diag(upper))

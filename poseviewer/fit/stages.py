@@ -37,10 +37,13 @@ without it, one in ten runs away to where the model fills the photo."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
-FINE_GAIN, FINE_PATIENCE = 0.02, 2
-"""Where classes and edges are compared the loss is a sum of logarithms, some 40 in all: restarts
-that gain less than this move the model by less than a twentieth of a pixel. One restart alone may
-gain nothing where the next one does: with two, ends that were 1.1 px off are 0.7."""
+LAST_SIMPLEX = RestartRules(
+    step=2.0, scouts=0, x_tolerance=0.1, f_tolerance=2e-3, least_gain=0.02, patience=2
+)
+"""After a cloud, in units of its standard deviations: with edges along its axes a simplex needs a
+third of the evaluations that one along the numbers needs. The loss is a sum of logarithms there,
+some 40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel. One
+restart alone may gain nothing where the next one does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +74,7 @@ def make_stages(
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
         lighter = lighter_level(photo, renderer, start)
-        last = replace(fine_rules(rules), least_gain=FINE_GAIN, patience=FINE_PATIENCE)
-        return Stage(coarse, COARSE_CLOUD), Stage(lighter, FINE_CLOUD), Stage(full, last)
+        return Stage(coarse, COARSE_CLOUD), Stage(lighter, FINE_CLOUD), Stage(full, LAST_SIMPLEX)
     if coarse.factor == 1:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))

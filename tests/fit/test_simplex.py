@@ -92,7 +92,7 @@ def test_restarts_leave_a_collapsed_simplex():
     once = list(downhill_simplex(mckinnon, start, x_tolerance=1e-8, f_tolerance=1e-12))[-1]
     assert once.values[0] > -0.01  # the trap works
     rules = RestartRules(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
-    last = list(restarted_simplex(mckinnon, once.vertices[0], np.ones(2), rules, seed=0))[-1]
+    last = list(restarted_simplex(mckinnon, once.vertices[0], np.eye(2), rules, seed=0))[-1]
     assert last.value == pytest.approx(-0.25, abs=1e-6)
 
 
@@ -106,7 +106,7 @@ def test_scouts_leave_a_side_valley():
     ends = {}
     for scouts in (0, 8):
         rules = RestartRules(step=0.6, scouts=scouts, patience=1)
-        search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.ones(2), rules, seed=0)
+        search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.eye(2), rules, seed=0)
         ends[scouts] = [state.value for state in search]
     assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
     assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
@@ -116,7 +116,7 @@ def test_restarts_are_deterministic_and_end_finished():
     rules = RestartRules()
 
     def run(seed):
-        states = list(restarted_simplex(random_valley(3), np.zeros(6), np.ones(6), rules, seed))
+        states = list(restarted_simplex(random_valley(3), np.zeros(6), np.eye(6), rules, seed))
         assert [s.finished for s in states].count(True) == 1
         assert states[-1].finished
         values = [s.value for s in states]
@@ -136,10 +136,28 @@ def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
         seen.append(x)
         return valley(x)
 
-    search = restarted_simplex(objective, np.zeros(6), np.ones(6), RestartRules(), seed=5)
+    search = restarted_simplex(objective, np.zeros(6), np.eye(6), RestartRules(), seed=5)
     restarts = []
     for state in search:
         counts.append(len(seen))
         restarts.append(state.restart)
     assert counts == [*range(1, len(seen) + 1), len(seen)]
     assert max(restarts) > RestartRules().scouts  # some were tried
+
+
+def test_a_simplex_in_the_valleys_own_units_needs_far_fewer_evaluations():
+    """A narrow valley across the numbers: the rules' lengths are told along its axes."""
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
+    lengths = np.geomspace(1.0, 1e-3, 6)
+    counts = {}
+    for name, units in (("spans", np.eye(6)), ("valley", turn * lengths)):
+
+        def objective(x):
+            return float(np.sum((turn.T @ (x - 0.1 * lengths @ turn.T) / lengths) ** 2))
+
+        rules = RestartRules(step=1.0, scouts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1)
+        states = list(restarted_simplex(objective, np.zeros(6), units, rules, seed=0))
+        counts[name] = len(states)
+        if name == "valley":
+            assert states[-1].value < 1e-5
+    assert counts["valley"] < 0.5 * counts["spans"]
