@@ -27,7 +27,7 @@ from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.contour import quick_silhouette, silhouette
 from poseviewer.render.edges import find_lines
 from poseviewer.render.levels import Level, coarsest_level
-from poseviewer.render.many import RendererPool
+from poseviewer.render.many import RendererPool, processors
 from poseviewer.render.moments import PhotoAttributes, model_attributes
 from poseviewer.render.overlay import Relight, View, draw_look, edge_layer, line_scale
 from poseviewer.render.software import SoftwareRenderer
@@ -189,14 +189,15 @@ class SearchNews:
 def search(
     registration: Registration, pose: Pose, settings: FitSettings, renderer: Renderer
 ) -> Iterator[SearchNews]:
-    """News of a search from ``pose``, after every evaluation.
+    """News of a search from ``pose``, after every evaluation; on all processors where the search
+    knows several poses at a time.
 
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the pose.
     """
     problem, _ = make_problem(_started(registration, pose), settings)
     improvements: tuple[FitProgress, ...] = ()
-    for progress in judged_fit(problem, registration.mesh, renderer):
+    for progress in judged_fit(problem, registration.mesh, renderer, processors()):
         if not improvements or progress.loss < improvements[-1].loss:
             improvements = (*improvements, progress)
         yield SearchNews(problem, progress, improvements)

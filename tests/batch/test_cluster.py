@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from poseviewer import cli
+from poseviewer.files.pose_file import load_pose
 from tests.batch.test_batch import command, kept, read_results, wait_until, write_table
 
 needs_dask = pytest.mark.skipif(
@@ -74,6 +75,27 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 
 @needs_dask
+def test_a_series_starts_each_row_where_the_one_above_ended(scene, tmp_path):
+    row = f"photo0.png,{scene.model},last\n"
+    table = write_table(scene, tmp_path, 1, more=2 * row)
+    ends = {}
+    with ExitStack() as stack:
+        cluster = Cluster(stack, tmp_path)
+        for name, more in (("cluster", ["--scheduler", cluster.address]), ("here", [])):
+            out = tmp_path / name
+            assert cli.main(["batch", str(table), "--out", str(out), "--evaluations", "150",
+                             "--quiet", *more]) == 0  # fmt: skip
+            rows = sorted(read_results(out), key=lambda result: int(result["row"]))
+            poses = [out / result["pose"] for result in rows]
+            ends[name] = [load_pose(path, 160, 120) for path in poses]
+    # So few evaluations end nowhere: the rows after the first go on, and get nearer.
+    losses = [record.loss for record in ends["cluster"]]
+    assert losses == [record.loss for record in ends["here"]]
+    assert losses[0] > losses[2]
+    assert losses == sorted(losses, reverse=True)
+
+
+@needs_dask
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://"])
 def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address):
     table = write_table(scene, tmp_path, 1)
@@ -84,8 +106,8 @@ def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address):
     assert done.stderr.count("\n") == 1, done.stderr
 
 
-@pytest.mark.skipif(find_spec("distributed") is not None, reason="Dask is installed")
-def test_without_dask_its_option_says_what_to_install(scene, tmp_path, capsys):
+def test_without_dask_its_option_says_what_to_install(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
     table = write_table(scene, tmp_path, 1)
     assert cli.main(["batch", str(table), "--out", str(tmp_path / "out"), "--scheduler",
                      "tcp://127.0.0.1:8786", "--quiet"]) == 2  # fmt: skip
