@@ -30,7 +30,7 @@ def run_on_cluster(jobs: Sequence[Job], plan: Plan, address: str) -> Iterator[Jo
             KilledWorker,
             as_completed,
         )
-        from distributed.comm import (  # pyright: ignore[reportMissingImports]
+        from distributed.comm.addressing import (  # pyright: ignore[reportMissingImports]
             get_address_host_port,
         )
     except ImportError:
