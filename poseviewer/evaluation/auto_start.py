@@ -28,6 +28,7 @@ from poseviewer.files.photo_file import load_photo
 from poseviewer.geometry.box_fit import box_of
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.option_values import whole
 from poseviewer.registration import LoadedModel, load_model, make_renderer
 
 WITHIN_DEG, WITHIN_PERCENT = 15.0, 15.0
@@ -154,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", default="", help="only those whose id matches")
     parser.add_argument("--half", choices=("tuned", "other"), help="only this half")
-    parser.add_argument("--every", type=int, default=1, help="only each so-manieth")
+    parser.add_argument("--every", type=whole, default=1, help="only each so-manieth")
     parser.add_argument("--anywhere", action="store_true", help="without a rectangle")
     parser.add_argument("--fit", action="store_true", help="make the short fits, too")
     options = parser.parse_args(arguments)

@@ -11,13 +11,20 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from poseviewer.evaluation.study.real_cases import RealCase, RealStart, load_cases, load_starts
+from poseviewer.errors import SettingsError
+from poseviewer.evaluation.study.real_cases import (
+    RealCase,
+    RealStart,
+    load_cases,
+    load_starts,
+    matches,
+)
 from poseviewer.evaluation.trial_table import print_trials
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo
@@ -27,6 +34,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.identify import identify
+from poseviewer.option_values import whole
 from poseviewer.registration import FitSettings, Registration
 
 SETS = ("lmo", "hope")
@@ -65,13 +73,28 @@ def run_identifications(
         PoseViewerError: the folder holds no such cases, or no starts so far off.
     """
     cases = load_cases(folder)
-    wanted = {case.name for case in load_cases(folder, pattern)}
     starts = {start.case: start for start in load_starts(folder, [degrees], 1)}
-    for name in sets:
-        own = [case for case in cases if case.set == name]
-        meshes = {path: load_mesh(path) for path in dict.fromkeys(case.mesh for case in own)}
-        for case in [case for case in own if case.name in wanted][::every]:
+    chosen = {name: _chosen(cases, name, pattern, starts)[::every] for name in sets}
+    if not any(chosen.values()):
+        known = ", ".join(sorted({case.set for case in cases}))
+        raise SettingsError(
+            f"--sets {' '.join(sets)} --cases {pattern}: {folder} has no such case with a start "
+            f"{degrees} degrees off; name one of its sets: {known}"
+        )
+    for name, some in chosen.items():
+        meshes = _models(cases, name)
+        for case in some:
             yield _identify_case(case, starts[case.name], meshes, settings)
+
+
+def _models(cases: Sequence[RealCase], name: str) -> dict[Path, Mesh]:
+    return {path: load_mesh(path) for path in {c.mesh: None for c in cases if c.set == name}}
+
+
+def _chosen(
+    cases: Sequence[RealCase], name: str, pattern: str, starts: Mapping[str, RealStart]
+) -> list[RealCase]:
+    return [c for c in cases if c.set == name and c.name in starts and matches(c.name, pattern)]
 
 
 def _identify_case(
@@ -128,9 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--degrees", type=int, default=10)
     parser.add_argument("--cases", default="", help="only those whose id matches")
-    parser.add_argument("--every", type=int, default=1, help="only each so-manieth of a set")
+    parser.add_argument("--every", type=whole, default=1, help="only each so-manieth of a set")
     parser.add_argument("--sets", nargs="+", default=SETS)
-    parser.add_argument("--evaluations", type=int, default=Limits().evaluations)
+    parser.add_argument("--evaluations", type=whole, default=Limits().evaluations)
     parser.add_argument("--grey", action="store_true")
     parser.add_argument("--colour-reflectance", action="store_true")
     options = parser.parse_args(arguments)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, fields, is_dataclass
-from typing import TypeVar
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, TypeVar
 
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 
-Row = TypeVar("Row")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Row = TypeVar("Row", bound="DataclassInstance")
 
 
 def print_trials(trials: Iterable[Row], summary: Callable[[Sequence[Row]], str]) -> int:
@@ -21,12 +24,11 @@ def print_trials(trials: Iterable[Row], summary: Callable[[Sequence[Row]], str])
     """
     found: list[Row] = []
     try:
+        table = csv.writer(sys.stdout)
         for one in trials:
-            assert is_dataclass(one) and not isinstance(one, type)  # noqa: PT018
-            table = csv.DictWriter(sys.stdout, [field.name for field in fields(one)])
             if not found:
-                table.writeheader()
-            table.writerow(asdict(one))
+                table.writerow([field.name for field in fields(one)])
+            table.writerow(asdict(one).values())
             sys.stdout.flush()
             found.append(one)
     except PoseViewerError as error:

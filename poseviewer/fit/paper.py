@@ -5,9 +5,10 @@ either what the model covers ("clipped") or the whole photo, where all attribute
 model; one downhill simplex on the photo itself, rebuilt where it ended until that gains nothing.
 
 The paper leaves open how large the simplex is and when to give up. What served it best on drawn
-photos is taken: over the whole photo a simplex as wide as the deviations that it is to mend (of ten
-starts 16 % off on black ground it found ten, with the usual small one seven); clipped, where the
-loss tells nothing from far, the small one; and three restarts in turn that gain nothing.
+photos is taken: over the whole photo a simplex as wide as the deviations that it is to mend (it
+found all of five starts 16 % off on black ground, relative, where the usual small one found four);
+clipped, where the loss tells nothing from far, the small one; and three restarts in turn that gain
+nothing.
 """
 
 from __future__ import annotations

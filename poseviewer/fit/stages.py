@@ -1,9 +1,11 @@
 """Coarse to fine: the levels of the photo that a search goes through, and how it searches each.
 
 Most of a search is spent on finding the right valley, and a coarse level shows the same valleys:
-its minimum lies within one of its pixels of the full photo's. So the wide part of the search, its
-scouts and its restarts, runs where an evaluation costs a fraction; on the full photo a simplex of
-the size of the level's pixels is left to go downhill, until restarts no longer improve it.
+its minimum lies within one of its pixels of the full photo's. So the wide part of the search runs
+where an evaluation costs a fraction. Where classes and edges are compared that part is an evolving
+cloud; a second, smaller one goes on upon the full photo, and a simplex along its axes ends the
+search. Elsewhere scouts and a restarted simplex are the wide part, and a simplex of the size of the
+level's pixels is left to go downhill on the full photo, until restarts no longer improve it.
 """
 
 from __future__ import annotations
@@ -40,8 +42,9 @@ pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whate
 LAST_SIMPLEX = RestartRules(
     step=2.0, scouts=0, x_tolerance=0.1, f_tolerance=2e-3, least_gain=0.02, patience=2
 )
-"""After a cloud, in units of its standard deviations: with edges along its axes a simplex needs a
-third of the evaluations that one along the numbers needs. The loss is a sum of logarithms there,
+"""After a cloud, in units of its standard deviations: with edges along its axes a simplex needs
+two fifths (real photos) to three quarters (drawn ones) of the evaluations that one along the
+numbers needs. The loss is a sum of logarithms there,
 some 40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel. One
 restart alone may gain nothing where the next one does."""
 

@@ -46,3 +46,19 @@ def test_a_folder_without_cases_is_said(study, tmp_path, capsys):
     assert err.startswith("poseviewer: ")
     assert "cases.json" in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("study", [auto_start, identification])
+def test_no_case_at_all_is_refused(study, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        study.main([str(tmp_path), "--every", "0"])
+    assert stop.value.code == 2
+    assert "--every: 0 is not a whole number above 0" in capsys.readouterr().err
+
+
+def test_a_set_that_is_not_there_is_said(shared_data, capsys):
+    assert identification.main([str(shared_data), "--sets", "cats"]) == 2
+    err = capsys.readouterr().err
+    assert "--sets cats" in err
+    assert "hope" in err
+    assert err.count("\n") == 1

@@ -30,7 +30,7 @@ def test_it_ends_at_the_least_loss_and_has_the_valleys_shape():
     assert np.linalg.cond(shape) < 5.0
 
 
-def test_its_axes_are_the_spread_of_its_points():
+def test_at_first_it_is_as_wide_as_the_rules_say():
     first, *_ = evolve(valley, np.zeros(5), SPANS, RULES, seed=0)
     np.testing.assert_allclose(first.axes, np.diag(RULES.width * SPANS), atol=1e-12)
 

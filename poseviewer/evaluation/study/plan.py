@@ -60,13 +60,8 @@ class StudyPlan:
         the paper did; both sets of pixels, to compare them, on other ground that is drawn; and on
         photos as they are the clipped one.
         """
-        choices: tuple[PixelsName, ...] = ("near",)
-        if self.method == "paper":
-            choices = ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
-            choices = ("whole",) if kind in ("plain", "plain-traced") else choices
-        if self.pixels:
-            choices = (self.pixels,)
-        return [FitSettings(self.method, pixels=name, limits=self.limits) for name in choices]
+        names = (self.pixels,) if self.pixels else _usual_pixels(self.method, kind)
+        return [FitSettings(self.method, pixels=name, limits=self.limits) for name in names]
 
     def about(self) -> dict[str, Any]:
         """What all rows of a folder have in common.
@@ -146,6 +141,14 @@ def open_folder(out: Path, about: Mapping[str, Any]) -> None:
             f"{out}: holds trials of another study ({other[0]} was {there.get(other[0])}, and is "
             f"{about[other[0]]} now); name another folder"
         )
+
+
+def _usual_pixels(method: Method, kind: Kind) -> tuple[PixelsName, ...]:
+    if method == "default":
+        return ("near",)
+    if kind in ("plain", "plain-traced"):
+        return ("whole",)
+    return ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
 
 
 def _fingerprint(path: Path) -> str:

@@ -52,16 +52,15 @@ class RealStart:
 
 
 def load_cases(folder: Path, pattern: str = "") -> list[RealCase]:
-    """The cases whose id matches the pattern, one with ``*`` or ``?`` in it as a whole, else as a
-    part of the id; empty: all.
+    """The cases whose id matches the pattern: as a whole if there is ``*`` or ``?`` in it, else as
+    a part of the id; empty: all.
 
     Raises:
         PoseFileError: there is no ``cases.json``, or it does not hold cases.
         SettingsError: no id matches.
     """
-    cases = [
-        _case(folder, data) for data in _listed(folder / CASES, "cases") if _fits(data, pattern)
-    ]
+    listed = _listed(folder / CASES, "cases")
+    cases = [_case(folder, data) for data in listed if matches(str(data.get("id", "")), pattern)]
     if not cases:
         raise SettingsError(f"--cases {pattern}: no id in {folder / CASES} matches; see there")
     return cases
@@ -93,8 +92,8 @@ def _listed(path: Path, key: str = "") -> list[dict[str, Any]]:
     return found
 
 
-def _fits(data: dict[str, Any], pattern: str) -> bool:
-    name = str(data.get("id", ""))
+def matches(name: str, pattern: str) -> bool:
+    """Whether the id of a case matches a pattern, see ``load_cases``."""
     return fnmatchcase(name, pattern) if set("*?") & set(pattern) else pattern in name
 
 
