@@ -77,7 +77,7 @@ def app(options: Namespace) -> int:
         if pose is not None:
             raise SettingsError("--pose and --last are two starts; leave one of them out")
         pose = last_pose()
-    from poseviewer.render.software import kernels_are_compiled
+    from poseviewer.render.compiled import kernels_are_compiled
     from poseviewer.viewer.serving import serve_app
 
     if not kernels_are_compiled():
@@ -209,7 +209,7 @@ def bench(options: Namespace) -> int:
     from poseviewer.evaluation.bench.picture import make_sheet
     from poseviewer.evaluation.bench.run import QUICK, Plan, run_bench
     from poseviewer.figures.bench_sheet import make_bench_sheet
-    from poseviewer.render.software import kernels_are_compiled
+    from poseviewer.render.compiled import kernels_are_compiled
 
     if not kernels_are_compiled():
         _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
@@ -308,7 +308,7 @@ def _check_method(options: Namespace, method: str) -> None:
 
 def _renderer(registration: Registration, settings: FitSettings) -> Renderer:
     if settings.renderer == "software":
-        from poseviewer.render.software import kernels_are_compiled
+        from poseviewer.render.compiled import kernels_are_compiled
 
         if not kernels_are_compiled():
             _tell("Compiling the kernels for this machine: some twenty seconds, this once.")

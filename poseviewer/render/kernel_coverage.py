@@ -19,14 +19,21 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from poseviewer.render.kernel_compiler import kernel
 
 SUBPIXELS = 256
+CHUNK = 256  # faces that are looked at together
+LOOKED_AT = 64  # in a box of so many pixels, each is compared before a face is drawn
 BLOCK = 16  # pixels of a row that are done at a time
 SMALL = 64 * SUBPIXELS  # in triangles of this size edge functions fit into 32 bits
 
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+OFF_SCREEN = np.int32(-(1 << 31))  # see ``kernel_visibility``
+DRAWN, LARGE = np.int32(1), np.int32(2)  # ways to draw a face; 0: not at all
+_i32 = np.int32  # sums of 32 bits would have 64, and vectors half the lanes
+_SUB, _HALF, _HALF_LESS, _BITS = _i32(SUBPIXELS), _i32(SUBPIXELS // 2), _i32(127), _i32(8)
 
 _jit: Any = kernel()
 _intrinsic: Any = intrinsic
@@ -88,36 +95,6 @@ def _emit_block(context, builder, signature, args):
     return builder.icmp_unsigned("!=", bits, ir.IntType(BLOCK)(0))
 
 
-@_jit
-def _span(start, first, last, e, right):
-    """The part of columns ``first`` to ``last`` where an edge may be inside, a pixel to spare.
-
-    The edge function is ``e`` at column ``start``, and grows by ``right`` a column.
-    """
-    if right > 0:
-        first = max(first, start - 1 + int(-e / right)) if e < 0 else first
-    elif e < 0:
-        last = start - 1
-    elif right < 0:
-        last = min(last, start + 1 + int(e / -right))
-    return first, last
-
-
-@_jit
-def _draw_wide_row(row, first, last, edges, rights, d, slope, face, depth, ids):
-    """A row of a triangle of any size, columns ``first`` to ``last``."""
-    f0, f1, f2 = edges
-    for column in range(first, last + 1):
-        value = np.float32(d)
-        d += slope
-        if f0 | f1 | f2 >= 0:
-            before = depth[row, column]
-            if value > before or (value == before and face < ids[row, column]):
-                depth[row, column] = value
-                ids[row, column] = face
-        f0, f1, f2 = f0 + rights[0], f1 + rights[1], f2 + rights[2]
-
-
 @_jit_inline
 def _set_plane(face, planes, corners, e, right, down, weights, column, row):
     """The plane of a face from edge functions at a pixel, ``weights`` of the corners, and
@@ -144,28 +121,6 @@ def _set_plane(face, planes, corners, e, right, down, weights, column, row):
 
 
 @_jit_inline
-def _edges(x0, y0, x1, y1, x2, y2, first_column, first_row, sign):
-    """Edge functions at a pixel centre, and what a column and a row more add to each.
-
-    In 1/256 px squared; edge i lies opposite corner i. Inside, all three are positive.
-    """
-    px, py = first_column * SUBPIXELS + SUBPIXELS // 2, first_row * SUBPIXELS + SUBPIXELS // 2
-    ex0, ey0 = sign * (x2 - x1), sign * (y2 - y1)
-    ex1, ey1 = sign * (x0 - x2), sign * (y0 - y2)
-    ex2, ey2 = sign * (x1 - x0), sign * (y1 - y0)
-    e0 = ex0 * (py - y1) - ey0 * (px - x1)
-    e1 = ex1 * (py - y2) - ey1 * (px - x2)
-    e2 = ex2 * (py - y0) - ey2 * (px - x0)
-    right = (-ey0 * SUBPIXELS, -ey1 * SUBPIXELS, -ey2 * SUBPIXELS)
-    down = (ex0 * SUBPIXELS, ex1 * SUBPIXELS, ex2 * SUBPIXELS)
-    # Points on a top or left edge are inside, on the others outside.
-    b0 = ~(((ey0 << 32) - ex0) >> 63)
-    b1 = ~(((ey1 << 32) - ex1) >> 63)
-    b2 = ~(((ey2 << 32) - ex2) >> 63)
-    return (e0, e1, e2), right, down, (b0, b1, b2)
-
-
-@_jit_inline
 def _weigh(sign, area, weighs, d0, d1, d2):
     """The weights of a triangle's corners; normals then point to the side that is seen."""
     q = np.float32(-sign) / np.float32(area)
@@ -175,57 +130,192 @@ def _weigh(sign, area, weighs, d0, d1, d2):
 
 
 @_jit
-def _draw_piece(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, width, depth, ids):
-    """One triangle of any size, in 1/256 px, with depth values d, linear in the picture."""
-    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    if area == 0 or (area > 0 and not two_sided):
-        return
-    sign = 1 if area > 0 else -1
-    area *= sign
-    first_column = max((min(x0, x1, x2) + 127) >> 8, 0)
-    last_column = min((max(x0, x1, x2) - 128) >> 8, width - 1)
-    first_row = max((min(y0, y1, y2) + 127) >> 8, 0)
-    last_row = min((max(y0, y1, y2) - 128) >> 8, depth.shape[0] - 1)
-    if first_column > last_column or first_row > last_row:
-        return
-    (e0, e1, e2), right, down, (b0, b1, b2) = _edges(
-        x0, y0, x1, y1, x2, y2, first_column, first_row, sign
-    )
-    s1, s2 = (np.float64(d1) - d0) / area, (np.float64(d2) - d0) / area
-    slope = right[1] * s1 + right[2] * s2
-    for row in range(first_row, last_row + 1):
-        first, last = _span(first_column, first_column, last_column, e0, right[0])
-        first, last = _span(first_column, first, last, e1, right[1])
-        first, last = _span(first_column, first, last, e2, right[2])
-        skip = first - first_column
-        f1, f2 = e1 + skip * right[1], e2 + skip * right[2]
-        edges = (e0 + b0 + skip * right[0], f1 + b1, f2 + b2)
-        value = d0 + f1 * s1 + f2 * s2
-        _draw_wide_row(row, first, last, edges, right, value, slope, face, depth, ids)
-        e0, e1, e2 = e0 + down[0], e1 + down[1], e2 + down[2]
+def _gather(begin, end, listed, faces, screen, depths, corners, values):
+    """Corners (6, CHUNK) and depth values (6, CHUNK), of the faces listed from ``begin`` on."""
+    for i in range(end - begin):
+        f = np.uint32(listed[begin + i])
+        a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+        corners[0, i], corners[1, i], corners[2, i] = screen[0, a], screen[0, b], screen[0, c]
+        corners[3, i], corners[4, i], corners[5, i] = screen[1, a], screen[1, b], screen[1, c]
+        values[0, i], values[1, i], values[2, i] = depths[a], depths[b], depths[c]
+
+
+@_jit_inline
+def _edge_at(xa, ya, xb, yb, px, py, sign):
+    """The edge function from one corner to the next, what the top-left rule takes from it, and
+    what a column and a row more add.
+    """
+    ex, ey = _i32(sign * _i32(xb - xa)), _i32(sign * _i32(yb - ya))
+    excluded = _i32(0) if (ey < 0) | ((ey == 0) & (ex > 0)) else _i32(1)
+    e = _i32(_i32(ex * _i32(py - ya)) - _i32(ey * _i32(px - xa)))
+    return e, excluded, _i32(-ey * _SUB), _i32(ex * _SUB)
 
 
 @_jit
-def draw_pieces(owners, places, values, two_sided, width, depth, ids):
-    """Draw triangles of any size, as ``kernel_pieces.cut`` gives them."""
-    for i in range(owners.shape[0]):
-        x0, y0, x1, y1 = places[i, 0, 0], places[i, 0, 1], places[i, 1, 0], places[i, 1, 1]
-        x2, y2, d0, d1, d2 = (
-            places[i, 2, 0],
-            places[i, 2, 1],
-            values[i, 0],
-            values[i, 1],
-            values[i, 2],
+def _find_boxes(size, width, height, corners, boxes):
+    """The pixels whose centres the faces' boxes hold: left, top, right, bottom, ends included."""
+    x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
+    y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
+    left, top, right, bottom = boxes[0, :size], boxes[1, :size], boxes[2, :size], boxes[3, :size]
+    columns, rows = _i32(width - 1), _i32(height - 1)
+    for i in range(size):
+        left[i] = max(_i32(_i32(min(x0[i], x1[i], x2[i]) + _HALF_LESS) >> _BITS), _i32(0))
+        right[i] = min(_i32(_i32(max(x0[i], x1[i], x2[i]) - _HALF) >> _BITS), columns)
+    for i in range(size):
+        top[i] = max(_i32(_i32(min(y0[i], y1[i], y2[i]) + _HALF_LESS) >> _BITS), _i32(0))
+        bottom[i] = min(_i32(_i32(max(y0[i], y1[i], y2[i]) - _HALF) >> _BITS), rows)
+
+
+@_jit
+def _set_up(size, two_sided, corners, boxes, values):
+    """How each face is drawn (row 4 of ``boxes``), and its depth value at the box's first pixel and
+    what a column and a row more add (rows 3 to 5 of ``values``).
+
+    A face whose box is two pixels wide and high at most is drawn only if it holds the centre of one
+    of the four: most faces of a detailed model lie between the centres. All is done without a
+    branch and in 32 bits, so that it is done in vectors; of large faces only that they are large
+    is told.
+    """
+    x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
+    y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
+    left, top, right, bottom = boxes[0, :size], boxes[1, :size], boxes[2, :size], boxes[3, :size]
+    z0, z1, z2 = values[0, :size], values[1, :size], values[2, :size]
+    way, value, slope, fall = boxes[4, :size], values[3, :size], values[4, :size], values[5, :size]
+    none, both = _i32(0), _i32(1 if two_sided else 0)
+    for i in range(size):
+        area = _i32(
+            _i32(_i32(x1[i] - x0[i]) * _i32(y2[i] - y0[i]))
+            - _i32(_i32(x2[i] - x0[i]) * _i32(y1[i] - y0[i]))
         )
-        _draw_piece(x0, y0, d0, x1, y1, d1, x2, y2, d2, owners[i], two_sided, width, depth, ids)
+        sign = _i32(1) if area > none else _i32(-1)  # y runs down: a front has an area < 0
+        px, py = _i32(_i32(left[i] * _SUB) + _HALF), _i32(_i32(top[i] * _SUB) + _HALF)
+        e0, b0, r0, d0 = _edge_at(x1[i], y1[i], x2[i], y2[i], px, py, sign)
+        e1, b1, r1, d1 = _edge_at(x2[i], y2[i], x0[i], y0[i], px, py, sign)
+        e2, b2, r2, d2 = _edge_at(x0[i], y0[i], x1[i], y1[i], px, py, sign)
+        scale = _ONE / np.float32(_i32(sign * area))
+        s1, s2 = (z1[i] - z0[i]) * scale, (z2[i] - z0[i]) * scale
+        value[i] = z0[i] + np.float32(e1) * s1 + np.float32(e2) * s2
+        slope[i] = np.float32(r1) * s1 + np.float32(r2) * s2
+        fall[i] = np.float32(d1) * s1 + np.float32(d2) * s2
+        f0, f1, f2 = _i32(e0 - b0), _i32(e1 - b1), _i32(e2 - b2)
+        outside = _i32(f0 | f1 | f2) & _i32(_i32(f0 + r0) | _i32(f1 + r1) | _i32(f2 + r2))
+        f0, f1, f2 = _i32(f0 + d0), _i32(f1 + d1), _i32(f2 + d2)
+        outside &= _i32(f0 | f1 | f2) & _i32(_i32(f0 + r0) | _i32(f1 + r1) | _i32(f2 + r2))
+        across, along = _i32(right[i] - left[i]), _i32(bottom[i] - top[i])
+        drawn = (_i32(outside) >= none) | (max(across, along) > _i32(1))
+        drawn &= (min(across, along) >= none) & (area != none)
+        drawn &= _i32(both - _i32(area >> _i32(31))) > none
+        least, most = min(x0[i], x1[i], x2[i]), max(x0[i], x1[i], x2[i])
+        lowest, highest = min(y0[i], y1[i], y2[i]), max(y0[i], y1[i], y2[i])
+        large = max(_i32(most - least), _i32(highest - lowest)) > _i32(SMALL)
+        large |= min(least, lowest) == OFF_SCREEN
+        way[i] = LARGE if large else (DRAWN if drawn else none)
+
+
+@_jit
+def _list_drawn(size, boxes):
+    """List the places of the faces that are drawn in row 5 of ``boxes``; returns their number."""
+    way, listed = boxes[4], boxes[5]
+    count = np.uint32(0)
+    for i in range(size):
+        listed[count] = i
+        count += np.uint32(1) if way[i] > 0 else np.uint32(0)
+    return count
+
+
+@_jit_inline
+def _is_hidden(i, boxes, values, depth):
+    """Whether all that is drawn in a face's box is nearer; False for a box of many pixels."""
+    left, top, right, bottom = boxes[0, i], boxes[1, i], boxes[2, i], boxes[3, i]
+    if (right - left + 1) * (bottom - top + 1) > LOOKED_AT:
+        return False
+    nearest = max(values[0, i], values[1, i], values[2, i])
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            if depth[np.uint32(row), np.uint32(column)] <= nearest:
+                return False
+    return True
+
+
+@_jit_inline
+def _draw_in_blocks(face, i, inside, right, down, boxes, values, depth, ids):
+    """Draw a face of at most SMALL; whether it shows in any pixel. The edge functions ``inside``,
+    the top-left rule applied, are those at the first pixel of its box's first block.
+    """
+    stride, first_row = depth.shape[1], boxes[1, i]
+    low = min(values[0, i], values[1, i], values[2, i])
+    high = max(values[0, i], values[1, i], values[2, i])
+    slope, fall = values[4, i], values[5, i]
+    # Whole blocks: a block that was just written can be read again without waiting for it.
+    first_column = boxes[0, i] & -BLOCK
+    d = values[3, i] - np.float32(boxes[0, i] - first_column) * slope
+    r0, r1, r2 = right
+    shown = False
+    for block in range(first_column, boxes[2, i] + 1, BLOCK):
+        skip = block - first_column
+        f0, f1, f2 = inside[0] + skip * r0, inside[1] + skip * r1, inside[2] + skip * r2
+        value = d + np.float32(skip) * slope
+        at = first_row * stride + block
+        for _ in range(first_row, boxes[3, i] + 1):
+            shown |= _draw_block(
+                depth,
+                ids,
+                at,
+                np.int32(f0),
+                np.int32(f1),
+                np.int32(f2),
+                r0,
+                r1,
+                r2,
+                value,
+                slope,
+                low,
+                high,
+                face,
+            )
+            f0, f1, f2, at = f0 + down[0], f1 + down[1], f2 + down[2], at + stride
+            value += fall
+    return shown
+
+
+@_jit_inline
+def _draw_small(face, i, room, normals, weighs, planes, depth, ids):
+    """Draw the face that is the ``i``-th in ``room``; set its plane if it shows."""
+    corners, boxes, values = room
+    x0, x1, x2 = corners[0, i], corners[1, i], corners[2, i]
+    y0, y1, y2 = corners[3, i], corners[4, i], corners[5, i]
+    area = _i32(_i32(x1 - x0) * _i32(y2 - y0)) - _i32(_i32(x2 - x0) * _i32(y1 - y0))
+    sign = _i32(1) if area > 0 else _i32(-1)
+    column, row = boxes[0, i] & -BLOCK, boxes[1, i]
+    px, py = _i32(_i32(column * _SUB) + _HALF), _i32(_i32(row * _SUB) + _HALF)
+    e0, b0, r0, d0 = _edge_at(x1, y1, x2, y2, px, py, sign)
+    e1, b1, r1, d1 = _edge_at(x2, y2, x0, y0, px, py, sign)
+    e2, b2, r2, d2 = _edge_at(x0, y0, x1, y1, px, py, sign)
+    right, down = (r0, r1, r2), (d0, d1, d2)
+    inside = (e0 - b0, e1 - b1, e2 - b2)
+    if not _draw_in_blocks(face, i, inside, right, down, boxes, values, depth, ids):
+        return
+    weights = _weigh(sign, sign * area, weighs, values[0, i], values[1, i], values[2, i])
+    _set_plane(face, planes, normals, (e0, e1, e2), right, down, weights, column, row)
+
+
+def make_room() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """What ``draw_listed`` needs to look at a chunk of faces."""
+    return (
+        np.empty((6, CHUNK), np.int32),
+        np.empty((6, CHUNK), np.int32),
+        np.empty((6, CHUNK), np.float32),
+    )
 
 
 @_jit
 def draw_listed(
     count,
     listed,
+    culls,
+    room,
     faces,
-    corners,
+    normals,
     weighs,
     screen,
     depths,
@@ -237,74 +327,24 @@ def draw_listed(
 ):
     """Draw the first ``count`` of the ``listed`` faces into ``depth`` float32 and ``ids`` int32.
 
-    Both are (height, ``width`` rounded up to whole BLOCKs). Sets the planes of the faces that show.
-    ``weighs`` times a corner's depth value is its weight; where it is negative all weigh 1.
+    Both are (height, ``width`` rounded up to whole BLOCKs). Sets the planes of the faces that show,
+    from the ``normals`` (F, 9) at their corners. ``weighs`` times a corner's depth value is its
+    weight; where it is negative all weigh 1. ``culls``: whether most of them are expected to be
+    hidden by what is drawn already. ``room`` is that of ``make_room``.
     Returns how many faces are left for ``kernel_pieces`` to cut: they are then listed first.
     """
-    large, height, stride = 0, depth.shape[0], depth.shape[1]
-    for index in range(count):
-        face = listed[index]
-        f = np.uint32(face)
-        a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-        x0, x1, x2 = np.int64(screen[0, a]), np.int64(screen[0, b]), np.int64(screen[0, c])
-        y0, y1, y2 = np.int64(screen[1, a]), np.int64(screen[1, b]), np.int64(screen[1, c])
-        least_x, most_x = min(x0, x1, x2), max(x0, x1, x2)
-        least_y, most_y = min(y0, y1, y2), max(y0, y1, y2)
-        if max(most_x - least_x, most_y - least_y) > SMALL:  # also where a vertex is off screen
-            listed[large] = face
-            large += 1
-            continue
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if area == 0 or (area > 0 and not two_sided):  # y runs down: a front has an area < 0
-            continue
-        sign = 1 if area > 0 else -1
-        area *= sign
-        # Whole blocks: a block that was just written can be read again without waiting for it.
-        first_column = max((least_x + 127) >> 8, 0) & -BLOCK
-        last_column = min((most_x - 128) >> 8, width - 1)
-        first_row = max((least_y + 127) >> 8, 0)
-        last_row = min((most_y - 128) >> 8, height - 1)
-        if first_column > last_column or first_row > last_row:
-            continue
-        d0, d1, d2 = depths[a], depths[b], depths[c]
-        (e0, e1, e2), right, down, (b0, b1, b2) = _edges(
-            x0, y0, x1, y1, x2, y2, first_column, first_row, sign
-        )
-        scale = _ONE / np.float32(area)
-        s1, s2 = (d1 - d0) * scale, (d2 - d0) * scale
-        slope = np.float32(right[1]) * s1 + np.float32(right[2]) * s2
-        fall = np.float32(down[1]) * s1 + np.float32(down[2]) * s2
-        d = d0 + np.float32(e1) * s1 + np.float32(e2) * s2
-        low, high = min(d0, d1, d2), max(d0, d1, d2)
-        r0, r1, r2 = np.int32(right[0]), np.int32(right[1]), np.int32(right[2])
-        is_seen = False
-        for block in range(first_column, last_column + 1, BLOCK):
-            skip = block - first_column
-            f0, f1, f2 = e0 + b0 + skip * r0, e1 + b1 + skip * r1, e2 + b2 + skip * r2
-            value = d + np.float32(skip) * slope
-            at = first_row * stride + block
-            for _ in range(first_row, last_row + 1):
-                is_seen |= _draw_block(
-                    depth,
-                    ids,
-                    at,
-                    np.int32(f0),
-                    np.int32(f1),
-                    np.int32(f2),
-                    r0,
-                    r1,
-                    r2,
-                    value,
-                    slope,
-                    low,
-                    high,
-                    face,
-                )
-                f0, f1, f2, at = f0 + down[0], f1 + down[1], f2 + down[2], at + stride
-                value += fall
-        if is_seen:
-            weights = _weigh(sign, area, weighs, d0, d1, d2)
-            _set_plane(
-                face, planes, corners, (e0, e1, e2), right, down, weights, first_column, first_row
-            )
+    large, (corners, boxes, values) = 0, room
+    for begin in range(0, count, CHUNK):
+        end = min(begin + CHUNK, count)
+        _gather(begin, end, listed, faces, screen, depths, corners, values)
+        _find_boxes(end - begin, width, depth.shape[0], corners, boxes)
+        _set_up(end - begin, two_sided, corners, boxes, values)
+        for k in range(_list_drawn(end - begin, boxes)):
+            i = np.uint32(boxes[5, k])
+            face = listed[begin + i]
+            if boxes[4, i] == LARGE:
+                listed[large] = face
+                large += 1
+            elif not (culls and _is_hidden(i, boxes, values, depth)):
+                _draw_small(face, i, room, normals, weighs, planes, depth, ids)
     return large

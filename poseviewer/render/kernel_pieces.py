@@ -1,7 +1,7 @@
 """Large faces, and those that reach behind the camera or far outside the picture.
 
-They are cut into triangles that ``kernel_coverage`` can draw; the numbers are those of its file.
-Compiled code is kept per file, so nothing here calls into it.
+They are cut into triangles that are drawn here by the rules of ``kernel_coverage``, in 64 bits; the
+numbers are those of its file. Compiled code is kept per file, so nothing here calls into it.
 """
 
 from __future__ import annotations
@@ -127,3 +127,101 @@ def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes)
             owners[pieces] = face
             pieces += 1
     return owners[:pieces], places[:pieces], values[:pieces]
+
+
+@_jit
+def _span(start, first, last, e, right):
+    """The part of columns ``first`` to ``last`` where an edge may be inside, a pixel to spare.
+
+    The edge function is ``e`` at column ``start``, and grows by ``right`` a column.
+    """
+    if right > 0:
+        first = max(first, start - 1 + int(-e / right)) if e < 0 else first
+    elif e < 0:
+        last = start - 1
+    elif right < 0:
+        last = min(last, start + 1 + int(e / -right))
+    return first, last
+
+
+@_jit
+def _draw_wide_row(row, first, last, edges, rights, d, slope, face, depth, ids):
+    """A row of a triangle of any size, columns ``first`` to ``last``."""
+    f0, f1, f2 = edges
+    for column in range(first, last + 1):
+        value = np.float32(d)
+        d += slope
+        if f0 | f1 | f2 >= 0:
+            before = depth[row, column]
+            if value > before or (value == before and face < ids[row, column]):
+                depth[row, column] = value
+                ids[row, column] = face
+        f0, f1, f2 = f0 + rights[0], f1 + rights[1], f2 + rights[2]
+
+
+@_jit
+def _edges(x0, y0, x1, y1, x2, y2, first_column, first_row, sign):
+    """Edge functions at a pixel centre, and what a column and a row more add to each.
+
+    In 1/256 px squared; edge i lies opposite corner i. Inside, all three are positive.
+    """
+    px, py = first_column * SUBPIXELS + SUBPIXELS // 2, first_row * SUBPIXELS + SUBPIXELS // 2
+    ex0, ey0 = sign * (x2 - x1), sign * (y2 - y1)
+    ex1, ey1 = sign * (x0 - x2), sign * (y0 - y2)
+    ex2, ey2 = sign * (x1 - x0), sign * (y1 - y0)
+    e0 = ex0 * (py - y1) - ey0 * (px - x1)
+    e1 = ex1 * (py - y2) - ey1 * (px - x2)
+    e2 = ex2 * (py - y0) - ey2 * (px - x0)
+    right = (-ey0 * SUBPIXELS, -ey1 * SUBPIXELS, -ey2 * SUBPIXELS)
+    down = (ex0 * SUBPIXELS, ex1 * SUBPIXELS, ex2 * SUBPIXELS)
+    # Points on a top or left edge are inside, on the others outside.
+    b0 = ~(((ey0 << 32) - ex0) >> 63)
+    b1 = ~(((ey1 << 32) - ex1) >> 63)
+    b2 = ~(((ey2 << 32) - ex2) >> 63)
+    return (e0, e1, e2), right, down, (b0, b1, b2)
+
+
+@_jit
+def _draw_piece(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, width, depth, ids):
+    """One triangle of any size, in 1/256 px, with depth values d, linear in the picture."""
+    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    if area == 0 or (area > 0 and not two_sided):
+        return
+    sign = 1 if area > 0 else -1
+    area *= sign
+    first_column = max((min(x0, x1, x2) + 127) >> 8, 0)
+    last_column = min((max(x0, x1, x2) - 128) >> 8, width - 1)
+    first_row = max((min(y0, y1, y2) + 127) >> 8, 0)
+    last_row = min((max(y0, y1, y2) - 128) >> 8, depth.shape[0] - 1)
+    if first_column > last_column or first_row > last_row:
+        return
+    (e0, e1, e2), right, down, (b0, b1, b2) = _edges(
+        x0, y0, x1, y1, x2, y2, first_column, first_row, sign
+    )
+    s1, s2 = (np.float64(d1) - d0) / area, (np.float64(d2) - d0) / area
+    slope = right[1] * s1 + right[2] * s2
+    for row in range(first_row, last_row + 1):
+        first, last = _span(first_column, first_column, last_column, e0, right[0])
+        first, last = _span(first_column, first, last, e1, right[1])
+        first, last = _span(first_column, first, last, e2, right[2])
+        skip = first - first_column
+        f1, f2 = e1 + skip * right[1], e2 + skip * right[2]
+        edges = (e0 + b0 + skip * right[0], f1 + b1, f2 + b2)
+        value = d0 + f1 * s1 + f2 * s2
+        _draw_wide_row(row, first, last, edges, right, value, slope, face, depth, ids)
+        e0, e1, e2 = e0 + down[0], e1 + down[1], e2 + down[2]
+
+
+@_jit
+def draw_pieces(owners, places, values, two_sided, width, depth, ids):
+    """Draw triangles of any size, as ``cut`` gives them."""
+    for i in range(owners.shape[0]):
+        x0, y0, x1, y1 = places[i, 0, 0], places[i, 0, 1], places[i, 1, 0], places[i, 1, 1]
+        x2, y2, d0, d1, d2 = (
+            places[i, 2, 0],
+            places[i, 2, 1],
+            values[i, 0],
+            values[i, 1],
+            values[i, 2],
+        )
+        _draw_piece(x0, y0, d0, x1, y1, d1, x2, y2, d2, owners[i], two_sided, width, depth, ids)

@@ -104,48 +104,6 @@ def _list_unseen(oldest, wanted, seen, listed):
 
 
 @_jit
-def _keep_inside(count, listed, faces, screen, width, height):
-    """Keep those of the listed faces whose boxes hold a pixel centre, or that need clipping.
-
-    Most faces of a detailed model lie between pixel centres. Nothing is skipped on the way: the
-    processor would guess wrongly, face by face.
-    """
-    kept = 0
-    for index in range(count):
-        face = np.uint32(listed[index])
-        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
-        ax, bx, cx = screen[0, a], screen[0, b], screen[0, c]
-        ay, by, cy = screen[1, a], screen[1, b], screen[1, c]
-        left, right = max((min(ax, bx, cx) + 127) >> 8, 0), (max(ax, bx, cx) - 128) >> 8
-        top, bottom = max((min(ay, by, cy) + 127) >> 8, 0), (max(ay, by, cy) - 128) >> 8
-        inside = (left <= min(right, width - 1)) & (top <= min(bottom, height - 1))
-        off = min(ax, ay, bx, by, cx, cy) == OFF_SCREEN
-        listed[kept] = listed[index]
-        kept += 1 if inside | off else 0
-    return kept
-
-
-@_jit
-def _keep_unhidden(count, listed, faces, screen, depths, box, tiles):
-    """Keep those of the listed faces that are not behind all that ``tiles`` has there."""
-    kept = 0
-    for index in range(count):
-        face = np.uint32(listed[index])
-        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
-        ax, bx, cx = screen[0, a], screen[0, b], screen[0, c]
-        ay, by, cy = screen[1, a], screen[1, b], screen[1, c]
-        left, right = max((min(ax, bx, cx) + 127) >> 8, 0), (max(ax, bx, cx) - 128) >> 8
-        top, bottom = max((min(ay, by, cy) + 127) >> 8, 0), (max(ay, by, cy) - 128) >> 8
-        nearest = max(depths[a], depths[b], depths[c])
-        nearest += np.float32(DEPTH_MARGIN) * abs(nearest)
-        off = min(ax, ay, bx, by, cx, cy) == OFF_SCREEN
-        hidden = not off and _is_behind(left, top, right, bottom, nearest, box, tiles)
-        listed[kept] = listed[index]
-        kept += 0 if hidden else 1
-    return kept
-
-
-@_jit
 def _is_behind(left, top, right, bottom, nearest, box, tiles):
     """Whether all that ``tiles`` has on the pixels up to ``right``, ``bottom`` is nearer.
 
@@ -227,6 +185,29 @@ def _may_be_seen(cluster, cluster_box, camera, box, width, height, tiles):
     return not _is_behind(int(left), int(top), int(right), int(bottom), nearest, box, tiles)
 
 
+@_jit_lanes
+def _has_unhidden(begin, end, screen, depths, width, height, box, tiles):
+    """Whether faces of the vertices ``begin`` to ``end`` may be seen: what their bounding box in
+    the picture and the nearest of them tell.
+    """
+    u, v, d = screen[0, begin:end], screen[1, begin:end], depths[begin:end]
+    left, right, top, bottom, nearest = u[0], u[0], v[0], v[0], d[0]
+    for i in range(1, end - begin):
+        left, right = min(left, u[i]), max(right, u[i])
+        top, bottom = min(top, v[i]), max(bottom, v[i])
+        nearest = max(nearest, d[i])
+    if min(left, top) == OFF_SCREEN:
+        return True
+    left, right = max((left + 127) >> 8, 0), min((right - 128) >> 8, width - 1)
+    top, bottom = max((top + 127) >> 8, 0), min((bottom - 128) >> 8, height - 1)
+    nearest += np.float32(DEPTH_MARGIN) * abs(nearest)
+    return (
+        left <= right
+        and top <= bottom
+        and not _is_behind(left, top, right, bottom, nearest, box, tiles)
+    )
+
+
 @_jit
 def _pixel_box(bounds, any_off, width, height):
     """All pixels that the bounds touch, with a pixel to spare for snapping; empty if outside."""
@@ -295,7 +276,6 @@ def list_others(
     depths,
     any_off,
     cluster_box,
-    faces,
     row_least,
     tiles,
     depth,
@@ -315,8 +295,10 @@ def list_others(
         )
     any_off |= _project_clusters(wanted, cluster_start, vertices, camera, screen, depths, bounds)
     for cluster in range(wanted.shape[0]):
-        wanted[cluster] |= cluster_seen[cluster] >= oldest
+        if wanted[cluster]:
+            begin, end = cluster_start[cluster], cluster_start[cluster + 1]
+            wanted[cluster] = _has_unhidden(begin, end, screen, depths, width, height, box, tiles)
+        else:
+            wanted[cluster] = cluster_seen[cluster] >= oldest
     count = _list_unseen(oldest, wanted, seen, listed)
-    count = _keep_inside(count, listed, faces, screen, width, height)
-    count = _keep_unhidden(count, listed, faces, screen, depths, box, tiles)
     return count, any_off, _pixel_box(bounds, any_off, width, height)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,26 +45,6 @@ CACHE_LINE = 64  # bytes
 Box = tuple[int, int, int, int]
 
 
-def kernels_are_compiled() -> bool:
-    """Whether an earlier run left machine code for this version of the kernels."""
-    kernels: tuple[Any, ...] = (
-        kernel_visibility.list_others,
-        kernel_coverage.draw_listed,
-        kernel_attributes.accumulate,
-        kernel_structure.edge_sums,
-        kernel_moments.of_classes,
-    )
-    return all(_is_compiled(kernel) for kernel in kernels)
-
-
-def _is_compiled(kernel: Any) -> bool:
-    if not kernel.stats.cache_path:  # there is no place to keep it
-        return False
-    source = Path(kernel.py_func.__code__.co_filename)
-    cached = Path(kernel.stats.cache_path).glob(f"{source.stem}.*.nbi")
-    return any(index.stat().st_mtime >= source.stat().st_mtime for index in cached)
-
-
 class SoftwareRenderer:
     """The rasteriser with its buffers. Not for two threads at once: give each a ``clone``."""
 
@@ -92,6 +71,7 @@ class SoftwareRenderer:
         self._cluster_seen = np.full(clusters + 1, NEVER, np.int32)
         self._wanted = np.zeros(clusters, np.bool_)
         self._listed = np.empty(faces + 1, np.int32)
+        self._chunk = kernel_coverage.make_room()
         self._bounds = np.empty(4, np.int32)
         self._now = 0
         self._varies = bool(surface.varies.any())
@@ -311,27 +291,28 @@ class SoftwareRenderer:
             self._depths,
         )
         count, any_off = kernel_visibility.list_recent(*projected)
-        self._draw_listed(count, width, weighs)
+        self._draw_listed(count, width, weighs, culls=False)
         count, any_off, box = kernel_visibility.list_others(
             *projected,
             any_off,
             surface.cluster_box,
-            surface.faces,
             self._row_least,
             self._tiles,
             self._depth,
             width,
         )
-        self._draw_listed(count, width, weighs)
+        self._draw_listed(count, width, weighs, culls=True)
         return box
 
-    def _draw_listed(self, count: int, width: int, weighs: np.float32) -> None:
-        """Draw the first ``count`` of the listed faces."""
+    def _draw_listed(self, count: int, width: int, weighs: np.float32, culls: bool) -> None:
+        """Draw the first ``count`` of the listed faces; ``culls``: most of them will be hidden."""
         surface = self._surface
         picture = (self.two_sided, width, self._depth, self._ids)
         large = kernel_coverage.draw_listed(
             count,
             self._listed,
+            culls,
+            self._chunk,
             surface.faces,
             surface.corners,
             weighs,
@@ -352,7 +333,7 @@ class SoftwareRenderer:
                 self._depths,
                 self._planes,
             )
-            kernel_coverage.draw_pieces(*pieces, *picture)
+            kernel_pieces.draw_pieces(*pieces, *picture)
 
     def _weighs(self) -> np.float32:
         """What a corner's depth value is multiplied by to weigh it: the distance of the centre.

@@ -16,7 +16,7 @@ from poseviewer.render import kernel_moments
 first, second = np.array([1.0, 2.0]), np.array([[3.0, 0.0], [4.0, 8.0]])
 mean, covariance = kernel_moments.as_moments(1, 2.0, first, second, np.zeros(2), np.eye(3))
 print(*mean, *covariance.ravel())
-from poseviewer.render.software import kernels_are_compiled
+from poseviewer.render.compiled import kernels_are_compiled
 print(kernels_are_compiled())
 """
 
