@@ -104,15 +104,29 @@ def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttribut
 
 def free_motions(problem: FitProblem, numbers: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
-    free = problem.free_indices
-    steps = SMALL_STEP * problem.chart.spans(numbers)
-    motions = []
-    for index in free:
-        changed = numbers.copy()
-        changed[index] += steps[index]
-        motions.append(chart.from_pose(problem.chart.to_pose(changed)) / SMALL_STEP)
-    size = len(motions[0])
-    if len(motions) == size:
+    size = len(chart.names)
+    if len(problem.free_indices) == size:
+        return np.eye(size)
+    motions = [_motion(problem, numbers, index, chart) for index in problem.free_indices]
+    motions = [motion for motion in motions if motion is not None]
+    if not motions:
         return np.eye(size)
     basis, _ = np.linalg.qr(np.array(motions).T)
     return basis.T
+
+
+def _motion(
+    problem: FitProblem, numbers: FloatArray, index: int, chart: FreeBodyChart
+) -> FloatArray | None:
+    """What a number's change does, per span; forwards or, at the border of the problem's chart,
+    backwards. None where neither leads to a pose.
+    """
+    step = SMALL_STEP * problem.chart.spans(numbers)[index]
+    for sign in (1.0, -1.0):
+        changed = numbers.copy()
+        changed[index] += sign * step
+        try:
+            return chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
+        except OutsideChartError:
+            continue
+    return None

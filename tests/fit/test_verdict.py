@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from poseviewer.fit.gathering import gather_evidence
+from poseviewer.fit.probing import free_motions
 from poseviewer.fit.verdict import judge
+from poseviewer.geometry.camera import Parallel
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.vehicle_chart import LEAST_AXLE_COMPONENT, VehicleChart
 from poseviewer.registration import FitSettings, as_recorded, load_registration, make_problem
 from poseviewer.render.software import SoftwareRenderer
+from tests.geometry.test_charts import make_keypoints
 
 OFF = np.array([0.7, -0.5, 0.3, 0.3, 0.2, 0.1])
 
@@ -47,3 +53,22 @@ def test_worse_evidence_is_never_more_probable(verdicts):
     best = verdicts[0].evidence
     worse = replace(best, spread_percent=best.spread_percent + 20.0, outline=0.0)
     assert judge(worse).probability < judge(best).probability
+
+
+@pytest.mark.parametrize("free", [(True,) * 6, (True,) * 4 + (False, True)])
+def test_a_pose_at_the_border_of_its_chart_is_judged(scene, free):
+    """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
+    registration = load_registration(scene.photo, scene.model, scene.truth)
+    problem, _ = make_problem(registration, FitSettings(chart="free-body"))
+    camera = Parallel(60.0, 100.0, 80.0, 200, 160)
+    chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
+    flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
+    numbers = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
+    with pytest.raises(OutsideChartError):
+        chart.to_pose(numbers + 1e-4 * np.eye(6)[5])
+    pose = chart.to_pose(numbers)
+    body = FreeBodyChart.near(registration.mesh, pose, False)
+    here = replace(problem, chart=chart, start=numbers, free=free)
+    motions = free_motions(here, numbers, body)
+    assert motions.shape == (sum(free), 6)
+    np.testing.assert_allclose(motions @ motions.T, np.eye(sum(free)), atol=1e-9)
