@@ -15,7 +15,7 @@ import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.moments import Moments, PhotoAttributes
-from poseviewer.render.whitening import canonical_correlations
+from poseviewer.render.whitening import whitening
 
 EDGE_WEIGHT = 2.5
 """Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
@@ -47,7 +47,9 @@ def lighting_loss(moments: Moments) -> float:
     worst = worst_loss(moments)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    return min(max(worst - float(_squared_correlations(moments).sum()), 0.0), worst)
+    correlations = _correlations(moments).ravel()
+    explained = float(correlations @ correlations)
+    return min(max(worst - explained, 0.0), worst)
 
 
 def worst_registration_loss(photo: PhotoAttributes) -> float:
@@ -71,9 +73,11 @@ def registration_loss(moments: Moments) -> float:
     worst = min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return _worst_with_edges(worst)
+    correlations = _correlations(moments)
+    found = np.linalg.eigvalsh(correlations.T @ correlations)
     squares = np.zeros(worst)
-    found = _squared_correlations(moments)
-    squares[: len(found)] = np.clip(found, 0.0, 1.0)
+    kept = np.clip(found[-worst:], 0.0, 1.0)
+    squares[: len(kept)] = kept
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
     return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
 
@@ -82,7 +86,11 @@ def _worst_with_edges(worst: int) -> float:
     return worst * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
 
 
-def _squared_correlations(moments: Moments) -> FloatArray:
-    """Of F with M: at most min(n, m) of them, all above 0 but for rounding."""
-    mean, covariance = moments.mean, moments.covariance
-    return canonical_correlations(moments.photo_channels, mean, covariance, moments.photo_whitening)
+def _correlations(moments: Moments) -> FloatArray:
+    """``W_F C_FM W_M^T``, whose singular values are the canonical correlations."""
+    n, covariance, mean = moments.photo_channels, moments.covariance, moments.mean
+    photo = moments.photo_whitening
+    if photo is None:
+        photo = whitening(covariance[:n, :n], mean[:n])
+    model = whitening(covariance[n:, n:], mean[n:])
+    return photo @ covariance[:n, n:] @ model.T

@@ -7,7 +7,6 @@ from typing import Any
 
 from poseviewer.render import (
     kernel_attributes,
-    kernel_correlations,
     kernel_coverage,
     kernel_moments,
     kernel_structure,
@@ -23,7 +22,6 @@ def kernels_are_compiled() -> bool:
         kernel_attributes.accumulate,
         kernel_structure.edge_sums,
         kernel_moments.of_classes,
-        kernel_correlations.squared_correlations,
     )
     return all(_is_compiled(kernel) for kernel in kernels)
 

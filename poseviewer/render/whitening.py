@@ -5,26 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.kernel_correlations import squared_correlations, whiten
 
-_NOT_KNOWN = np.empty((0, 0))
+CONSTANT_VARIANCE = 1e-12
+"""A channel whose variance is below this share of its mean square counts as constant."""
+RANK_TOLERANCE = 1e-7
+"""Eigenvalues of a correlation matrix below this share of the greatest count as zero: sums in
+float32 are no more exact, and no light is so strong that what varies 3,000 times less than the
+rest would show. Where a channel varies so little that its rounding to float32 weighs more, that is
+the limit."""
 
 
 def whitening(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     """W (rank, k) with ``W C W^T = I`` on the range of the covariance C (k, k).
 
-    ``W^T W`` is the pseudo-inverse of C, in which ``kernel_correlations.CONSTANT_VARIANCE`` and
-    ``RANK_TOLERANCE`` apply to the correlation matrix: a channel measured in other units is not a
-    smaller channel.
+    ``W^T W`` is the pseudo-inverse of C, in which tolerances apply to the correlation matrix: a
+    channel measured in other units is not a smaller channel.
     """
-    return whiten(np.ascontiguousarray(covariance), np.ascontiguousarray(mean))
-
-
-def canonical_correlations(
-    n: int, mean: FloatArray, covariance: FloatArray, photo: FloatArray | None
-) -> FloatArray:
-    """The squares of the canonical correlations of the first n variables with the others, from
-    their joint ``mean`` (k,) and ``covariance`` (k, k): the least first, as many as the lesser rank
-    of the two. ``photo`` is the ``whitening`` of the first n, where it is known.
-    """
-    return squared_correlations(n, mean, covariance, _NOT_KNOWN if photo is None else photo)
+    variance = covariance.diagonal()
+    rounding = CONSTANT_VARIANCE * (variance + mean * mean)
+    varies = variance > rounding
+    scale = varies / np.sqrt(np.where(varies, variance, 1.0))
+    values, vectors = np.linalg.eigh(covariance * scale[:, None] * scale)
+    noise = float((rounding * scale * scale).max())
+    kept = values > max(RANK_TOLERANCE, noise) * max(float(values[-1]), 0.0)
+    if not kept.all():
+        values, vectors = values[kept], vectors[:, kept]
+    return (vectors / np.sqrt(values)).T * scale
