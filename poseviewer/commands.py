@@ -23,8 +23,6 @@ from poseviewer.errors import (
     PoseViewerError,
     SettingsError,
 )
-from poseviewer.figures.landscape_sheet import make_landscape_sheet
-from poseviewer.figures.save import check_kind, save_figure
 from poseviewer.files.calibrated_photo import load_calibrated_photo, photo_text, pixels_for
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.last_pose_file import keep_last_pose, last_pose
@@ -128,6 +126,9 @@ def overlay(options: Namespace) -> int:
 
 def landscape_sheet(options: Namespace) -> int:
     """Map the loss around a pose: a sheet of contours and the numbers."""
+    from poseviewer.figures.landscape_sheet import make_landscape_sheet
+    from poseviewer.figures.save import save_figure
+
     registration, settings, problem = _open(options)
     renderer = _renderer(registration, settings)
     try:
@@ -200,17 +201,18 @@ def demo(options: Namespace) -> int:
 
 def bench(options: Namespace) -> int:
     """Measure how long evaluations, searches and maps take; print the tables."""
+    from poseviewer.evaluation.bench import report as reports
+    from poseviewer.evaluation.bench.picture import make_sheet
+    from poseviewer.evaluation.bench.run import QUICK, Plan, run_bench
+    from poseviewer.figures.bench_sheet import make_bench_sheet
+    from poseviewer.figures.save import check_kind, save_figure
+    from poseviewer.render.compiled import kernels_are_compiled
+
     for path in (options.json, options.plot):
         if path:
             _require_folder(path, SettingsError)
     if options.plot:
         check_kind(options.plot)
-    from poseviewer.evaluation.bench import report as reports
-    from poseviewer.evaluation.bench.picture import make_sheet
-    from poseviewer.evaluation.bench.run import QUICK, Plan, run_bench
-    from poseviewer.figures.bench_sheet import make_bench_sheet
-    from poseviewer.render.compiled import kernels_are_compiled
-
     if not kernels_are_compiled():
         _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
     report = run_bench(QUICK if options.quick else Plan(), _say_nothing if options.quiet else _tell)

@@ -10,8 +10,6 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import PoseViewerError, SettingsError
-from poseviewer.figures.landscape_sheet import make_landscape_sheet
-from poseviewer.figures.save import figure_bytes
 from poseviewer.files.calibrated_photo import photo_text
 from poseviewer.files.landscape_file import landscape_csv_bytes, landscape_npz_bytes
 from poseviewer.files.picture_text import described
@@ -98,6 +96,10 @@ def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[
         raise SettingsError("there are no maps yet; wait for the first ones")
     names, spans = news.problem.chart.names, news.problem.chart.spans(news.numbers)
     if what == "sheet":
+        # Half a second of Matplotlib, which opening the app need not wait for.
+        from poseviewer.figures.landscape_sheet import make_landscape_sheet
+        from poseviewer.figures.save import figure_bytes
+
         title = f"{photo.label}: loss about the pose, ±{news.half_width:.0%}"
         figure = make_landscape_sheet(list(news.slices), names, news.numbers, title=title)
         return f"{stem}.landscape.png", figure_bytes(figure)
