@@ -24,17 +24,19 @@ import numpy as np
 
 from poseviewer.auto_start import AUTOMATIC, AutoStart
 from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.files.calibrated_photo import photo_text
+from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import PoseRecord, save_pose
-from poseviewer.fit.judged import judged_fit
+from poseviewer.fit.judged import judged_fit, with_verdict
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, pose_loss
+from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, pose_loss
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.quick_start import StartCamera, load_unplaced
+from poseviewer.quick_start import Material, Start, StartCamera, load_unplaced
 from poseviewer.registration import (
     FitSettings,
     LoadedModel,
@@ -61,14 +63,16 @@ __all__ = [
 ]
 
 Watch = Callable[[FitProgress], Any]
+Find = Callable[[Material], Start]
 
 
 def load(
     photo: str | Path,
     model: str | Path | LoadedModel,
-    start: str | Path,
+    start: str | Path | Find,
     settings: FitSettings | None = None,
     *,
+    calibration: Calibration | None = None,
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
     mask: str | Path | None = None,
@@ -82,8 +86,11 @@ def load(
         photo: JPEG, PNG, TIFF, WebP or BMP file.
         model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or one that is loaded
             (``registration.load_model``), for many photos of one thing.
-        start: a pose file; or ``"auto"``: one is looked for, which takes some seconds.
+        start: a pose file; or ``"auto"``: one is looked for, which takes some seconds; or what
+            finds one on the photo: ``quick_start.start_from_pairs`` and its like.
         settings: what is compared and how.
+        calibration: of the camera and its lens (``files.calibration_file.load_calibration``); the
+            photo is then undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; without
             one, the settings' region, or the whole photo.
         camera: for ``"auto"``: what is known of it; by default EXIF's focal length, or a view of 50
@@ -99,13 +106,13 @@ def load(
     """
     chosen = _changed(settings or FitSettings(), changes)
     if start == AUTOMATIC:
-        auto = AutoStart(
-            box, camera or StartCamera(), chosen, Path(mask) if mask else None, watch=watch
-        )
+        known, where = camera or StartCamera(), Path(mask) if mask else None
+        start = AutoStart(box, known, chosen, where, watch=watch).find
+    if callable(start):
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_unplaced(Path(photo), unplaced, auto.find)
+        registration = load_unplaced(Path(photo), unplaced, start, calibration)
     else:
-        registration = load_registration(photo, model, start)
+        registration = load_registration(photo, model, start, calibration)
     weights = None
     if mask is not None:
         weights = load_mask(mask, registration.photo.width, registration.photo.height)
@@ -113,8 +120,10 @@ def load(
     problem, note = make_problem(registration, chosen, weights)
     if renderer is None:
         renderer = make_renderer(registration.mesh, chosen.renderer)
-    notes = (*registration.warnings, *([note] if note else []))
-    return Case(registration, chosen, problem, renderer, notes)
+    notes = [*registration.warnings]
+    if note:
+        notes.append(f"the free-body chart is used: {note}.")
+    return Case(registration, chosen, problem, renderer, tuple(notes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,12 +151,13 @@ class Case:
         evaluations: int | None = None,
         watch: Watch | None = None,
         threads: int = 1,
+        interruptible: bool = False,
     ) -> FitResult:
         """Search from the start to the end, or to a limit (default: the settings' own).
 
         ``watch`` is called with a ``FitProgress`` after every evaluation; whatever it raises ends
         the search. With more ``threads`` the same search takes less time, where poses can be
-        judged side by side.
+        judged side by side. ``interruptible``: Ctrl-C ends it, and the best pose so far is kept.
         """
         limits = self.problem.limits
         limits = Limits(
@@ -155,10 +165,16 @@ class Case:
             limits.seconds if seconds is None else seconds,
         )
         progress: FitProgress | None = None
-        problem = replace(self.problem, limits=limits)
-        for progress in judged_fit(problem, self.registration.mesh, self.renderer, threads):
-            if watch is not None:
-                watch(progress)
+        problem, mesh = replace(self.problem, limits=limits), self.registration.mesh
+        try:
+            for progress in judged_fit(problem, mesh, self.renderer, threads):
+                if watch is not None:
+                    watch(progress)
+        except KeyboardInterrupt:
+            if progress is None or not interruptible:
+                raise
+            stopped = replace(progress, status=Status.STOPPED)
+            progress = with_verdict(stopped, problem, mesh, self.renderer)
         assert progress is not None  # a fit yields at least once
         return FitResult(self, progress.pose, progress.loss, progress)
 
@@ -178,6 +194,11 @@ class FitResult:
     def status(self) -> str:
         """How the search ended, in a sentence."""
         return "Not searched." if self.progress is None else self.progress.status.value
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is what an interrupted search had found so far."""
+        return self.progress is not None and self.progress.status is Status.STOPPED
 
     @property
     def verdict(self) -> Verdict | None:
@@ -215,10 +236,18 @@ class FitResult:
         Raises:
             PoseViewerError: there is no such look or format, or the file cannot be written.
         """
-        save_image(path, self.picture(look))
+        save_image(path, self.picture(look), photo_text(self.case.registration.photo))
 
-    def landscape(self, *, half_width: float = 0.2, size: int = 41) -> LossMaps:
+    def landscape(
+        self,
+        *,
+        half_width: float = 0.2,
+        size: int = 41,
+        watch: Callable[[int, int], object] | None = None,
+    ) -> LossMaps:
         """The loss about the pose for every two free numbers, on all cores.
+
+        ``watch`` is called with how many points are done, and of how many.
 
         Raises:
             SettingsError: ``size`` is no odd number from 3 on, or ``half_width`` not above 0.
@@ -226,12 +255,17 @@ class FitResult:
         problem = self.case.problem
         centre = problem.chart.from_pose(self.pose)
         newest: dict[tuple[int, int], Slice] = {}
+        free = len(problem.free_indices)
+        total = free * (free - 1) // 2 * size**2
         with RendererPool(self.case.renderer) as pool:
             for piece in landscape(problem, pool, centre, half_width=half_width, size=size):
                 newest[piece.first, piece.second] = piece
-        title = f"{self.case.registration.photo.name}: loss about the pose, ±{half_width:.0%}"
-        spans = problem.chart.spans(centre)
-        return LossMaps(tuple(newest.values()), problem.chart.names, centre, spans, title)
+                if watch is not None:
+                    watch(sum(int(np.isfinite(s.losses).sum()) for s in newest.values()), total)
+        photo, spans = self.case.registration.photo, problem.chart.spans(centre)
+        title = f"{photo.label}: loss about the pose, ±{half_width:.0%}"
+        slices, names = tuple(newest.values()), problem.chart.names
+        return LossMaps(slices, names, centre, spans, title, photo_text(photo))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,6 +279,8 @@ class LossMaps:
     spans: FloatArray
     """(d,): what counts as 100 % of each number."""
     title: str = ""
+    photo: str = ""
+    """Which photo it is, as files say it."""
 
     def save(self, path: str | Path) -> None:
         """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz).
@@ -253,7 +289,7 @@ class LossMaps:
             SettingsError: the format is unknown, or the file cannot be written.
         """
         if Path(path).suffix.lower() == ".npz":
-            save_landscape(path, self.names, self.centre, self.spans, self.slices)
+            save_landscape(path, self.names, self.centre, self.spans, self.slices, self.photo)
             return
         from poseviewer.figures.landscape_sheet import make_landscape_sheet
         from poseviewer.figures.save import save_figure

@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
 from poseviewer import converting, describe
-from poseviewer.api import draw_pose
-from poseviewer.auto_start import AutoStart
+from poseviewer.api import Case, FitResult, load
+from poseviewer.auto_start import AUTOMATIC
 from poseviewer.calibration_options import calibration_of
 from poseviewer.demo import demo_case
 from poseviewer.errors import (
@@ -24,37 +24,22 @@ from poseviewer.errors import (
     SettingsError,
 )
 from poseviewer.files.calibrated_photo import load_calibrated_photo, photo_text, pixels_for
-from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.last_pose_file import keep_last_pose, last_pose
 from poseviewer.files.marks_file import load_pairs, load_wheels
-from poseviewer.files.photo_file import load_mask, save_image
-from poseviewer.files.pose_file import save_pose
+from poseviewer.files.photo_file import save_image
 from poseviewer.files.writing import write_whole
-from poseviewer.fit.judged import judged_fit, with_verdict
-from poseviewer.fit.landscape import Slice, landscape
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status
+from poseviewer.fit.pose_fit import FitProgress, Limits
 from poseviewer.fit.restarts import RestartRules
-from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.quick_start import (
     Material,
     Start,
     StartCamera,
-    load_unplaced,
     start_from_found_wheels,
     start_from_pairs,
     start_from_wheels,
 )
-from poseviewer.registration import (
-    FitSettings,
-    Registration,
-    load_registration,
-    make_problem,
-    make_record,
-    make_renderer,
-)
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.many import RendererPool, processors
+from poseviewer.registration import FitSettings
+from poseviewer.render.many import processors
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -75,11 +60,9 @@ def app(options: Namespace) -> int:
         if pose is not None:
             raise SettingsError("--pose and --last are two starts; leave one of them out")
         pose = last_pose()
-    from poseviewer.render.compiled import kernels_are_compiled
     from poseviewer.viewer.serving import serve_app
 
-    if not kernels_are_compiled():
-        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
+    _tell_of_compiling()
     serve_app(
         photo,
         model,
@@ -98,54 +81,43 @@ def fit(options: Namespace) -> int:
     _require_folder(options.out, PoseFileError)
     if options.overlay:
         _require_folder(options.overlay, PhotoFileError)
-    registration, settings, problem = _open(options)
-    renderer = _renderer(registration, settings)
-    progress = _search(problem, registration.mesh, renderer, options.quiet)
-    found = progress.pose, progress.loss, progress.verdict
-    record = make_record(registration, settings, problem, *found)
-    save_pose(options.out, record)
-    keep_last_pose(record)
-    print(describe.fit_result(progress))
+    found = _search(_open(options), options.quiet)
+    found.save(options.out)
+    keep_last_pose(found.record)
     print(f"pose: {options.out}")
     if options.overlay:
-        _save_look(options.look, registration, problem, renderer, progress.pose, options.overlay)
+        found.draw(options.overlay, options.look)
         print(f"overlay: {options.overlay}")
-    return EXIT_INTERRUPTED if progress.status is Status.STOPPED else 0
+    return EXIT_INTERRUPTED if found.stopped else 0
 
 
 def overlay(options: Namespace) -> int:
     """Draw the model over the photo at a pose."""
     _require_folder(options.out, PhotoFileError)
-    registration, settings, problem = _open(options)
-    renderer = _renderer(registration, settings)
-    pose = registration.start.pose
-    _save_look(options.look, registration, problem, renderer, pose, options.out)
+    _open(options).start.draw(options.out, options.look)
     print(f"overlay: {options.out}")
     return 0
 
 
 def landscape_sheet(options: Namespace) -> int:
     """Map the loss around a pose: a sheet of contours and the numbers."""
-    from poseviewer.figures.landscape_sheet import make_landscape_sheet
-    from poseviewer.figures.save import save_figure
-
-    registration, settings, problem = _open(options)
-    renderer = _renderer(registration, settings)
+    case = _open(options)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PoseFileError(
             f"{options.out}: cannot be made ({error.strerror}); name a folder of yours"
         ) from None
-    slices = _map_all(problem, renderer, options)
+    with _bar(0, options.quiet) as bar:
+
+        def watch(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        maps = case.start.landscape(half_width=options.range, size=options.size, watch=watch)
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
-    title = f"{registration.photo.label}: loss about the pose, ±{options.range:.0%}"
-    save_figure(
-        sheet, make_landscape_sheet(slices, problem.chart.names, problem.start, title=title)
-    )
-    spans = problem.chart.spans(problem.start)
-    text = photo_text(registration.photo)
-    save_landscape(data, problem.chart.names, problem.start, spans, slices, text)
+    maps.save(sheet)
+    maps.save(data)
     print(f"maps: {sheet}\nnumbers: {data}")
     return 0
 
@@ -178,25 +150,17 @@ def demo(options: Namespace) -> int:
             f"{folder}: cannot be made ({error.strerror}); run poseviewer in a folder of yours"
         ) from None
     print("Fitting the bundled demo: a car of our own making on a path-traced photo.")
-    settings = FitSettings()
-    case = demo_case()
-    registration = load_registration(case.photo, case.model, case.start)
-    problem, _ = make_problem(registration, settings)
-    renderer = _renderer(registration, settings)
-    progress = _search(problem, registration.mesh, renderer, quiet=False)
-    record = make_record(
-        registration, settings, problem, progress.pose, progress.loss, progress.verdict
-    )
-    save_pose(folder / "pose.json", record)
-    print(describe.fit_result(progress))
+    _tell_of_compiling()
+    files = demo_case()
+    case = load(files.photo, files.model, files.start)
+    found = _search(case, quiet=False)
+    found.save(folder / "pose.json")
     for look in LOOKS_OF_THE_DEMO:
-        path = folder / f"{look}.png"
-        _save_look(look, registration, problem, renderer, progress.pose, path)
-    start = folder / "start.png"
-    _save_look("outline", registration, problem, renderer, registration.start.pose, start)
+        found.draw(folder / f"{look}.png", look)
+    case.start.draw(folder / "start.png")
     names = ", ".join(f"{look}.png" for look in ("start", *LOOKS_OF_THE_DEMO))
     print(f"The pose and pictures of it are in {folder}/: pose.json, {names}.")
-    return EXIT_INTERRUPTED if progress.status is Status.STOPPED else 0
+    return EXIT_INTERRUPTED if found.stopped else 0
 
 
 def bench(options: Namespace) -> int:
@@ -206,15 +170,13 @@ def bench(options: Namespace) -> int:
     from poseviewer.evaluation.bench.run import QUICK, Plan, run_bench
     from poseviewer.figures.bench_sheet import make_bench_sheet
     from poseviewer.figures.save import check_kind, save_figure
-    from poseviewer.render.compiled import kernels_are_compiled
 
     for path in (options.json, options.plot):
         if path:
             _require_folder(path, SettingsError)
     if options.plot:
         check_kind(options.plot)
-    if not kernels_are_compiled():
-        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
+    _tell_of_compiling()
     report = run_bench(QUICK if options.quick else Plan(), _say_nothing if options.quiet else _tell)
     print(reports.as_text(report, options.markdown))
     if options.json:
@@ -233,34 +195,41 @@ def convert(options: Namespace) -> int:
     return 0
 
 
-def _open(options: Namespace) -> tuple[Registration, FitSettings, FitProblem]:
-    settings = _settings(options)
-    registration = _started(options, settings)
-    photo = registration.photo
-    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
-    problem, note = make_problem(registration, settings, mask)
-    if not options.quiet:
-        for warning in registration.warnings:
-            _tell(f"note: {warning}")
-        if note:
-            _tell(f"note: the free-body chart is used: {note}.")
-    return registration, settings, problem
-
-
-def _started(options: Namespace, settings: FitSettings) -> Registration:
+def _open(options: Namespace) -> Case:
     """Photo, model and start: from a pose file, from marks on the photo, or found."""
-    given, calibration = vars(options), calibration_of(options)
+    settings, given = _settings(options), vars(options)
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
+    if settings.renderer == "software":
+        _tell_of_compiling()
+    parallel = given.get("projection") == "parallel"
+    known = StartCamera(parallel, given.get("focal"), options.free_focal)
+    with _bar(None, options.quiet) as bar:
+        case = load(
+            options.photo,
+            options.model,
+            _start(options, known),
+            settings,
+            calibration=calibration_of(options),
+            box=given.get("box"),
+            camera=known,
+            mask=options.mask,
+            watch=bar.update,
+        )
+    if not options.quiet:
+        for note in case.notes:
+            _tell(f"note: {note}")
+    return case
+
+
+def _start(options: Namespace, known: StartCamera) -> Path | str | Callable[[Material], Start]:
+    given = vars(options)
     if given.get("last"):
-        return load_registration(options.photo, options.model, last_pose(), calibration)
+        return last_pose()
     if options.pose is not None:
-        return load_registration(options.photo, options.model, options.pose, calibration)
-    known = StartCamera(options.projection == "parallel", options.focal, options.free_focal)
+        return options.pose
     if options.start is not None:
-        with _bar(None, options.quiet) as bar:
-            looked = AutoStart(options.box, known, settings, options.mask, bar.update)
-            return load_unplaced(options.photo, options.model, looked.find, calibration)
+        return AUTOMATIC
 
     def find(material: Material) -> Start:
         if given.get("pairs") is not None:
@@ -269,7 +238,7 @@ def _started(options: Namespace, settings: FitSettings) -> Registration:
             return start_from_found_wheels(material, options.find_wheels, known)
         return start_from_wheels(material, load_wheels(options.wheels), known)
 
-    return load_unplaced(options.photo, options.model, find, calibration)
+    return find
 
 
 def _settings(options: Namespace) -> FitSettings:
@@ -308,49 +277,26 @@ def _check_method(options: Namespace, method: str) -> None:
         )
 
 
-def _renderer(registration: Registration, settings: FitSettings) -> Renderer:
-    if settings.renderer == "software":
-        from poseviewer.render.compiled import kernels_are_compiled
+def _tell_of_compiling() -> None:
+    from poseviewer.render.compiled import kernels_are_compiled
 
-        if not kernels_are_compiled():
-            _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
-    return make_renderer(registration.mesh, settings.renderer)
+    if not kernels_are_compiled():
+        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
 
 
-def _search(problem: FitProblem, mesh: Mesh, renderer: Renderer, quiet: bool) -> FitProgress:
-    """Run a fit to its end, or to Ctrl-C, which keeps the best pose so far."""
-    latest: FitProgress | None = None
+def _search(case: Case, quiet: bool) -> FitResult:
+    """Run a fit to its end, or to Ctrl-C, which keeps the best pose so far; say how it ended."""
     with _bar(None, quiet) as bar:
-        try:
-            for latest in judged_fit(problem, mesh, renderer, processors()):
-                bar.set_description_str(
-                    f"restart {latest.restart}, loss {latest.loss:.5f}", refresh=False
-                )
-                bar.update(latest.evaluations - bar.n)
-        except KeyboardInterrupt:
-            if latest is None:
-                raise
-            stopped = replace(latest, status=Status.STOPPED)
-            latest = with_verdict(stopped, problem, mesh, renderer)
-    assert latest is not None  # a fit yields at least once
-    return latest
 
+        def watch(progress: FitProgress) -> None:
+            text = f"restart {progress.restart}, loss {progress.loss:.5f}"
+            bar.set_description_str(text, refresh=False)
+            bar.update(progress.evaluations - bar.n)
 
-def _map_all(problem: FitProblem, renderer: Renderer, options: Namespace) -> list[Slice]:
-    """The finished maps, one for each pair, in order."""
-    newest: dict[tuple[int, int], Slice] = {}
-    count = int(np.sum(problem.free))
-    total = count * (count - 1) // 2 * options.size**2
-    done = 0
-    with RendererPool(renderer) as pool, _bar(total, options.quiet) as bar:
-        for piece in landscape(
-            problem, pool, problem.start, half_width=options.range, size=options.size
-        ):
-            newest[piece.first, piece.second] = piece
-            now = sum(int(np.isfinite(s.losses).sum()) for s in newest.values())
-            bar.update(now - done)
-            done = now
-    return list(newest.values())
+        found = case.fit(watch=watch, threads=processors(), interruptible=True)
+    assert found.progress is not None  # it was searched for
+    print(describe.fit_result(found.progress))
+    return found
 
 
 def _bar(total: int | None, quiet: bool) -> tqdm:
@@ -368,18 +314,6 @@ def _bar(total: int | None, quiet: bool) -> tqdm:
         disable=quiet,
         leave=False,
     )
-
-
-def _save_look(
-    look: str,
-    registration: Registration,
-    problem: FitProblem,
-    renderer: Renderer,
-    pose: Pose,
-    path: Path,
-) -> None:
-    picture = draw_pose(registration, problem, renderer, pose, look)
-    save_image(path, picture, photo_text(registration.photo))
 
 
 def _require_folder(path: Path, error: type[PoseViewerError]) -> None:

@@ -20,6 +20,7 @@ from poseviewer.files.keypoints_file import keypoints_path
 from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.pose_fit import FitProgress, Status
+from poseviewer.quick_start import Material, Start
 from poseviewer.registration import load_model
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -105,6 +106,50 @@ def test_whoever_watches_may_end_the_search(scene):
         case.fit(watch=watch)
     assert len(seen) == 5
     assert all(progress.status is Status.RUNNING for progress in seen)
+
+
+def test_an_interrupted_search_keeps_the_best_pose(scene):
+    seen: list[FitProgress] = []
+
+    def watch(progress: FitProgress) -> None:
+        seen.append(progress)
+        if len(seen) == 40:
+            raise KeyboardInterrupt
+
+    case = poseviewer.load(scene.photo, scene.model, scene.start)
+    found = case.fit(watch=watch, interruptible=True)
+    assert found.stopped
+    assert found.loss == seen[-1].loss < case.start.loss
+    assert found.verdict is not None
+
+
+def test_a_start_is_found_by_whatever_is_given_to_find_it(scene):
+    truth = load_pose(scene.truth, 160, 120).pose
+    photos: list[str] = []
+
+    def find(material: Material) -> Start:
+        photos.append(material.photo.name)
+        return Start(truth, ("found by hand.",))
+
+    case = poseviewer.load(scene.photo, scene.model, find)
+    assert photos == [scene.photo.name]
+    assert "found by hand." in case.notes
+    rotation = case.start.pose.camera_from_model.rotation
+    np.testing.assert_allclose(rotation, truth.camera_from_model.rotation, atol=1e-12)
+
+
+def test_maps_tell_how_far_they_are(scene):
+    told: list[tuple[int, int]] = []
+    case = poseviewer.load(
+        scene.photo,
+        scene.model,
+        scene.truth,
+        lock=("shift_x", "shift_y", "log_depth", "rotation_x"),
+    )
+    maps = case.start.landscape(size=5, watch=lambda done, total: told.append((done, total)))
+    assert told[-1] == (25, 25)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert scene.photo.name in maps.photo
 
 
 def test_settings_are_given_by_name_and_kept_in_the_record(scene):
