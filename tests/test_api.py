@@ -20,6 +20,7 @@ from poseviewer.files.keypoints_file import keypoints_path
 from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.pose_fit import FitProgress, Status
+from poseviewer.geometry.camera import Perspective
 from poseviewer.quick_start import Material, Start
 from poseviewer.registration import load_model
 
@@ -136,6 +137,27 @@ def test_a_start_is_found_by_whatever_is_given_to_find_it(scene):
     assert "found by hand." in case.notes
     rotation = case.start.pose.camera_from_model.rotation
     np.testing.assert_allclose(rotation, truth.camera_from_model.rotation, atol=1e-12)
+
+
+def test_the_lines_of_the_docs_start_from_point_pairs(tmp_path, monkeypatch):
+    case = demo_case()
+    shutil.copy(case.photo, tmp_path / "photo.jpg")
+    shutil.copy(case.model, tmp_path / "car.glb")
+    photo = load_photo(case.photo)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    points = load_model(case.model).mesh.vertices[::20_000]
+    pixels = truth.project(points) - 0.5  # the file's pixel centres are at integers
+    np.savetxt(tmp_path / "pairs.csv", np.hstack([points, pixels]), delimiter=",")
+    text = (REPOSITORY / "assets" / "docs" / "library.md").read_text(encoding="utf-8")
+    (lines,) = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+                if "start_from_pairs" in block]  # fmt: skip
+    assert isinstance(truth.camera, Perspective)
+    lines = lines.replace("1380.0", str(truth.camera.fx))
+    monkeypatch.chdir(tmp_path)
+    names = {"poseviewer": poseviewer}
+    exec(compile(lines, "library.md", "exec"), names)
+    start = names["case"].start.pose
+    assert pose_error(load_model(case.model).mesh, start, truth).percent < 0.5
 
 
 def test_maps_tell_how_far_they_are(scene):
