@@ -28,7 +28,7 @@ from poseviewer.files.pose_file import (
 from poseviewer.files.pose_verdict import RecordedVerdict
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.loss import fewest_pixels
-from poseviewer.fit.near import box_near, inside, working_factor
+from poseviewer.fit.near import FINEST_PIXELS, box_near, inside, working_factor
 from poseviewer.fit.pose_fit import FitProblem, Limits, Method
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.fit.verdict import Verdict
@@ -37,7 +37,7 @@ from poseviewer.geometry.chart_choice import ChartName, choose_chart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import structured
+from poseviewer.render.levels import smaller, structured
 from poseviewer.render.moments import PhotoAttributes
 
 RendererName = Literal["software", "opengl"]
@@ -162,6 +162,43 @@ def make_photo_attributes(
         SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
             than a fit needs.
     """
+    plain = _plain_attributes(photo, mesh, start, settings, mask)
+    return _as_compared(plain, photo.name, mesh, start, settings)
+
+
+def _as_compared(
+    plain: PhotoAttributes, name: str, mesh: Mesh, start: Pose, settings: FitSettings
+) -> PhotoAttributes:
+    found = plain
+    if not plain.clipped and settings.method == "default":
+        found = structured(plain, working_factor(mesh, start))
+    wanted = fewest_pixels(found.photo_channels + found.model_channels)
+    if np.count_nonzero(plain.weights) < wanted:
+        raise SettingsError(
+            f"{name}: {np.count_nonzero(plain.weights)} pixels count, and a fit needs at least "
+            f"{wanted}; use a larger photo or region"
+        )
+    return found
+
+
+def _finer(
+    plain: PhotoAttributes, mesh: Mesh, start: Pose, settings: FitSettings
+) -> PhotoAttributes | None:
+    """What a search ends on, if that is finer than what it goes through."""
+    factor = working_factor(mesh, start, FINEST_PIXELS)
+    if plain.clipped or settings.method == "paper" or factor >= working_factor(mesh, start):
+        return None
+    return smaller(plain, factor)
+
+
+def _plain_attributes(
+    photo: Photo,
+    mesh: Mesh,
+    start: Pose,
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
+) -> PhotoAttributes:
+    """F and P before the photo is made smaller and told apart."""
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
     if photo.covered is not None:
         weights = weights * photo.covered
@@ -177,16 +214,7 @@ def make_photo_attributes(
     clipped = settings.pixels == "clip"
     coloured = not settings.grey and _has_colour(photo, weights)
     channels = photo.as_float() if coloured else photo.grey()[..., None]
-    attributes = PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
-    if not clipped and settings.method == "default":
-        attributes = structured(attributes, working_factor(mesh, start))
-    wanted = fewest_pixels(attributes.photo_channels + attributes.model_channels)
-    if np.count_nonzero(weights) < wanted:
-        raise SettingsError(
-            f"{photo.name}: {np.count_nonzero(weights)} pixels count, and a fit needs at least "
-            f"{wanted}; use a larger photo or region"
-        )
-    return attributes
+    return PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
 
 
 def make_problem(
@@ -211,8 +239,10 @@ def make_problem(
     free = tuple(name not in settings.lock for name in chart.names)
     if not any(free):
         raise SettingsError("--lock holds every number of the chart; leave one free at least")
+    mesh = registration.mesh
+    plain = _plain_attributes(registration.photo, mesh, pose, settings, mask)
     problem = FitProblem(
-        make_photo_attributes(registration.photo, registration.mesh, pose, settings, mask),
+        _as_compared(plain, registration.photo.name, mesh, pose, settings),
         chart,
         chart.from_pose(pose),
         free,
@@ -220,6 +250,7 @@ def make_problem(
         settings.limits,
         settings.seed,
         settings.method,
+        _finer(plain, mesh, pose, settings),
     )
     return problem, note
 

@@ -16,7 +16,9 @@ NEAR_MARGIN = 0.25
 """How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
 MOST_PIXELS = 20_000
 """Of the model's convex outline at the start: finer photos are made smaller to be compared. A pose
-is told to a tenth of a pixel, or to less than a thousandth of the model's size."""
+is told to half a pixel of these, which is less than a hundredth of the model's size."""
+FINEST_PIXELS = 150_000
+"""The same for the photo on which a search ends: there the least loss is nearer to the truth."""
 
 Box = tuple[float, float, float, float]
 
@@ -45,12 +47,12 @@ def inside(shape: tuple[int, int], box: Box) -> NDArray[np.float32]:
     return found
 
 
-def working_factor(mesh: Mesh, start: Pose) -> int:
-    """How many times smaller a photo is compared: the model about the start has ``MOST_PIXELS``."""
+def working_factor(mesh: Mesh, start: Pose, most: float = MOST_PIXELS) -> int:
+    """How many times smaller a photo is compared: the model about the start has ``most`` pixels."""
     seen = start.project(hull_points(mesh))
     seen = seen[np.all(np.isfinite(seen), axis=1)].astype(np.float32)
     if len(seen) < 3:
         return 1
     whole = float(start.camera.width * start.camera.height)
     area = min(float(cv2.contourArea(cv2.convexHull(seen))), whole)
-    return max(1, math.ceil(math.sqrt(area / MOST_PIXELS)))
+    return max(1, math.ceil(math.sqrt(area / most)))

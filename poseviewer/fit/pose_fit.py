@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import Level
+from poseviewer.render.levels import Level, with_structure
 from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes
 
@@ -30,6 +30,9 @@ Method = Literal["default", "paper"]
 
 JUDGED_EVERY = 16
 """After so many evaluations on a coarse level, the best of them is judged on the photo."""
+ASTRAY = 1.0
+"""A search on a finer photo that ends where the loss on the photo is so much greater has left the
+valley. On drawn photos the two ends differ by a tenth of it."""
 
 
 class Status(enum.Enum):
@@ -75,6 +78,8 @@ class FitProblem:
     seed: int = 0
     method: Method = "default"
     """How poses are judged and searched for: ours, or as in ``fit.paper``."""
+    finer: PhotoAttributes | None = None
+    """The photo made less small, without structure: a search ends on it. None: on ``photo``."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free numbers."""
 
@@ -162,7 +167,7 @@ def stages_of(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Sta
     """The stages that a search from ``start`` goes through."""
     if problem.method == "paper":
         return paper_stages(problem.photo, renderer, problem.rules)
-    return make_stages(problem.photo, renderer, start, problem.rules)
+    return make_stages(problem.photo, renderer, start, problem.rules, problem.finer)
 
 
 class _Search:
@@ -183,14 +188,21 @@ class _Search:
         """Progress after every evaluation, and once more at the end of every descent."""
         problem = self._problem
         renderer = self._photo.renderer
-        for stage in stages_of(problem, renderer, self._pose):
-            yield from (self._on_the_photo if stage.tells_the_loss else self._coarsely)(stage)
+        stages = stages_of(problem, renderer, self._pose)
+        for stage in stages:
+            if stage.is_closer:
+                yield from self._closer(stage)
+            elif stage.tells_the_loss:
+                yield from self._on_the_photo(stage, stage is stages[-1])
+            else:
+                yield from self._coarsely(stage)
             self._restart += 1
 
-    def _on_the_photo(self, stage: Stage) -> Iterator[FitProgress]:
+    def _on_the_photo(self, stage: Stage, is_last: bool) -> Iterator[FitProgress]:
         for state in self._states(stage):
             self._consider(state.best, state.value)
-            yield self._progress(state.simplex, 1, state.finished)
+            ends = is_last or self._loss >= self._problem.worst_loss
+            yield self._progress(state.simplex, 1, state.finished and ends)
 
     def _coarsely(self, stage: Stage) -> Iterator[FitProgress]:
         """Losses of two levels cannot be compared: the best pose of this one is judged on the
@@ -209,6 +221,20 @@ class _Search:
                 judged, due = state.best, self._evaluations + JUDGED_EVERY
                 self._consider(judged, judge(judged))
                 yield self._progress(state.simplex, factor)
+
+    def _closer(self, stage: Stage) -> Iterator[FitProgress]:
+        """On a finer photo, whose word counts: its least loss is taken, though on the photo it
+        costs a little more. Where it costs much more the search has gone astray, and is forgotten.
+        """
+        # Only now, as most searches of a short limit never come here.
+        level = replace(stage.level, photo=with_structure(stage.level.photo))
+        for state in self._states(replace(stage, level=level)):
+            if state.finished:
+                loss = self._objective(self._photo)(state.best)
+                if loss <= self._loss + ASTRAY:
+                    self._loss = np.inf
+                    self._consider(state.best, loss)
+            yield self._progress(state.simplex, 1, state.finished)
 
     def _states(self, stage: Stage) -> Iterator[SearchState]:
         problem, before, rules = self._problem, self._restart, stage.rules

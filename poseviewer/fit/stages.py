@@ -4,8 +4,9 @@ Most of a search is spent on finding the right valley, and a coarse level shows 
 its minimum lies within one of its pixels of the full photo's. So the wide part of the search runs
 where an evaluation costs a fraction. Where classes and edges are compared that part is an evolving
 cloud; a second, smaller one goes on upon the full photo, and a simplex along its axes ends the
-search. Elsewhere scouts and a restarted simplex are the wide part, and a simplex of the size of the
-level's pixels is left to go downhill on the full photo, until restarts no longer improve it.
+search, or, on a still finer photo, a second one. Elsewhere scouts and a restarted simplex are the
+wide part, and a simplex of the size of the level's pixels is left to go downhill on the full photo,
+until restarts no longer improve it.
 """
 
 from __future__ import annotations
@@ -44,9 +45,12 @@ LAST_SIMPLEX = RestartRules(
 )
 """After a cloud, in units of its standard deviations: with edges along its axes a simplex needs
 two fifths (real photos) to three quarters (drawn ones) of the evaluations that one along the
-numbers needs. The loss is a sum of logarithms there,
-some 40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel. One
-restart alone may gain nothing where the next one does."""
+numbers needs. The loss is a sum of logarithms there, some 40 in all: what gains less than 0.02
+moves the model by less than a twentieth of a pixel. One restart alone may gain nothing where the
+next one does."""
+
+CLOSER_SIMPLEX = replace(LAST_SIMPLEX, step=1.0, patience=1)
+"""On the finer photo, whose least loss is a pixel of the photo away at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,18 +59,25 @@ class Stage:
 
     level: Level
     rules: RestartRules | EvolutionRules
+    is_closer: bool = False
+    """Whether the level is finer than the photo that losses are told on; it has no structure."""
 
     @property
     def tells_the_loss(self) -> bool:
         """Whether what it minimises is the loss on the photo, and nothing beside."""
         pulled = isinstance(self.rules, EvolutionRules) and self.rules.nearness > 0.0
-        return self.level.factor == 1 and not pulled
+        return self.level.factor == 1 and not pulled and not self.is_closer
 
 
 def make_stages(
-    photo: PhotoAttributes, renderer: Renderer, start: Pose, rules: RestartRules
+    photo: PhotoAttributes,
+    renderer: Renderer,
+    start: Pose,
+    rules: RestartRules,
+    finer: PhotoAttributes | None = None,
 ) -> tuple[Stage, ...]:
-    """The stages of a search from ``start``, the last one on the photo itself.
+    """The stages of a search from ``start``, the last one on the photo itself, or on a ``finer``
+    one (without structure).
 
     Where classes and edges are compared, side valleys are many: there an evolving cloud goes first,
     on whatever level is the coarsest, a narrower one on the photo follows. Else a model that covers
@@ -77,7 +88,10 @@ def make_stages(
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
         lighter = lighter_level(photo, renderer, start)
-        return Stage(coarse, COARSE_CLOUD), Stage(lighter, FINE_CLOUD), Stage(full, LAST_SIMPLEX)
+        found = Stage(coarse, COARSE_CLOUD), Stage(lighter, FINE_CLOUD), Stage(full, LAST_SIMPLEX)
+        if finer is None:
+            return found
+        return *found, Stage(Level(1, finer, renderer), CLOSER_SIMPLEX, True)
     if coarse.factor == 1:
         return (Stage(full, rules),)
     return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))

@@ -163,10 +163,19 @@ class LevelRenderer:
         return self._renderer.moments(level_pose(pose, self._factor), photo)
 
 
+def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo ``factor`` times smaller; takes the same poses."""
+    return replace(coarser(photo, factor), factor=factor)
+
+
+def with_structure(photo: PhotoAttributes) -> PhotoAttributes:
+    """The photo with its classes and edges."""
+    return replace(photo, structure=make_structure(photo.channels, photo.weights))
+
+
 def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     """The photo ``factor`` times smaller with its classes and edges; takes the same poses."""
-    small = coarser(photo, factor)
-    return replace(small, factor=factor, structure=make_structure(small.channels, small.weights))
+    return with_structure(smaller(photo, factor))
 
 
 def reduced(renderer: Renderer, pixels: float) -> Renderer:

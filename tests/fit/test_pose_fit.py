@@ -13,7 +13,7 @@ from poseviewer.fit.stages import FEWEST_PIXELS, coarse_rules, fine_rules, make_
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.levels import structured
+from poseviewer.render.levels import smaller, structured
 from poseviewer.render.moments import PhotoAttributes
 from poseviewer.render.software import SoftwareRenderer
 from tests.meshes import make_bumpy
@@ -132,6 +132,23 @@ def test_a_cloud_judged_on_several_threads_is_the_same_search():
     left = fit_pose(problem, RENDERER, 2)
     assert next(left).status is Status.RUNNING
     del left  # it ends its threads
+
+
+def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
+    lit = make_problem(480)
+    small = replace(lit.photo, colour_reflectance=False)
+    problem = replace(lit, photo=structured(small, 4))
+    *_, coarse = fit_pose(problem, RENDERER)
+    *_, fine = fit_pose(replace(problem, finer=smaller(small, 1)), RENDERER)
+    assert coarse.status is fine.status is Status.CONVERGED
+    assert fine.evaluations > coarse.evaluations
+    truth = true_pose(480).project(MESH.vertices)
+    off = [
+        np.linalg.norm(end.pose.project(MESH.vertices) - truth, axis=1).mean()
+        for end in (coarse, fine)
+    ]
+    assert off[1] < 0.5 * off[0]
+    assert fine.loss == pose_loss(problem, RENDERER, fine.numbers)
 
 
 def test_small_models_are_searched_on_the_photo_alone():
