@@ -85,4 +85,5 @@ def _draw(axes: Axes, panel: ReliabilityPanel) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    axes.legend(fontsize=8, frameon=False, loc="lower left")
+    # Below the axes: inside, some line or interval is always in its way.
+    axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
