@@ -89,8 +89,8 @@ def load(
         start: a pose file; or ``"auto"``: one is looked for, which takes some seconds; or what
             finds one on the photo: ``quick_start.start_from_pairs`` and its like.
         settings: what is compared and how.
-        calibration: of the camera and its lens (``files.calibration_file.load_calibration``); the
-            photo is then undistorted.
+        calibration: of the camera and its lens (``files.calibration_file.Calibration``); a photo
+            that the lens distorts is undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; without
             one, the settings' region, or the whole photo.
         camera: for ``"auto"``: what is known of it; by default EXIF's focal length, or a view of 50

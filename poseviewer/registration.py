@@ -185,8 +185,10 @@ def _finer(
     plain: PhotoAttributes, mesh: Mesh, start: Pose, settings: FitSettings
 ) -> PhotoAttributes | None:
     """What a search ends on, if that is finer than what it goes through."""
+    if plain.clipped or settings.method == "paper":
+        return None
     factor = working_factor(mesh, start, FINEST_PIXELS)
-    if plain.clipped or settings.method == "paper" or factor >= working_factor(mesh, start):
+    if factor >= working_factor(mesh, start):
         return None
     return smaller(plain, factor)
 

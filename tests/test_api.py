@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,14 +95,20 @@ def test_one_model_and_renderer_serve_many_photos(scene):
     assert second.start.loss < first.start.loss
 
 
-def test_whoever_watches_may_end_the_search(scene):
+def interrupting(after: int) -> tuple[list[FitProgress], Callable[[FitProgress], None]]:
+    """What was seen, and what watches a search and presses Ctrl-C after so many evaluations."""
     seen: list[FitProgress] = []
 
     def watch(progress: FitProgress) -> None:
         seen.append(progress)
-        if len(seen) == 5:
+        if len(seen) == after:
             raise KeyboardInterrupt
 
+    return seen, watch
+
+
+def test_whoever_watches_may_end_the_search(scene):
+    seen, watch = interrupting(5)
     case = poseviewer.load(scene.photo, scene.model, scene.start)
     with pytest.raises(KeyboardInterrupt):
         case.fit(watch=watch)
@@ -110,13 +117,7 @@ def test_whoever_watches_may_end_the_search(scene):
 
 
 def test_an_interrupted_search_keeps_the_best_pose(scene):
-    seen: list[FitProgress] = []
-
-    def watch(progress: FitProgress) -> None:
-        seen.append(progress)
-        if len(seen) == 40:
-            raise KeyboardInterrupt
-
+    seen, watch = interrupting(40)
     case = poseviewer.load(scene.photo, scene.model, scene.start)
     found = case.fit(watch=watch, interruptible=True)
     assert found.stopped

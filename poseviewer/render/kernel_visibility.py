@@ -1,8 +1,8 @@
 """The rasteriser's choice of faces: those that may be seen. Arrays in, arrays out, without the GIL.
 
-Faces that were seen a moment ago come first. When they are drawn, ``list_others`` lists those that
-are not behind them, told by bounding boxes, of clusters of faces (see ``clusters``) and then of
-single ones, and the farthest depths of tiles of the picture (N. Greene, M. Kass and G. Miller,
+Faces that were seen a moment ago come first. When they are drawn, ``list_others`` lists those of
+the clusters of faces (see ``clusters``) that are not behind them, told by the clusters' bounding
+boxes and the farthest depths of tiles of the picture (N. Greene, M. Kass and G. Miller,
 *Hierarchical Z-buffer visibility*, 1993). Nothing that can be seen is left out.
 """
 
