@@ -60,9 +60,11 @@ def app(options: Namespace) -> int:
         if pose is not None:
             raise SettingsError("--pose and --last are two starts; leave one of them out")
         pose = last_pose()
+    from poseviewer.render.compiled import compile_kernels
     from poseviewer.viewer.serving import serve_app
 
     _tell_of_compiling()
+    compile_kernels()
     serve_app(
         photo,
         model,

@@ -258,14 +258,16 @@ def make_problem(
 
 
 def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
-    """The renderer called ``name``.
+    """The renderer called ``name``; the first one on a machine takes the time of compiling.
 
     Raises:
         RendererUnavailableError: ``opengl`` on a machine without it.
     """
     if name == "software":
+        from poseviewer.render.compiled import compile_kernels
         from poseviewer.render.software import SoftwareRenderer
 
+        compile_kernels()
         return SoftwareRenderer(mesh)
     from poseviewer.render.opengl import OpenGLRenderer, opengl_unavailable_reason
 

@@ -2,8 +2,6 @@
 
 What of a face is linear in the picture stands in its plane, see ``kernel_coverage``; so a pixel
 needs no corners. Only reflectances that vary within a face are interpolated from them.
-
-Compiled code is kept per file, so nothing here calls into ``kernel_coverage``.
 """
 
 from __future__ import annotations
@@ -313,9 +311,11 @@ def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, f
         pixels += seen
         total += weight
     if whole:  # sums with the attribute that is 1 on the model are those without it
-        second[-1] += first
-        first[-1] += total
-        second[-1, -1] += total
+        last = n + 4 * count
+        for i in range(last):
+            second[last, i] += first[i]
+        first[last] += total
+        second[last, last] += total
     return pixels, total
 
 

@@ -22,15 +22,14 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from poseviewer.render.kernel_compiler import kernel
+from poseviewer.render.kernel_visibility import OFF_SCREEN, SUBPIXELS
 
-SUBPIXELS = 256
 CHUNK = 256  # faces that are looked at together
 LOOKED_AT = 64  # in a box of so many pixels, each is compared before a face is drawn
 BLOCK = 16  # pixels of a row that are done at a time
 SMALL = 64 * SUBPIXELS  # in triangles of this size edge functions fit into 32 bits
 
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
-OFF_SCREEN = np.int32(-(1 << 31))  # see ``kernel_visibility``
 DRAWN, LARGE = np.int32(1), np.int32(2)  # ways to draw a face; 0: not at all
 _i32 = np.int32  # sums of 32 bits would have 64, and vectors half the lanes
 _SUB, _HALF, _HALF_LESS, _BITS = _i32(SUBPIXELS), _i32(SUBPIXELS // 2), _i32(127), _i32(8)

@@ -12,6 +12,14 @@ _jit: Any = kernel()
 
 
 @_jit
+def turn(rotation, vector):
+    """``rotation`` (3, 3) times ``vector`` (3,), in place."""
+    x, y, z = vector[0], vector[1], vector[2]
+    for i in range(3):
+        vector[i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
+
+
+@_jit
 def as_moments(n, weight, first, second, origin, rotation):
     """Mean (n + m,) and covariance (n + m, n + m) from sums about ``origin``, normals turned by
     ``rotation`` (3, 3). ``second`` is used up.
@@ -23,11 +31,11 @@ def as_moments(n, weight, first, second, origin, rotation):
             second[i, j] = second[j, i] = second[i, j] / weight - mean[i] * mean[j]
     mean += origin
     for at in range(n + 1, size - 2, 4):
-        mean[at : at + 3] = rotation @ mean[at : at + 3]
+        turn(rotation, mean[at : at + 3])
         for i in range(size):
-            second[at : at + 3, i] = rotation @ second[at : at + 3, i].copy()
+            turn(rotation, second[at : at + 3, i])
         for i in range(size):
-            second[i, at : at + 3] = rotation @ second[i, at : at + 3].copy()
+            turn(rotation, second[i, at : at + 3])
     for i in range(size):
         for j in range(i):
             second[i, j] = second[j, i]
@@ -49,8 +57,10 @@ def add_surroundings(n, weight, first, second, origin, region_first, region_seco
     for i in range(n, size):
         first[i] += weight * origin[i]
         origin[i] = 0.0
-    first[:n] = region_first
-    second[:n, :n] = region_second
+    for i in range(n):
+        first[i] = region_first[i]
+        for j in range(n):
+            second[i, j] = region_second[i, j]
 
 
 @_jit
@@ -65,9 +75,12 @@ def of_classes(weight, photo_mean, photo_covariance, joint, second):
     if weight <= 0.0:
         return mean, covariance
     share = 1.0 / weight
-    mean[:n], mean[n:] = photo_mean, share * second[m - 1]
-    covariance[:n, :n] = photo_covariance
+    for j in range(m):
+        mean[n + j] = share * second[m - 1, j]
     for i in range(n):
+        mean[i] = photo_mean[i]
+        for j in range(n):
+            covariance[i, j] = photo_covariance[i, j]
         for j in range(m):
             covariance[i, n + j] = share * joint[i, j] - mean[i] * mean[n + j]
             covariance[n + j, i] = covariance[i, n + j]

@@ -1,7 +1,6 @@
 """Large faces, and those that reach behind the camera or far outside the picture.
 
-They are cut into triangles that are drawn here by the rules of ``kernel_coverage``, in 64 bits; the
-numbers are those of its file. Compiled code is kept per file, so nothing here calls into it.
+They are cut into triangles that are drawn here by the rules of ``kernel_coverage``, in 64 bits.
 """
 
 from __future__ import annotations
@@ -12,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from poseviewer.render.kernel_compiler import kernel
+from poseviewer.render.kernel_visibility import GUARD_PX, OFF_SCREEN, SUBPIXELS
 
-SUBPIXELS = 256
-GUARD_PX = float(1 << 20)  # beyond it faces are cut, so that edge functions fit into 64 bits
-OFF_SCREEN = np.int32(-(1 << 31))
 MOST_PIECES = 6  # a triangle cut by five planes has eight corners
 
 _jit: Any = kernel()
@@ -30,7 +27,8 @@ def _clip_plane(polygon, count, a, b, c, d, out):
         here = a * polygon[i, 0] + b * polygon[i, 1] + c * polygon[i, 2] + d
         there = a * polygon[j, 0] + b * polygon[j, 1] + c * polygon[j, 2] + d
         if here >= 0.0:
-            out[kept] = polygon[i]
+            for k in range(4):
+                out[kept, k] = polygon[i, k]
             kept += 1
         if (here >= 0.0) != (there >= 0.0):
             t = here / (here - there)

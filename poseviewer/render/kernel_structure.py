@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.render.kernel_compiler import kernel
+from poseviewer.render.kernel_moments import turn
 
 GREY, COVERAGE, RED = 3, 4, 5  # planes; 0 to 2 are the normal
 PLANES, EDGE_PLANES = 8, 5  # edges are found in the first five
@@ -47,10 +48,13 @@ def class_sums(spans, planes, weights, photo, labels, rotation, run, joint, seco
         for j in range(i):
             second[j, i] = second[i, j]
     for at in range(first, size - 1, step):
-        joint[:, at : at + 3] = joint[:, at : at + 3].copy() @ rotation.T
-        second[:, at : at + 3] = second[:, at : at + 3].copy() @ rotation.T
+        for i in range(joint.shape[0]):
+            turn(rotation, joint[i, at : at + 3])
+        for i in range(size):
+            turn(rotation, second[i, at : at + 3])
     for at in range(first, size - 1, step):
-        second[at : at + 3] = rotation @ second[at : at + 3].copy()
+        for i in range(size):
+            turn(rotation, second[at : at + 3, i])
     return pixels
 
 

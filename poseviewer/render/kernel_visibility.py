@@ -131,7 +131,9 @@ def _find_farthest(box, depth, row_least, tiles):
     for tile_row in range(top >> TILE_BITS, (bottom + size - 1) >> TILE_BITS):
         first = tile_row * size
         least = row_least[begin * size : min(end * size, columns)]
-        least[:] = depth[first, begin * size : min(end * size, columns)]
+        values = depth[first, begin * size : min(end * size, columns)]
+        for i in range(least.shape[0]):
+            least[i] = values[i]
         for row in range(first + 1, min(first + size, depth.shape[0])):
             values = depth[row, begin * size : min(end * size, columns)]
             for i in range(least.shape[0]):

@@ -15,15 +15,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render import (
-    kernel_attributes,
-    kernel_buffers,
-    kernel_coverage,
-    kernel_moments,
-    kernel_pieces,
-    kernel_structure,
-    kernel_visibility,
-)
+from poseviewer.render import kernel_attributes, kernel_coverage, kernel_pose, kernel_visibility
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.class_room import ClassRoom
 from poseviewer.render.clusters import make_clusters
@@ -37,9 +29,9 @@ NEAR_PER_DIAMETER = 1e-3
 VIEW_PX = 256
 """Side of the pictures from which the faces seen from outside are told."""
 
-MEMORY = 8
-"""A face seen in one of so many last pictures is drawn first."""
 NEVER = -(1 << 30)
+"""The number of the picture that faces were seen in which none has shown yet."""
+NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
 CACHE_LINE = 64  # bytes
 
 Box = tuple[int, int, int, int]
@@ -62,19 +54,28 @@ class SoftwareRenderer:
     def _allocate(self) -> None:
         surface = self._surface
         faces, clusters = len(surface.faces), len(surface.cluster_box)
-        self._screen = np.empty((2, surface.vertices.shape[1]), np.int32)
-        self._depths = np.empty(surface.vertices.shape[1], np.float32)
-        self._planes = np.zeros((faces + 1, 16), np.float32)
-        self._planes[:-1, kernel_attributes.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
-        self._planes[:-1, kernel_attributes.VARIES] = surface.varies
-        self._seen = np.full(faces + 1, NEVER, np.int32)
-        self._cluster_seen = np.full(clusters + 1, NEVER, np.int32)
-        self._wanted = np.zeros(clusters, np.bool_)
-        self._listed = np.empty(faces + 1, np.int32)
-        self._chunk = kernel_coverage.make_room()
-        self._bounds = np.empty(4, np.int32)
+        planes = np.zeros((faces + 1, 16), np.float32)
+        planes[:-1, kernel_attributes.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
+        planes[:-1, kernel_attributes.VARIES] = surface.varies
         self._now = 0
-        self._varies = bool(surface.varies.any())
+        self._memory = np.full(faces + 1, NEVER, np.int32), np.full(clusters + 1, NEVER, np.int32)
+        self._for_drawing = (
+            np.zeros(clusters, np.bool_),
+            np.empty(4, np.int32),
+            np.empty(faces + 1, np.int32),
+            np.empty((2, surface.vertices.shape[1]), np.int32),
+            np.empty(surface.vertices.shape[1], np.float32),
+            planes,
+            kernel_coverage.make_room(),
+        )
+        self._shape = (
+            surface.vertices,
+            surface.faces,
+            surface.corners,
+            surface.cluster_start,
+            surface.cluster_box,
+        )
+        self._of_faces = planes, surface.colours, bool(surface.varies.any())
         self._attributes = (
             surface.vertices,
             surface.faces,
@@ -87,13 +88,13 @@ class SoftwareRenderer:
         self._depth = _lined_up(height, _padded(width), np.float32, -np.inf)
         self._ids = _lined_up(height, _padded(width), np.int32, -1)
         tile = 1 << kernel_visibility.TILE_BITS
-        self._tiles = np.empty((height // tile + 2, width // tile + 2), np.float32)
-        self._row_least = np.empty(_padded(width), np.float32)
+        tiles = np.empty((height // tile + 2, width // tile + 2), np.float32)
+        self._room = *self._for_drawing, np.empty(_padded(width), np.float32), tiles
         self._normals = np.empty((3, width), np.float32)
         self._weighted = np.empty(width)
         self._run = np.empty((0, width), np.float32)
         self._drawn: Box = (0, 0, 0, 0)
-        self._room: ClassRoom | None = None
+        self._class_room: ClassRoom | None = None
 
     def _seen_from_outside(self) -> NDArray[np.bool_]:
         """(F,): the mesh's faces that others do not hide all around."""
@@ -152,76 +153,47 @@ class SoftwareRenderer:
         if photo.structure is not None:
             return self._classes(pose, photo, photo.structure)
         box = self._rasterise(pose)
-        surface, n = self._surface, photo.channels.shape[2]
-        size = n + photo.model_channels
-        first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
-        origin[:n] = photo.origin
-        pixels, weight = kernel_attributes.accumulate(
+        n, region = photo.channels.shape[2], NO_REGION
+        if not photo.clipped:
+            sums = photo.region_sums
+            region = True, sums.weight, sums.first, sums.second
+        pixels, weight, mean, covariance = kernel_pose.sum_up(
             box,
             self._ids,
-            (self._planes, surface.colours, self._varies),
+            self._of_faces,
             (self._attributes, self._camera, self._textures),
             GREY_WEIGHTS,
             (photo.planar, photo.weights),
-            origin,
+            photo.origin,
             photo.model_channels,
             (self._normals, self._weighted, self._run_for(n)),
-            first,
-            second,
+            region,
+            pose.camera_from_model.rotation,
         )
-        if not photo.clipped:
-            region = photo.region_sums
-            kernel_moments.add_surroundings(
-                n, weight, first, second, origin, region.first, region.second
-            )
-            weight = region.weight
-        if weight <= 0.0:
-            return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n)
-        rotation = pose.camera_from_model.rotation
-        mean, covariance = kernel_moments.as_moments(n, weight, first, second, origin, rotation)
         # They are ours alone: to freeze them here saves two copies for every pose.
         mean.flags.writeable = covariance.flags.writeable = False
         return Moments(pixels, weight, mean, covariance, n)
 
     def _classes(self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure) -> Moments:
         """The moments of classes, and the agreement of edges, from planes of the attributes."""
-        fixed, room, surface = photo.fixed_part, self._room_for(photo), self._surface
         box = self._rasterise(pose)
-        kernel_attributes.fill_planes(
+        fixed, room = photo.fixed_part, self._room_for(photo)
+        pixels, mean, covariance, likeness, length = kernel_pose.compare(
             box,
             self._ids,
-            (self._planes, surface.colours, self._varies),
+            self._of_faces,
             (self._attributes, self._camera, self._textures),
             GREY_WEIGHTS,
             (self._normals, self._weighted, self._run_for(0)),
-            room.spans,
-            room.planes,
-        )
-        pixels = kernel_structure.class_sums(
-            room.spans,
-            room.planes,
-            photo.weights,
-            photo.planar,
-            structure.labels,
+            (room.spans, room.planes),
+            (room.run, room.joint, room.second),
+            (room.rows, room.across, fixed.edges),
+            (photo.planar, structure.labels, photo.weights),
+            (fixed.weight, fixed.mean, fixed.covariance),
             pose.camera_from_model.rotation,
-            room.run,
-            room.joint,
-            room.second,
-        )
-        likeness, length = kernel_structure.edge_sums(
-            room.spans,
-            room.planes,
             MODEL_NOISE,
             BLUR_TAPS,
-            photo.weights,
-            fixed.edges,
-            room.rows,
-            room.across,
         )
-        mean, covariance = kernel_moments.of_classes(
-            fixed.weight, fixed.mean, fixed.covariance, room.joint, room.second
-        )
-        # They are ours alone: to freeze them here saves two copies for every pose.
         mean.flags.writeable = covariance.flags.writeable = False
         cosine = likeness / length**0.5 if length > 0.0 else 0.0
         n = len(fixed.mean)
@@ -230,9 +202,9 @@ class SoftwareRenderer:
     def _room_for(self, photo: PhotoAttributes) -> ClassRoom:
         height, width = photo.weights.shape
         size = photo.model_channels, photo.photo_channels
-        room = self._room
+        room = self._class_room
         if room is None or room.planes.shape[1:] != (height + 2, width + 2) or room.size != size:
-            room = self._room = ClassRoom(height, width, *size)
+            room = self._class_room = ClassRoom(height, width, *size)
         return room
 
     def _shade(
@@ -246,8 +218,7 @@ class SoftwareRenderer:
         kernel_attributes.shade(
             box,
             self._ids,
-            self._planes,
-            self._surface.colours,
+            *self._of_faces[:2],
             pose.camera_from_model.rotation,
             (self._attributes, self._camera, self._textures),
             reflectance,
@@ -256,84 +227,27 @@ class SoftwareRenderer:
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""
-        camera, surface = pose.camera, self._surface
-        if self._ids.shape != (camera.height, _padded(camera.width)):
-            self._make_picture(camera.width, camera.height)
-        else:
-            self._now += 1
-            kernel_buffers.clear(
-                self._drawn,
-                self._now,
-                kernel_visibility.CLUSTER_BITS,
-                self._depth,
-                self._ids,
-                self._seen,
-                self._cluster_seen,
-            )
-        self._camera = _camera_numbers(pose, surface.centre, self._near)
-        self._drawn = self._draw(camera.width, self._weighs())
+        self._look_from(pose)
+        self._now += 1
+        self._drawn = kernel_pose.rasterise(
+            self._now,
+            self._drawn,
+            self._shape,
+            self._camera,
+            self._weighs(),
+            self.two_sided,
+            pose.camera.width,
+            self._memory,
+            self._room,
+            (self._depth, self._ids),
+        )
         return self._drawn
 
-    def _draw(self, width: int, weighs: np.float32) -> Box:
-        """First what was seen a moment ago, then what is not behind it."""
-        surface, oldest = self._surface, self._now - MEMORY
-        projected = (
-            oldest,
-            self._cluster_seen[:-1],
-            self._seen[:-1],
-            self._wanted,
-            surface.vertices,
-            surface.cluster_start,
-            self._camera,
-            self._bounds,
-            self._listed,
-            self._screen,
-            self._depths,
-        )
-        count, any_off = kernel_visibility.list_recent(*projected)
-        self._draw_listed(count, width, weighs, culls=False)
-        count, any_off, box = kernel_visibility.list_others(
-            *projected,
-            any_off,
-            surface.cluster_box,
-            self._row_least,
-            self._tiles,
-            self._depth,
-            width,
-        )
-        self._draw_listed(count, width, weighs, culls=True)
-        return box
-
-    def _draw_listed(self, count: int, width: int, weighs: np.float32, culls: bool) -> None:
-        """Draw the first ``count`` of the listed faces; ``culls``: most of them will be hidden."""
-        surface = self._surface
-        picture = (self.two_sided, width, self._depth, self._ids)
-        large = kernel_coverage.draw_listed(
-            count,
-            self._listed,
-            culls,
-            self._chunk,
-            surface.faces,
-            surface.corners,
-            weighs,
-            self._screen,
-            self._depths,
-            self._planes,
-            *picture,
-        )
-        if large:
-            pieces = kernel_pieces.cut(
-                large,
-                self._listed,
-                surface.faces,
-                surface.corners,
-                surface.vertices,
-                self._camera,
-                self._screen,
-                self._depths,
-                self._planes,
-            )
-            kernel_pieces.draw_pieces(*pieces, *picture)
+    def _look_from(self, pose: Pose) -> None:
+        camera = pose.camera
+        if self._ids.shape != (camera.height, _padded(camera.width)):
+            self._make_picture(camera.width, camera.height)
+        self._camera = _camera_numbers(pose, self._surface.centre, self._near)
 
     def _weighs(self) -> np.float32:
         """What a corner's depth value is multiplied by to weigh it: the distance of the centre.
