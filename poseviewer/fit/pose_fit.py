@@ -11,9 +11,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.evolution import EvolutionRules, evolve
+from poseviewer.fit.evolution import CloudState, EvolutionRules, evolve
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.paper import paper_loss, paper_stages
+from poseviewer.fit.quadratic import QuadraticRules, quadratic_descent
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
 from poseviewer.fit.simplex import SimplexState
 from poseviewer.fit.stages import Stage, make_stages
@@ -27,9 +28,11 @@ from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes
 
 Method = Literal["default", "paper"]
+OfMany = Callable[[Sequence[FloatArray]], Iterator[float]]
+Clouds = Iterator[CloudState]
 
-JUDGED_EVERY = 16
-"""After so many evaluations on a coarse level, the best of them is judged on the photo."""
+JUDGED_EVERY = 32
+"""After so many evaluations on a sketch, the best of them is judged on the photo."""
 ASTRAY = 1.0
 """A search on a finer photo that ends where the loss on the photo is so much greater has left the
 valley. On drawn photos the two ends differ by a tenth of it."""
@@ -190,9 +193,9 @@ class _Search:
         renderer = self._photo.renderer
         stages = stages_of(problem, renderer, self._pose)
         for stage in stages:
-            if stage.is_closer:
+            if stage.on == "a finer photo":
                 yield from self._closer(stage)
-            elif stage.tells_the_loss:
+            elif stage.on == "the photo":
                 yield from self._on_the_photo(stage, stage is stages[-1])
             else:
                 yield from self._coarsely(stage)
@@ -238,17 +241,24 @@ class _Search:
 
     def _states(self, stage: Stage) -> Iterator[SearchState]:
         problem, before, rules = self._problem, self._restart, stage.rules
-        if isinstance(rules, EvolutionRules):
+        if not isinstance(rules, RestartRules):
             with RendererPool(stage.level.renderer, self._threads) as pool:
                 objective = self._of_many(stage.level.photo, pool)
-                for cloud in evolve(objective, self._best, self._spans, rules, problem.seed):
+                for cloud in self._clouds(rules, objective):
                     self._units = cloud.axes
-                    yield SearchState(cloud.vertices[0], float(cloud.values[0]), cloud, before)
+                    best, value = cloud.vertices[0], float(cloud.values[0])
+                    yield SearchState(best, value, cloud, before, cloud.converged)
             return
         search = self._best, self._units, rules, problem.seed
         for state in restarted_simplex(self._objective(stage.level), *search):
             self._restart = before + state.restart
             yield state
+
+    def _clouds(self, rules: EvolutionRules | QuadraticRules, objective: OfMany) -> Clouds:
+        best, seed = self._best, self._problem.seed
+        if isinstance(rules, EvolutionRules):
+            return evolve(objective, best, self._spans, rules, seed)
+        return quadratic_descent(objective, best, self._units, rules, seed)
 
     def _objective(self, level: Level) -> Callable[[FloatArray], float]:
         problem = self._problem
@@ -260,9 +270,7 @@ class _Search:
 
         return objective
 
-    def _of_many(
-        self, photo: PhotoAttributes, pool: RendererPool
-    ) -> Callable[[Sequence[FloatArray]], Iterator[float]]:
+    def _of_many(self, photo: PhotoAttributes, pool: RendererPool) -> OfMany:
         problem = self._problem
 
         def loss(renderer: Renderer, numbers: FloatArray) -> float:

@@ -3,8 +3,8 @@
 Most of a search is spent on finding the right valley, and a coarse level shows the same valleys:
 its minimum lies within one of its pixels of the full photo's. So the wide part of the search runs
 where an evaluation costs a fraction. Where classes and edges are compared that part is an evolving
-cloud; a second, smaller one goes on upon the full photo, and a simplex along its axes ends the
-search, or, on a still finer photo, a second one. Elsewhere scouts and a restarted simplex are the
+cloud; a second, smaller one goes on upon the full photo, and quadratic models of the loss end the
+search, if there is one on a still finer photo. Elsewhere scouts and a restarted simplex are the
 wide part, and a simplex of the size of the level's pixels is left to go downhill on the full photo,
 until restarts no longer improve it.
 """
@@ -12,8 +12,10 @@ until restarts no longer improve it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from poseviewer.fit.evolution import EvolutionRules
+from poseviewer.fit.quadratic import QuadraticRules
 from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.attributes import Renderer
@@ -34,23 +36,23 @@ COARSE_TOLERANCE = 8.0
 COARSE_CLOUD = EvolutionRules(least_width=0.04)
 """Where classes and edges are compared. Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
-FINE_CLOUD = EvolutionRules(width=0.06, generations=30, least_width=2e-3)
+FINE_CLOUD = EvolutionRules(width=0.06, generations=16, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
 without it, one in ten runs away to where the model fills the photo."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
-LAST_SIMPLEX = RestartRules(
-    step=2.0, scouts=0, x_tolerance=0.1, f_tolerance=2e-3, least_gain=0.02, patience=2
-)
-"""After a cloud, in units of its standard deviations: with edges along its axes a simplex needs
-two fifths (real photos) to three quarters (drawn ones) of the evaluations that one along the
-numbers needs. The loss is a sum of logarithms there, some 40 in all: what gains less than 0.02
-moves the model by less than a twentieth of a pixel. One restart alone may gain nothing where the
-next one does."""
+LAST_STEPS = QuadraticRules(reach=2.0, rise=0.6)
+"""After a cloud, in units of its standard deviations. The loss is a sum of logarithms there, some
+40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel."""
+CLOSER_STEPS = QuadraticRules(reach=1.0, rise=0.3)
+"""On the finer photo, whose least loss is a pixel of the photo away at most; in units of the reach
+of the models before."""
 
-CLOSER_SIMPLEX = replace(LAST_SIMPLEX, step=1.0, patience=1)
-"""On the finer photo, whose least loss is a pixel of the photo away at most."""
+
+On = Literal["a sketch", "the photo", "a finer photo"]
+"""What a stage minimises the loss on: a sketch is of fewer pixels or triangles, or something else
+is minimised beside; a finer photo has no structure yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,15 +60,8 @@ class Stage:
     """A part of a search."""
 
     level: Level
-    rules: RestartRules | EvolutionRules
-    is_closer: bool = False
-    """Whether the level is finer than the photo that losses are told on; it has no structure."""
-
-    @property
-    def tells_the_loss(self) -> bool:
-        """Whether what it minimises is the loss on the photo, and nothing beside."""
-        pulled = isinstance(self.rules, EvolutionRules) and self.rules.nearness > 0.0
-        return self.level.factor == 1 and not pulled and not self.is_closer
+    rules: RestartRules | EvolutionRules | QuadraticRules
+    on: On = "the photo"
 
 
 def make_stages(
@@ -88,13 +83,14 @@ def make_stages(
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
         lighter = lighter_level(photo, renderer, start)
-        found = Stage(coarse, COARSE_CLOUD), Stage(lighter, FINE_CLOUD), Stage(full, LAST_SIMPLEX)
+        clouds = Stage(coarse, COARSE_CLOUD, "a sketch"), Stage(lighter, FINE_CLOUD, "a sketch")
         if finer is None:
-            return found
-        return *found, Stage(Level(1, finer, renderer), CLOSER_SIMPLEX, True)
+            return *clouds, Stage(full, LAST_STEPS)
+        closer = Stage(Level(1, finer, renderer), CLOSER_STEPS, "a finer photo")
+        return *clouds, Stage(lighter, LAST_STEPS, "a sketch"), closer
     if coarse.factor == 1:
         return (Stage(full, rules),)
-    return Stage(coarse, coarse_rules(rules)), Stage(full, fine_rules(rules))
+    return Stage(coarse, coarse_rules(rules), "a sketch"), Stage(full, fine_rules(rules))
 
 
 def coarse_rules(rules: RestartRules) -> RestartRules:
