@@ -40,8 +40,10 @@ class QuadraticRules:
     rounds: int = 6
     """At most so many models are made."""
     least_gain: float = 0.02
-    """The search is done when a round finds nothing that is better by more than this. Of two
-    places no farther apart in loss the one that the model says is taken."""
+    """A round that finds nothing better by more than this has gained nothing. Of two places no
+    farther apart in loss the one that the model says is taken."""
+    patience: int = 2
+    """So many rounds in a row that gain nothing end the search."""
 
 
 def quadratic_descent(
@@ -62,7 +64,7 @@ def quadratic_descent(
     coefficients = (size + 1) * (size + 2) // 2
     points, losses = np.empty((0, size)), np.empty(0)
     axes, centre = np.array(rules.reach * units, dtype=float), np.array(start, dtype=float)
-    taken, before = np.inf, np.inf
+    taken, before, failures = np.inf, np.inf, 0
     for turn in range(rules.rounds):
         wanted = [centre + axes @ offset for offset in _in_ball(coefficients, turn, size, random)]
         for _ in range(2):  # the points of the round, and the place that its model says
@@ -78,7 +80,8 @@ def quadratic_descent(
         said = losses[-1] <= losses[best] + rules.least_gain
         centre, taken = (points[-1], losses[-1]) if said else (points[best], losses[best])
         axes = axes @ (model.directions * model.shrinkage(rules.rise))
-        if turn > 0 and before - losses[best] < rules.least_gain:
+        failures = 0 if before - losses[best] > rules.least_gain else failures + 1
+        if failures >= rules.patience:
             break
         before = losses[best]
     last = _state(points, losses, axes)
