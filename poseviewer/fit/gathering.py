@@ -19,9 +19,9 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.kernel_correlations import whiten
 from poseviewer.render.level_pose import level_pose
 from poseviewer.render.moments import PhotoAttributes, model_attributes, moments_of_images
-from poseviewer.render.whitening import whitening
 
 WRONG = 48
 """So many wrong poses are tried, ..."""
@@ -176,7 +176,7 @@ def _explained(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> tuple[
     colours = photo.channels[seen].astype(float)
     left = colours - lighting.apply(model_attributes(image, clipped)[seen])
     counted = photo.channels[photo.weights > 0.0].astype(float)
-    white = whitening(np.cov(counted.T).reshape(colours.shape[1], -1), counted.mean(axis=0))
+    white = whiten(np.cov(counted.T).reshape(colours.shape[1], -1), counted.mean(axis=0))
     lengths = np.sqrt(np.mean((left @ white.T) ** 2, axis=1))
     before = np.mean(((colours - colours.mean(axis=0)) @ white.T) ** 2)
     share = 1.0 - float(np.mean(lengths**2)) / max(float(before), 1e-12)

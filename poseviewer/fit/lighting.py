@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.render.kernel_correlations import whiten
 from poseviewer.render.moments import Moments
-from poseviewer.render.whitening import whitening
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +54,6 @@ def recover_lighting(moments: Moments) -> Lighting:
     the pseudo-inverse gives the least such lighting. Attributes that are constant get none.
     """
     n = moments.photo_channels
-    model = whitening(moments.covariance[n:, n:], moments.mean[n:])
+    model = whiten(moments.covariance[n:, n:], moments.mean[n:])
     gain = moments.covariance[:n, n:] @ model.T @ model
     return Lighting(gain, moments.mean[:n] - gain @ moments.mean[n:])

@@ -14,14 +14,15 @@ from __future__ import annotations
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.render.kernel_correlations import squared_correlations
 from poseviewer.render.moments import Moments, PhotoAttributes
-from poseviewer.render.whitening import whitening
 
 EDGE_WEIGHT = 2.5
 """Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
 ones less."""
 NOISE = 1e-3
 """Share of the variance that no pose explains: sensor noise, and what models leave out."""
+NOT_KNOWN = np.zeros((0, 0))
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
@@ -47,9 +48,7 @@ def lighting_loss(moments: Moments) -> float:
     worst = worst_loss(moments)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    correlations = _correlations(moments).ravel()
-    explained = float(correlations @ correlations)
-    return min(max(worst - explained, 0.0), worst)
+    return min(max(worst - float(_squares(moments).sum()), 0.0), worst)
 
 
 def worst_registration_loss(photo: PhotoAttributes) -> float:
@@ -73,11 +72,7 @@ def registration_loss(moments: Moments) -> float:
     worst = min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return _worst_with_edges(worst)
-    correlations = _correlations(moments)
-    found = np.linalg.eigvalsh(correlations.T @ correlations)
-    squares = np.zeros(worst)
-    kept = np.clip(found[-worst:], 0.0, 1.0)
-    squares[: len(kept)] = kept
+    squares = np.minimum(_squares(moments), 1.0)
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
     return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
 
@@ -86,11 +81,10 @@ def _worst_with_edges(worst: int) -> float:
     return worst * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
 
 
-def _correlations(moments: Moments) -> FloatArray:
-    """``W_F C_FM W_M^T``, whose singular values are the canonical correlations."""
-    n, covariance, mean = moments.photo_channels, moments.covariance, moments.mean
-    photo = moments.photo_whitening
-    if photo is None:
-        photo = whitening(covariance[:n, :n], mean[:n])
-    model = whitening(covariance[n:, n:], mean[n:])
-    return photo @ covariance[:n, n:] @ model.T
+def _squares(moments: Moments) -> FloatArray:
+    """(min(n, m),): the squared canonical correlations of F and M."""
+    known = moments.photo_whitening
+    photo = NOT_KNOWN if known is None else known
+    return squared_correlations(
+        moments.mean, moments.covariance, moments.photo_channels, photo, known is not None
+    )

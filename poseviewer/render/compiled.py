@@ -16,27 +16,31 @@ import numpy as np
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render import kernel_attributes, kernel_pose
+from poseviewer.render import kernel_attributes, kernel_correlations, kernel_pose
 from poseviewer.render.kernel_compiler import sources_stamp
 from poseviewer.render.many import processors
-from poseviewer.render.moments import PhotoAttributes
+from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.software import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
 
-OF_RASTERISER: tuple[Any, ...] = (kernel_pose.rasterise, kernel_attributes.shade)
-OF_MOMENTS: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
+OWN: tuple[Any, ...] = (
+    kernel_pose.rasterise,
+    kernel_attributes.shade,
+    kernel_correlations.squared_correlations,
+)
+HELPERS: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
 SIDE = 16
 """Of the picture that kernels are compiled with, px."""
 
 
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    return all(_is_compiled(kernel) for kernel in (*OF_RASTERISER, *OF_MOMENTS))
+    return all(_is_compiled(kernel) for kernel in (*OWN, *HELPERS))
 
 
 def compile_kernels() -> None:
     """Compile what is not compiled yet and can be kept, with the help of another process."""
-    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in OF_MOMENTS):
+    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in HELPERS):
         return
     helper = None
     if processors() > 1 and sys.executable:
@@ -45,6 +49,10 @@ def compile_kernels() -> None:
         helper = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
     try:
         SoftwareRenderer(_triangle()).render(_pose())
+        nothing = Moments(0, 0.0, np.zeros(2), np.zeros((2, 2)), 1)
+        kernel_correlations.squared_correlations(
+            nothing.mean, nothing.covariance, 1, np.zeros((0, 0)), False
+        )
         if helper is not None:
             helper.wait()
     finally:

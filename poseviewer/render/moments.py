@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.render.kernel_correlations import whiten
 from poseviewer.render.structure import (
     MARGIN_PX,
     MODEL_NOISE,
@@ -19,7 +20,6 @@ from poseviewer.render.structure import (
     edge_agreement,
     orientation_field,
 )
-from poseviewer.render.whitening import whitening
 
 if TYPE_CHECKING:
     from poseviewer.render.attributes import AttributeImage
@@ -46,7 +46,7 @@ class FixedPart:
     covariance: FloatArray
     """(n, n): of F."""
     whitening: FloatArray
-    """(rank, n): see ``whitening.whitening``."""
+    """(rank, n): see ``kernel_correlations.whiten``."""
     edges: NDArray[np.float32]
     """(2, height, width): the photo's orientation field times the weights."""
 
@@ -118,7 +118,7 @@ class PhotoAttributes:
         covariance = share * self.structure.second - np.outer(mean, mean)
         weighted = self.weights[..., None] * self.structure.field
         target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
-        return FixedPart(weight, mean, covariance, whitening(covariance, mean), target)
+        return FixedPart(weight, mean, covariance, whiten(covariance, mean), target)
 
     @property
     def photo_channels(self) -> int:

@@ -59,13 +59,13 @@ print(kernels_are_compiled())
 EVALUATE = """
 from poseviewer.demo import demo_case
 from poseviewer import load
-from poseviewer.render.compiled import OF_MOMENTS, OF_RASTERISER
+from poseviewer.render.compiled import HELPERS, OWN
 files = demo_case()
 case = load(files.photo, files.model, files.start)
 case.start
 load(files.photo, files.model, files.start, pixels="clip", grey=True).start
 case.renderer.render(case.registration.start.pose)
-kernels = OF_MOMENTS + OF_RASTERISER
+kernels = OWN + HELPERS
 print(*(sum(kernel.stats.cache_hits.values()) > 0 for kernel in kernels))
 print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 """
@@ -76,7 +76,7 @@ def test_what_is_compiled_ahead_is_what_evaluations_need(tmp_path: Path):
     settings = {"PYTHONPATH": str(Path(poseviewer.__file__).parents[1])}
     settings["NUMBA_CACHE_DIR"] = str(tmp_path)
     assert _run(COMPILE, tmp_path, **settings) == ["True"]
-    assert _run(EVALUATE, tmp_path, **settings) == ["True True True True", "0 0 0 0"]
+    assert _run(EVALUATE, tmp_path, **settings) == ["True True True True True", "0 0 0 0 0"]
 
 
 def _copy_of_the_package(folder: Path) -> Path:
