@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.gathering import gather_evidence
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Status, fit_pose
+from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
 from poseviewer.fit.verdict import Verdict, judge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
@@ -16,15 +17,62 @@ from poseviewer.render.attributes import Renderer
 def judged_fit(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Iterator[FitProgress]:
-    """As ``fit_pose``; the last progress bears a verdict.
+    """As ``fit_pose``; the last progress bears a verdict. If that is not ``found``, a second search
+    looks farther about the start, and the pose of less loss is kept.
 
-    Gathering its evidence takes a few hundred evaluations more, which are not counted in it.
+    Gathering the evidence takes a few hundred evaluations more, which are not counted.
     """
+    began = time.perf_counter()
     for progress in fit_pose(problem, renderer, threads):
         if progress.status is Status.RUNNING:
             yield progress
+            continue
+        first = with_verdict(progress, problem, mesh, renderer)
+        wider = _wider(problem, first, time.perf_counter() - began)
+        if wider is None:
+            yield first
         else:
-            yield with_verdict(progress, problem, mesh, renderer)
+            yield replace(progress, status=Status.RUNNING)
+            for second in fit_pose(wider, renderer, threads):
+                yield _better(first, second, problem, mesh, renderer)
+
+
+def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProblem | None:
+    """A second search within what is left of the limits; None where there is to be none."""
+    limits = problem.limits
+    evaluations, seconds = limits.evaluations - first.evaluations, limits.seconds - seconds
+    has_a_cloud = problem.method == "default" and problem.photo.structure is not None
+    is_trusted = first.verdict is not None and first.verdict.word == "found"
+    if first.status is not Status.CONVERGED or is_trusted or not has_a_cloud:
+        return None
+    if evaluations <= 0 or seconds <= 0.0:
+        return None
+    rest = Limits(evaluations, seconds)
+    return replace(problem, is_wide=True, seed=problem.seed + 1, limits=rest)
+
+
+def _better(
+    first: FitProgress, second: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer
+) -> FitProgress:
+    """The progress of both searches together."""
+    is_better = second.loss < first.loss
+    best = second if is_better else first
+    both = replace(
+        second,
+        numbers=best.numbers,
+        pose=best.pose,
+        loss=best.loss,
+        start_loss=first.start_loss,
+        evaluations=first.evaluations + second.evaluations,
+        restart=first.restart + 1 + second.restart,
+        seconds=first.seconds + second.seconds,
+        status=first.status if second.status is Status.NOTHING_SEEN else second.status,
+    )
+    if both.status is Status.RUNNING:
+        return both
+    if is_better:
+        return with_verdict(both, problem, mesh, renderer)
+    return replace(both, verdict=first.verdict)
 
 
 def with_verdict(

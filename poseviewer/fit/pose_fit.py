@@ -83,6 +83,8 @@ class FitProblem:
     """How poses are judged and searched for: ours, or as in ``fit.paper``."""
     finer: PhotoAttributes | None = None
     """The photo made less small, without structure: a search ends on it. None: on ``photo``."""
+    is_wide: bool = False
+    """Whether to look farther about the start, if the search begins with an evolving cloud."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free numbers."""
 
@@ -170,7 +172,8 @@ def stages_of(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Sta
     """The stages that a search from ``start`` goes through."""
     if problem.method == "paper":
         return paper_stages(problem.photo, renderer, problem.rules)
-    return make_stages(problem.photo, renderer, start, problem.rules, problem.finer)
+    photo, rules = problem.photo, problem.rules
+    return make_stages(photo, renderer, start, rules, problem.finer, problem.is_wide)
 
 
 class _Search:

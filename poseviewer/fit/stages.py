@@ -36,6 +36,8 @@ COARSE_TOLERANCE = 8.0
 COARSE_CLOUD = EvolutionRules(least_width=0.04)
 """Where classes and edges are compared. Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
+WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
+"""For a second search, where the first one ended in a pose that is not to be trusted."""
 FINE_CLOUD = EvolutionRules(width=0.06, generations=16, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
 without it, one in ten runs away to where the model fills the photo."""
@@ -70,9 +72,10 @@ def make_stages(
     start: Pose,
     rules: RestartRules,
     finer: PhotoAttributes | None = None,
+    is_wide: bool = False,
 ) -> tuple[Stage, ...]:
     """The stages of a search from ``start``, the last one on the photo itself, or on a ``finer``
-    one (without structure).
+    one (without structure). ``is_wide``: look farther, where an evolving cloud goes first.
 
     Where classes and edges are compared, side valleys are many: there an evolving cloud goes first,
     on whatever level is the coarsest, a narrower one on the photo follows. Else a model that covers
@@ -83,7 +86,8 @@ def make_stages(
     coarse = coarsest_level(photo, renderer, start, fewest)
     if photo.structure is not None:
         lighter = lighter_level(photo, renderer, start)
-        clouds = Stage(coarse, COARSE_CLOUD, "a sketch"), Stage(lighter, FINE_CLOUD, "a sketch")
+        first = WIDE_CLOUD if is_wide else COARSE_CLOUD
+        clouds = Stage(coarse, first, "a sketch"), Stage(lighter, FINE_CLOUD, "a sketch")
         if finer is None:
             return *clouds, Stage(full, LAST_STEPS)
         closer = Stage(Level(1, finer, renderer), CLOSER_STEPS, "a finer photo")
