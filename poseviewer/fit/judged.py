@@ -13,11 +13,15 @@ from poseviewer.fit.verdict import Verdict, judge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
 
+AGAIN_BELOW = 0.6
+"""Poses that are right with less probability are looked for again. Of 150 fits on real photos this
+was said of 70, 30 of which were off by more than 5 per cent; of the other 80, 7 were."""
+
 
 def judged_fit(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Iterator[FitProgress]:
-    """As ``fit_pose``; the last progress bears a verdict. If that is not ``found``, a second search
+    """As ``fit_pose``; the last progress bears a verdict. If that is a bad one, a second search
     looks farther about the start, and the pose of less loss is kept.
 
     Gathering the evidence takes a few hundred evaluations more, which are not counted.
@@ -42,7 +46,7 @@ def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProble
     limits = problem.limits
     evaluations, seconds = limits.evaluations - first.evaluations, limits.seconds - seconds
     has_a_cloud = problem.method == "default" and problem.photo.structure is not None
-    is_trusted = first.verdict is not None and first.verdict.word == "found"
+    is_trusted = first.verdict is not None and first.verdict.probability >= AGAIN_BELOW
     if first.status is not Status.CONVERGED or is_trusted or not has_a_cloud:
         return None
     if evaluations <= 0 or seconds <= 0.0:

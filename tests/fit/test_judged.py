@@ -1,0 +1,87 @@
+"""A fit with its verdict: where that is bad a second search looks farther."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.demo import demo_case
+from poseviewer.fit.judged import AGAIN_BELOW, judged_fit, with_verdict
+from poseviewer.fit.pose_fit import FitProblem, Limits, Status, fit_pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.registration import (
+    FitSettings,
+    Registration,
+    load_registration,
+    make_problem,
+    make_renderer,
+)
+from poseviewer.render.attributes import Renderer
+
+
+@pytest.fixture(scope="module")
+def demo() -> tuple[Registration, Renderer]:
+    files = demo_case()
+    registration = load_registration(files.photo, files.model, files.start)
+    return registration, make_renderer(registration.mesh)
+
+
+def start_off_by(registration: Registration, share: float, seed: int, **more) -> FitProblem:
+    """The demo from a start, off its own by up to a share of each number's span."""
+    problem, _ = make_problem(registration, FitSettings(**more))
+    off = share * np.random.default_rng(seed).uniform(-1.0, 1.0, len(problem.start))
+    pose = problem.chart.to_pose(problem.start + off * problem.chart.spans(problem.start))
+    moved = replace(registration, start=replace(registration.start, pose=pose))
+    return make_problem(moved, FitSettings(**more))[0]
+
+
+def run_both(problem: FitProblem, mesh: Mesh, renderer: Renderer):
+    """The end of the first search alone, judged, and all of the judged fit."""
+    *_, alone = fit_pose(problem, renderer, 2)
+    alone = with_verdict(alone, problem, mesh, renderer)
+    return alone, list(judged_fit(problem, mesh, renderer, 2))
+
+
+def test_a_pose_that_is_trusted_ends_the_fit(demo):
+    registration, renderer = demo
+    alone, states = run_both(start_off_by(registration, 0.0, 0), registration.mesh, renderer)
+    assert alone.verdict is not None
+    assert alone.verdict.probability >= AGAIN_BELOW
+    assert states[-1].evaluations == alone.evaluations
+    assert states[-1].verdict == alone.verdict
+
+
+def test_a_pose_that_is_not_is_looked_for_farther_away(demo):
+    registration, renderer = demo
+    alone, states = run_both(start_off_by(registration, 0.35, 2), registration.mesh, renderer)
+    assert alone.verdict is not None
+    assert alone.verdict.probability < AGAIN_BELOW
+    assert all(state.status is Status.RUNNING for state in states[:-1])
+    assert all(state.verdict is None for state in states[:-1])
+    end = states[-1]
+    assert end.status is Status.CONVERGED
+    assert end.verdict is not None
+    assert end.evaluations > 1.5 * alone.evaluations
+    assert end.start_loss == alone.start_loss
+    assert end.loss < alone.loss - 1.0  # from here the first search ends in another valley
+    losses = [state.loss for state in states[alone.evaluations :]]
+    assert max(losses) <= alone.loss + 1e-9  # what was found first stays the best until then
+    assert np.all(np.diff([state.evaluations for state in states]) >= 0)
+
+
+def test_the_limits_are_those_of_both_searches(demo):
+    registration, renderer = demo
+    problem = start_off_by(registration, 0.35, 2)
+    problem = replace(problem, limits=Limits(evaluations=2000))
+    *_, end = judged_fit(problem, registration.mesh, renderer, 2)
+    assert end.status is Status.EVALUATIONS_SPENT
+    assert 2000 <= end.evaluations < 2040
+
+
+def test_other_searches_have_no_second_one(demo):
+    registration, renderer = demo
+    problem = start_off_by(registration, 0.3, 2, method="paper", limits=Limits(evaluations=300))
+    alone, states = run_both(problem, registration.mesh, renderer)
+    assert states[-1].evaluations == alone.evaluations
