@@ -40,6 +40,7 @@ from poseviewer.quick_start import (
 )
 from poseviewer.registration import FitSettings
 from poseviewer.render.many import processors
+from poseviewer.worker import beside
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -60,11 +61,13 @@ def app(options: Namespace) -> int:
         if pose is not None:
             raise SettingsError("--pose and --last are two starts; leave one of them out")
         pose = last_pose()
-    from poseviewer.render.compiled import compile_kernels
-    from poseviewer.viewer.serving import serve_app
+    from poseviewer.render.compiled import compile_kernels, compile_rasteriser
 
     _tell_of_compiling()
     compile_kernels()
+    beside(compile_rasteriser)  # by now it only loads them, while the app is imported
+    from poseviewer.viewer.serving import serve_app
+
     serve_app(
         photo,
         model,

@@ -170,6 +170,11 @@ class Worker(Generic[T]):
         return True
 
 
+def beside(work: Callable[[], None]) -> None:
+    """Do something in a thread of its own that nobody waits for."""
+    threading.Thread(target=work, name="beside", daemon=True).start()
+
+
 def yield_to_others() -> None:
     """Give this thread a lower priority: on Linux, threads have one of their own."""
     if hasattr(os, "setpriority") and os.uname().sysname == "Linux":

@@ -6,11 +6,10 @@ import json
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
@@ -27,6 +26,9 @@ from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.surface import as_mesh
 from poseviewer.files.texture_file import texture_from_image
 from poseviewer.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 Read = tuple[list[Part], list[str]]
 
@@ -176,6 +178,8 @@ def _gltf_header(path: Path) -> dict[str, Any]:
 
 def _read_scene(path: Path, linear: bool = False) -> Read:
     """All that trimesh finds, each piece moved to its place in the scene."""
+    import trimesh  # only now: it takes a third of a second, and OBJ, PLY and 3DS do without
+
     scene = trimesh.load_scene(path, process=False, maintain_order=True)
     parts, notes = [], []
     images: dict[int, NDArray | None] = {}

@@ -48,11 +48,7 @@ def compile_kernels() -> None:
         quiet = subprocess.DEVNULL
         helper = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
     try:
-        SoftwareRenderer(_triangle()).render(_pose())
-        nothing = Moments(0, 0.0, np.zeros(2), np.zeros((2, 2)), 1)
-        kernel_correlations.squared_correlations(
-            nothing.mean, nothing.covariance, 1, np.zeros((0, 0)), False
-        )
+        compile_rasteriser()
         if helper is not None:
             helper.wait()
     finally:
@@ -61,8 +57,17 @@ def compile_kernels() -> None:
     compile_moments()  # what the helper did is only read; what it did not is done now
 
 
+def compile_rasteriser() -> None:
+    """Compile the kernels that draw, and the loss's; or load them, if they are compiled."""
+    SoftwareRenderer(_triangle()).render(_pose())
+    nothing = Moments(0, 0.0, np.zeros(2), np.zeros((2, 2)), 1)
+    kernel_correlations.squared_correlations(
+        nothing.mean, nothing.covariance, 1, np.zeros((0, 0)), False
+    )
+
+
 def compile_moments() -> None:
-    """Compile the kernels that add up what the rasteriser finds."""
+    """The same for those that add up what the rasteriser finds."""
     renderer = _Blank(_triangle())
     grey = np.zeros((SIDE, SIDE, 1), np.float32)
     weights, colours = np.ones((SIDE, SIDE), np.float32), np.tile(grey, 3)

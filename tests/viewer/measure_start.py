@@ -23,6 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--starts", type=int, default=2, help="the first has nothing compiled")
     starts = parser.parse_args().starts
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package has its bytecode
     load = os.getloadavg()[0]
     _say(f"{os.cpu_count()} processors, load {load:.1f} at the start")
     with tempfile.TemporaryDirectory() as name:
