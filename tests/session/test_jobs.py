@@ -132,7 +132,7 @@ def test_improvements_are_each_better_than_the_last(registration, renderer):
     news = list(search(registration, registration.start.pose, SETTINGS, renderer))
     losses = [step.loss for step in news[-1].improvements]
     assert losses == sorted(losses, reverse=True)
-    assert len(set(losses)) == len(losses) > 3
+    assert len(set(losses)) == len(losses) > 2
     assert losses[0] == news[0].progress.loss
     assert losses[-1] == news[-1].progress.loss
     for item in news:
