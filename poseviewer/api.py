@@ -72,7 +72,7 @@ def load(
     start: str | Path | Find,
     settings: FitSettings | None = None,
     *,
-    calibration: Calibration | None = None,
+    calibration: Calibration | str | Path | None = None,
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
     mask: str | Path | None = None,
@@ -89,8 +89,9 @@ def load(
         start: a pose file; or ``"auto"``: one is looked for, which takes some seconds; or what
             finds one on the photo: ``quick_start.start_from_pairs`` and its like.
         settings: what is compared and how.
-        calibration: of the camera and its lens (``files.calibration_file.Calibration``); a photo
-            that the lens distorts is undistorted.
+        calibration: of the camera and its lens: a file, or a choice among the cameras of one
+            (``files.calibration_file.Calibration``); a photo that the lens distorts is
+            undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; without
             one, the settings' region, or the whole photo.
         camera: for ``"auto"``: what is known of it; by default EXIF's focal length, or a view of 50
@@ -105,6 +106,12 @@ def load(
         PoseViewerError: a file cannot be used, or the settings do not go with it.
     """
     chosen = _changed(settings or FitSettings(), changes)
+    if isinstance(calibration, str | Path):
+        calibration = Calibration(Path(calibration))
+    if box is not None and (start != AUTOMATIC or len(box) != 4):
+        raise SettingsError(
+            f'box={box}: wanted (left, top, width, height), and start="auto", which it is for.'
+        )
     if start == AUTOMATIC:
         known, where = camera or StartCamera(), Path(mask) if mask else None
         start = AutoStart(box, known, chosen, where, watch=watch).find

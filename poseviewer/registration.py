@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,14 @@ LEAST_COLOUR = 0.02
 5 grey levels of 255. Sensor noise has 1 or 2; the real photos we know have 10 and more."""
 
 
+CHOICES: dict[str, tuple[str, ...]] = {
+    "method": get_args(Method),
+    "chart": get_args(ChartName),
+    "pixels": get_args(PixelsName),
+    "renderer": get_args(RendererName),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class FitSettings:
     """What a user chooses for a fit; the default is all of the photo's colour, near the start.
@@ -81,6 +89,13 @@ class FitSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        """Raises ``SettingsError`` where there is no such choice."""
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise SettingsError(
+                    f"{name}={getattr(self, name)!r}: there is no such choice; "
+                    f"take one of {', '.join(choices)}."
+                )
         if self.method == "paper":
             object.__setattr__(self, "grey", True)
             object.__setattr__(self, "colour_reflectance", False)

@@ -189,6 +189,14 @@ def test_mistakes_are_one_sentence(scene, tmp_path):
         poseviewer.load(scene.photo, scene.model, scene.start, gray=True)
     with pytest.raises(poseviewer.PoseViewerError, match="no such file"):
         poseviewer.load(tmp_path / "no.jpg", scene.model, scene.start)
+    with pytest.raises(poseviewer.PoseViewerError, match="take one of near, whole, clip"):
+        poseviewer.load(scene.photo, scene.model, scene.start, pixels="some")
+    with pytest.raises(poseviewer.PoseViewerError, match='start="auto"'):
+        poseviewer.load(scene.photo, scene.model, scene.start, box=(0, 0, 5, 5))
+    with pytest.raises(poseviewer.PoseViewerError, match="left, top, width, height"):
+        poseviewer.load(scene.photo, scene.model, "auto", box=(0, 0, 5))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(poseviewer.PoseViewerError, match=r"cam.yml: no such file"):
+        poseviewer.load(scene.photo, scene.model, scene.start, calibration=tmp_path / "cam.yml")
     case = poseviewer.load(scene.photo, scene.model, scene.start)
     with pytest.raises(poseviewer.PoseViewerError, match="no look 'fancy'"):
         case.start.draw(tmp_path / "x.png", look="fancy")
