@@ -22,7 +22,7 @@ def judged_fit(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Iterator[FitProgress]:
     """As ``fit_pose``; the last progress bears a verdict. If that is a bad one, a second search
-    looks farther about the start, and the pose of less loss is kept.
+    looks farther about the start; its pose is kept if it has less loss and no worse a verdict.
 
     Gathering the evidence takes a few hundred evaluations more, which are not counted.
     """
@@ -58,14 +58,12 @@ def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProble
 def _better(
     first: FitProgress, second: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer
 ) -> FitProgress:
-    """The progress of both searches together."""
-    is_better = second.loss < first.loss
-    best = second if is_better else first
+    """The progress of both searches together, with the pose of the first one to the end."""
     both = replace(
         second,
-        numbers=best.numbers,
-        pose=best.pose,
-        loss=best.loss,
+        numbers=first.numbers,
+        pose=first.pose,
+        loss=first.loss,
         start_loss=first.start_loss,
         evaluations=first.evaluations + second.evaluations,
         restart=first.restart + 1 + second.restart,
@@ -74,9 +72,15 @@ def _better(
     )
     if both.status is Status.RUNNING:
         return both
-    if is_better:
-        return with_verdict(both, problem, mesh, renderer)
-    return replace(both, verdict=first.verdict)
+    both = replace(both, verdict=first.verdict)
+    if second.loss >= first.loss:
+        return both
+    verdict = verdict_on(second, problem, mesh, renderer)
+    if first.verdict is not None and verdict.probability < first.verdict.probability:
+        return both  # a wrong pose can have less loss than the right one
+    return replace(
+        both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=verdict
+    )
 
 
 def with_verdict(
