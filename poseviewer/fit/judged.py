@@ -17,12 +17,15 @@ AGAIN_BELOW = 0.6
 """Poses that are right with less probability are looked for again. Of 150 fits on real photos this
 was said of 70, 30 of which were off by more than 5 per cent; of the other 80, 7 were."""
 
+CLEARLY = 0.1
+"""So much more probable the other pose must be."""
+
 
 def judged_fit(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Iterator[FitProgress]:
     """As ``fit_pose``; the last progress bears a verdict. If that is a bad one, a second search
-    looks farther about the start; its pose is kept if it has less loss and no worse a verdict.
+    looks farther about the start; its pose is kept if it has less loss and is clearly more probable.
 
     Gathering the evidence takes a few hundred evaluations more, which are not counted.
     """
@@ -76,7 +79,8 @@ def _better(
     if second.loss >= first.loss:
         return both
     verdict = verdict_on(second, problem, mesh, renderer)
-    if first.verdict is not None and verdict.probability < first.verdict.probability:
+    before = 0.0 if first.verdict is None else first.verdict.probability
+    if verdict.probability < before + CLEARLY:
         return both  # a wrong pose can have less loss than the right one
     return replace(
         both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=verdict
