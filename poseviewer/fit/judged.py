@@ -25,7 +25,7 @@ def judged_fit(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Iterator[FitProgress]:
     """As ``fit_pose``; the last progress bears a verdict. If that is a bad one, a second search
-    looks farther about the start. Its pose is kept if it has less loss and is clearly more probable.
+    looks farther about the start: its pose is kept if it has less loss and is clearly likelier.
 
     Gathering the evidence takes a few hundred evaluations more, which are not counted.
     """
