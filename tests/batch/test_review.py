@@ -26,7 +26,7 @@ from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.registration import FitSettings
 
-QUICK = FitSettings(limits=Limits(20, 600.0))
+QUICK = FitSettings(limits=Limits(40, 600.0))
 IMAGES = (0, 3, 12)
 
 
