@@ -286,7 +286,7 @@ def _tell_of_compiling() -> None:
     from poseviewer.render.compiled import kernels_are_compiled
 
     if not kernels_are_compiled():
-        _tell("Compiling the kernels for this machine: some twenty seconds, this once.")
+        _tell("Compiling the kernels for this machine: about half a minute, this once.")
 
 
 def _search(case: Case, quiet: bool) -> FitResult:

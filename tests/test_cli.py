@@ -330,7 +330,8 @@ def test_help_imports_nothing_heavy():
 def test_ctrl_c_keeps_the_best_pose(tmp_path):
     case, out = demo_case(), tmp_path / "pose.json"
     files = [case.photo, case.model, "--pose", case.start, "--out"]
-    command = [sys.executable, "-m", "poseviewer.cli", "fit", *files, out, "--tolerance", "1e-300"]
+    command = [sys.executable, "-m", "poseviewer.cli", "fit", *files, out]
+    command += ["--method", "paper", "--tolerance", "1e-300"]  # long enough to be stopped
     # On a terminal the progress is shown at once; in a pipe only every few seconds.
     terminal, its_end = pty.openpty()
     termios.tcsetwinsize(its_end, (24, 120))

@@ -65,17 +65,19 @@ def quadratic_descent(
     points, losses = np.empty((0, size)), np.empty(0)
     axes, centre = np.array(rules.reach * units, dtype=float), np.array(start, dtype=float)
     taken, before, failures = np.inf, np.inf, 0
+
+    def judge(wanted: list[FloatArray]) -> Iterator[CloudState]:
+        nonlocal points, losses
+        for point, loss in zip(wanted, objective(wanted), strict=True):
+            points, losses = np.vstack([points, point]), np.append(losses, loss)
+            yield _state(points, losses, axes)
+
     for turn in range(rules.rounds):
-        wanted = [centre + axes @ offset for offset in _in_ball(coefficients, turn, size, random)]
-        for _ in range(2):  # the points of the round, and the place that its model says
-            asked = objective(wanted)
-            for point, loss in zip(wanted, asked, strict=True):
-                points, losses = np.vstack([points, point]), np.append(losses, loss)
-                yield _state(points, losses, axes)
-            if len(wanted) > 1:
-                offsets = np.asarray(np.linalg.solve(axes, (points - centre).T).T, dtype=float)
-                model = _fit(offsets, losses, coefficients)
-                wanted = [centre + axes @ model.step]
+        offsets = _in_ball(coefficients, turn, size, random)
+        yield from judge([centre + axes @ offset for offset in offsets])
+        places = np.asarray(np.linalg.solve(axes, (points - centre).T).T, dtype=float)
+        model = _fit(places, losses, coefficients)
+        yield from judge([centre + axes @ model.step])
         best = int(np.argmin(losses))
         said = losses[-1] <= losses[best] + rules.least_gain
         centre, taken = (points[-1], losses[-1]) if said else (points[best], losses[best])

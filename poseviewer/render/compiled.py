@@ -1,6 +1,6 @@
 """Compiling the kernels, which an earlier run on this machine has mostly done.
 
-It takes two dozen seconds of one processor. The compiler works on one kernel at a time in each
+The compiler works on one kernel at a time in each
 process; so where machine code can be kept, another process compiles half of it.
 """
 
@@ -23,24 +23,24 @@ from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.software import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
 
-OWN: tuple[Any, ...] = (
+BY_US: tuple[Any, ...] = (
     kernel_pose.rasterise,
     kernel_attributes.shade,
     kernel_correlations.squared_correlations,
 )
-HELPERS: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
+BY_HELPER: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
 SIDE = 16
 """Of the picture that kernels are compiled with, px."""
 
 
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    return all(_is_compiled(kernel) for kernel in (*OWN, *HELPERS))
+    return all(_is_compiled(kernel) for kernel in (*BY_US, *BY_HELPER))
 
 
 def compile_kernels() -> None:
     """Compile what is not compiled yet and can be kept, with the help of another process."""
-    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in HELPERS):
+    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in BY_HELPER):
         return
     helper = None
     if processors() > 1 and sys.executable:

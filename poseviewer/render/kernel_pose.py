@@ -48,7 +48,7 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
     depth, ids = picture
     clear(drawn, now, CLUSTER_BITS, depth, ids, seen, cluster_seen)
     oldest, seen, cluster_seen = now - MEMORY, seen[:-1], cluster_seen[:-1]
-    count, any_off = list_recent(
+    listing = (
         oldest,
         cluster_seen,
         seen,
@@ -61,28 +61,13 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
         screen,
         depths,
     )
+    count, any_off = list_recent(*listing)
     drawing = listed, screen, depths, planes, chunk
     _draw(
         count, False, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture
     )
     count, any_off, box = list_others(
-        oldest,
-        cluster_seen,
-        seen,
-        wanted,
-        vertices,
-        cluster_start,
-        camera,
-        bounds,
-        listed,
-        screen,
-        depths,
-        any_off,
-        cluster_box,
-        row_least,
-        tiles,
-        depth,
-        width,
+        any_off, cluster_box, row_least, tiles, depth, width, *listing
     )
     _draw(count, True, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture)
     return box

@@ -265,6 +265,12 @@ def list_recent(
 
 @_jit
 def list_others(
+    any_off,
+    cluster_box,
+    row_least,
+    tiles,
+    depth,
+    width,
     oldest,
     cluster_seen,
     seen,
@@ -276,14 +282,10 @@ def list_others(
     listed,
     screen,
     depths,
-    any_off,
-    cluster_box,
-    row_least,
-    tiles,
-    depth,
-    width,
 ):
     """List what else may be seen, after what ``list_recent`` listed was drawn into ``depth``.
+
+    ``any_off`` is what that told; from ``oldest`` on the arguments are the same.
 
     Returns how many faces are listed, whether any vertex needs clipping, and the box (left, top,
     right, bottom), whole px, ends excluded, outside which nothing is drawn.

@@ -59,13 +59,13 @@ print(kernels_are_compiled())
 EVALUATE = """
 from poseviewer.demo import demo_case
 from poseviewer import load
-from poseviewer.render.compiled import HELPERS, OWN
+from poseviewer.render.compiled import BY_HELPER, BY_US
 files = demo_case()
 case = load(files.photo, files.model, files.start)
 case.start
 load(files.photo, files.model, files.start, pixels="clip", grey=True).start
 case.renderer.render(case.registration.start.pose)
-kernels = OWN + HELPERS
+kernels = BY_US + BY_HELPER
 print(*(sum(kernel.stats.cache_hits.values()) > 0 for kernel in kernels))
 print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 """
