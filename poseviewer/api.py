@@ -14,19 +14,18 @@ Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.auto_start import AUTOMATIC, AutoStart
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.calibrated_photo import photo_text
 from poseviewer.files.calibration_file import Calibration
-from poseviewer.files.landscape_file import save_landscape
 from poseviewer.files.photo_file import load_mask, save_image
 from poseviewer.files.pose_file import PoseRecord, save_pose
 from poseviewer.fit.judged import judged_fit, with_verdict
@@ -36,6 +35,7 @@ from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, pos
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.loss_maps import LossMaps
 from poseviewer.quick_start import Material, Start, StartCamera, load_unplaced
 from poseviewer.registration import (
     FitSettings,
@@ -50,7 +50,7 @@ from poseviewer.registration import (
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay import LOOKS, Picture, View, draw_look
+from poseviewer.render.overlay import LOOKS, SOLID_OPACITY, Picture, View, draw_look
 
 __all__ = [
     "Case",
@@ -124,13 +124,33 @@ def load(
     if mask is not None:
         weights = load_mask(mask, registration.photo.width, registration.photo.height)
         chosen = replace(chosen, mask=Path(mask).name)
-    problem, note = make_problem(registration, chosen, weights)
+    return make_case(registration, chosen, weights, renderer)
+
+
+def make_case(
+    registration: Registration,
+    settings: FitSettings,
+    weights: NDArray[np.float32] | None = None,
+    renderer: Renderer | None = None,
+) -> Case:
+    """As ``load``, of a photo, a model and a start that are open already.
+
+    Args:
+        registration: what is open.
+        settings: what is compared and how.
+        weights: (height, width): how much each pixel of the photo counts; by default all alike.
+        renderer: one of the model; by default one is made.
+
+    Raises:
+        PoseViewerError: the settings do not go with the photo, the model or the start.
+    """
+    problem, note = make_problem(registration, settings, weights)
     if renderer is None:
-        renderer = make_renderer(registration.mesh, chosen.renderer)
+        renderer = make_renderer(registration.mesh, settings.renderer)
     notes = [*registration.warnings]
     if note:
         notes.append(f"the free-body chart is used: {note}.")
-    return Case(registration, chosen, problem, renderer, tuple(notes))
+    return Case(registration, settings, problem, renderer, tuple(notes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,9 +167,17 @@ class Case:
 
     @property
     def start(self) -> FitResult:
-        """The start pose, as if it had been found: to be judged, drawn, mapped."""
-        loss = pose_loss(self.problem, self.renderer, self.problem.start)
-        return FitResult(self, self.registration.start.pose, loss, None)
+        """The start pose, as if it had been found: to be drawn, mapped, saved."""
+        return FitResult(self, self.registration.start.pose)
+
+    def search(self, *, threads: int = 1) -> Iterator[FitProgress]:
+        """The search from the start as it goes: the best pose so far after every evaluation, and
+        at last the one that it ends in, with the verdict. To stop it, stop asking.
+
+        With more ``threads`` the same search takes less time, where poses can be judged side by
+        side.
+        """
+        return judged_fit(self.problem, self.registration.mesh, self.renderer, threads)
 
     def fit(
         self,
@@ -163,8 +191,8 @@ class Case:
         """Search from the start to the end, or to a limit (default: the settings' own).
 
         ``watch`` is called with a ``FitProgress`` after every evaluation; whatever it raises ends
-        the search. With more ``threads`` the same search takes less time, where poses can be
-        judged side by side. ``interruptible``: Ctrl-C ends it, and the best pose so far is kept.
+        the search. ``threads`` are those of ``search``. ``interruptible``: Ctrl-C ends it, and the
+        best pose so far is kept.
         """
         limits = self.problem.limits
         limits = Limits(
@@ -172,18 +200,40 @@ class Case:
             limits.seconds if seconds is None else seconds,
         )
         progress: FitProgress | None = None
-        problem, mesh = replace(self.problem, limits=limits), self.registration.mesh
+        problem = replace(self.problem, limits=limits)
         try:
-            for progress in judged_fit(problem, mesh, self.renderer, threads):
+            for progress in replace(self, problem=problem).search(threads=threads):
                 if watch is not None:
                     watch(progress)
         except KeyboardInterrupt:
             if progress is None or not interruptible:
                 raise
             stopped = replace(progress, status=Status.STOPPED)
-            progress = with_verdict(stopped, problem, mesh, self.renderer)
+            progress = with_verdict(stopped, problem, self.registration.mesh, self.renderer)
         assert progress is not None  # a fit yields at least once
-        return FitResult(self, progress.pose, progress.loss, progress)
+        return FitResult(self, progress.pose, progress)
+
+    def slices(
+        self, pose: Pose, *, half_width: float = 0.2, size: int = 41, pool: RendererPool
+    ) -> Iterator[Slice]:
+        """The loss about ``pose`` for every two free numbers, as it becomes known: coarse to fine,
+        a pair's slice after every row of it. To stop, stop asking.
+
+        Raises:
+            SettingsError: ``size`` is no odd number from 3 on, or ``half_width`` not above 0; or
+                there are no two free numbers.
+        """
+        centre = self.problem.chart.from_pose(pose)
+        return landscape(self.problem, pool, centre, half_width=half_width, size=size)
+
+    def maps(self, pose: Pose, slices: Iterable[Slice], half_width: float) -> LossMaps:
+        """``slices`` about ``pose`` as maps that can be written to files."""
+        photo, chart = self.registration.photo, self.problem.chart
+        centre = chart.from_pose(pose)
+        title = f"{photo.label}: loss about the pose, ±{half_width:.0%}"
+        return LossMaps(
+            tuple(slices), chart.names, centre, chart.spans(centre), title, photo_text(photo)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,10 +242,22 @@ class FitResult:
 
     case: Case
     pose: Pose
-    loss: float
-    """In [0, min(n, m)]: 0 where some lighting explains the photo."""
-    progress: FitProgress | None
+    progress: FitProgress | None = None
     """How the search ended; None for a pose that was not searched for."""
+    weighed: float | None = None
+    """Its loss, where that is known without a search."""
+
+    @property
+    def loss(self) -> float:
+        """From 0 on, where some lighting explains the photo; of a pose that was not searched for,
+        and not weighed before, it is an evaluation.
+        """
+        if self.progress is not None:
+            return self.progress.loss
+        if self.weighed is not None:
+            return self.weighed
+        problem = self.case.problem
+        return pose_loss(problem, self.case.renderer, problem.chart.from_pose(self.pose))
 
     @property
     def status(self) -> str:
@@ -228,14 +290,26 @@ class FitResult:
         """
         save_pose(path, self.record)
 
-    def picture(self, look: str = "outline") -> Picture:
+    def picture(self, look: str = "outline", *, opacity: float = SOLID_OPACITY) -> Picture:
         """(height, width, 3) RGB: the model over the photo, in one of ``overlay.LOOKS``.
+
+        ``opacity`` is that of the look ``solid``, in [0, 1].
 
         Raises:
             SettingsError: there is no such look.
         """
-        return draw_pose(self.case.registration, self.case.problem, self.case.renderer, self.pose,
-                         look)  # fmt: skip
+        if look not in LOOKS:
+            raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")
+        registration, renderer = self.case.registration, self.case.renderer
+        photo = registration.photo
+        pixels = photo.as_rgb8(photo.width, photo.height)
+        view = View(pixels, registration.mesh, renderer, self.pose, self._relit, opacity)
+        return draw_look(look, view)
+
+    def _relit(self, image: AttributeImage) -> FloatArray:
+        attributes = shown_attributes(self.case.problem.photo)
+        lighting = recover_lighting(self.case.renderer.moments(self.pose, attributes))
+        return lighting.apply(model_attributes(image, attributes))
 
     def draw(self, path: str | Path, look: str = "outline") -> None:
         """Write ``picture(look)`` in the format of the file's ending.
@@ -259,73 +333,15 @@ class FitResult:
         Raises:
             SettingsError: ``size`` is no odd number from 3 on, or ``half_width`` not above 0.
         """
-        problem = self.case.problem
-        centre = problem.chart.from_pose(self.pose)
         newest: dict[tuple[int, int], Slice] = {}
-        free = len(problem.free_indices)
+        free = len(self.case.problem.free_indices)
         total = free * (free - 1) // 2 * size**2
         with RendererPool(self.case.renderer) as pool:
-            for piece in landscape(problem, pool, centre, half_width=half_width, size=size):
+            for piece in self.case.slices(self.pose, half_width=half_width, size=size, pool=pool):
                 newest[piece.first, piece.second] = piece
                 if watch is not None:
                     watch(sum(int(np.isfinite(s.losses).sum()) for s in newest.values()), total)
-        photo, spans = self.case.registration.photo, problem.chart.spans(centre)
-        title = f"{photo.label}: loss about the pose, ±{half_width:.0%}"
-        slices, names = tuple(newest.values()), problem.chart.names
-        return LossMaps(slices, names, centre, spans, title, photo_text(photo))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LossMaps:
-    """The loss about a pose: a slice for every two of its numbers."""
-
-    slices: Sequence[Slice]
-    names: tuple[str, ...]
-    centre: FloatArray
-    """(d,): the pose in the middle."""
-    spans: FloatArray
-    """(d,): what counts as 100 % of each number."""
-    title: str = ""
-    photo: str = ""
-    """Which photo it is, as files say it."""
-
-    def save(self, path: str | Path) -> None:
-        """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz).
-
-        Raises:
-            SettingsError: the format is unknown, or the file cannot be written.
-        """
-        if Path(path).suffix.lower() == ".npz":
-            save_landscape(path, self.names, self.centre, self.spans, self.slices, self.photo)
-            return
-        from poseviewer.figures.landscape_sheet import make_landscape_sheet
-        from poseviewer.figures.save import save_figure
-
-        sheet = make_landscape_sheet(self.slices, self.names, self.centre, title=self.title)
-        save_figure(path, sheet)
-
-
-def draw_pose(
-    registration: Registration, problem: FitProblem, renderer: Renderer, pose: Pose, look: str
-) -> Picture:
-    """(height, width, 3) RGB: the model over the photo at a pose, relit by the light found there.
-
-    Raises:
-        SettingsError: there is no such look.
-    """
-    if look not in LOOKS:
-        raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")
-    photo = np.rint(registration.photo.as_float() * 255.0).astype(np.uint8)
-    relight = partial(_relit, renderer, problem, pose)
-    return draw_look(look, View(photo, registration.mesh, renderer, pose, relight))
-
-
-def _relit(
-    renderer: Renderer, problem: FitProblem, pose: Pose, image: AttributeImage
-) -> FloatArray:
-    attributes = shown_attributes(problem.photo)
-    lighting = recover_lighting(renderer.moments(pose, attributes))
-    return lighting.apply(model_attributes(image, attributes))
+        return self.case.maps(self.pose, newest.values(), half_width)
 
 
 def _changed(settings: FitSettings, changes: dict[str, Any]) -> FitSettings:

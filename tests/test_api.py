@@ -20,10 +20,12 @@ from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.keypoints_file import keypoints_path
 from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
-from poseviewer.fit.pose_fit import FitProgress, Status
-from poseviewer.geometry.camera import Perspective
+from poseviewer.fit.pose_fit import FitProgress, Limits, Status, pose_loss
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.quick_start import Material, Start
 from poseviewer.registration import load_model
+from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.software import SoftwareRenderer
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -93,6 +95,34 @@ def test_one_model_and_renderer_serve_many_photos(scene):
     assert second.renderer is first.renderer
     assert second.registration.mesh is model.mesh
     assert second.start.loss < first.start.loss
+
+
+def test_a_search_is_the_fit_as_it_goes(scene):
+    case = poseviewer.load(scene.photo, scene.model, scene.start, limits=Limits(200))
+    steps = list(case.search())
+    assert all(step.status is Status.RUNNING for step in steps[:-1])
+    assert steps[0].evaluations == 1
+    found = case.fit()
+    assert steps[-1].loss == found.loss
+    assert steps[-1].verdict == found.verdict
+    assert found.progress is not None
+    assert np.array_equal(steps[-1].numbers, found.progress.numbers)
+
+
+def test_a_start_is_weighed_only_when_its_loss_is_asked_for(scene, tmp_path):
+    class Counting(SoftwareRenderer):
+        weighed = 0
+
+        def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+            self.weighed += 1
+            return super().moments(pose, photo)
+
+    renderer = Counting(load_model(scene.model).mesh)
+    case = poseviewer.load(scene.photo, scene.model, scene.start, renderer=renderer)
+    case.start.draw(tmp_path / "start.png")
+    assert renderer.weighed == 0
+    assert case.start.loss == pose_loss(case.problem, renderer, case.problem.start)
+    assert renderer.weighed == 2
 
 
 def interrupting(after: int) -> tuple[list[FitProgress], Callable[[FitProgress], None]]:

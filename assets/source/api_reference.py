@@ -29,7 +29,7 @@ the program pixel centres are at i + 0.5; in files they are at integers. Lengths
 unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
-    ("poseviewer", api, ("load", "Case", "FitResult", "LossMaps")),
+    ("poseviewer", api, ("load", "make_case", "Case", "FitResult", "LossMaps")),
     ("poseviewer.registration", registration, ("FitSettings", "load_model", "Registration")),
     ("poseviewer.fit.pose_fit", pose_fit, ("FitProgress", "Status", "Limits")),
     ("poseviewer.fit.landscape", landscape, ("Slice",)),

@@ -18,14 +18,11 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from io import BytesIO, StringIO
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poseviewer.errors import SettingsError
-from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 
 CSV_COLUMNS = (
@@ -56,22 +53,6 @@ class LossSlice(Protocol):
 
     @property
     def losses(self) -> FloatArray: ...  # noqa: D102
-
-
-def save_landscape(
-    path: str | Path,
-    names: Sequence[str],
-    centre: ArrayLike,
-    spans: ArrayLike,
-    slices: Sequence[LossSlice],
-    photo: str = "",
-) -> None:
-    """Write the slices (all of the same size) to an .npz file, whole or not at all.
-
-    Raises:
-        SettingsError: the folder is missing or not to be written to.
-    """
-    write_whole(Path(path), landscape_npz_bytes(names, centre, spans, slices, photo), SettingsError)
 
 
 def landscape_npz_bytes(

@@ -31,6 +31,8 @@ OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
 HALO_OPACITY = 0.55
 EDGE_STRENGTH = 0.6
 """Opacity of the feature edges beside the silhouette."""
+SOLID_OPACITY = 0.8
+"""Of the look ``solid``, unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +49,7 @@ class View:
     """From the model's attributes to the relit model ``A M + b`` (h, w, n), in [0, 1] from black to
     white, n = 1 (grey) or 3 (RGB), pixel by pixel: it gets the part of the picture that the model
     is in. The looks ``relit`` and ``residual`` need it."""
-    opacity: float = 0.8
+    opacity: float = SOLID_OPACITY
     """Of the look ``solid``, in [0, 1]."""
 
     def __post_init__(self) -> None:

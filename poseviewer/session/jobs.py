@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.api import Case, make_case
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.judged import judged_fit
-from poseviewer.fit.landscape import Slice, landscape, strides
+from poseviewer.fit.landscape import Slice, strides
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.pose_fit import FitProblem, FitProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.loss_maps import LossMaps
 from poseviewer.registration import (
     FitSettings,
     Registration,
     make_photo_attributes,
-    make_problem,
     shown_attributes,
 )
 from poseviewer.render.attributes import AttributeImage, Renderer
@@ -180,7 +180,8 @@ class Painter:
 class SearchNews:
     """A search after one more evaluation."""
 
-    problem: FitProblem
+    case: Case
+    """What is searched, from the pose that the search began at."""
     progress: FitProgress
     improvements: tuple[FitProgress, ...]
     """The progress at each evaluation that found a better pose, the first one among them."""
@@ -195,12 +196,12 @@ def search(
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the pose.
     """
-    problem, _ = make_problem(_started(registration, pose), settings)
+    case = case_at(registration, pose, settings, renderer)
     improvements: tuple[FitProgress, ...] = ()
-    for progress in judged_fit(problem, registration.mesh, renderer, processors()):
+    for progress in case.search(threads=processors()):
         if not improvements or progress.loss < improvements[-1].loss:
             improvements = (*improvements, progress)
-        yield SearchNews(problem, progress, improvements)
+        yield SearchNews(case, progress, improvements)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,20 +209,25 @@ class LandscapeNews:
     """The maps about a pose, as far as they are known."""
 
     centre: Pose
-    problem: FitProblem
+    case: Case
     numbers: FloatArray
-    """(d,): the centre in the problem's chart."""
+    """(d,): the centre in the case's chart."""
     half_width: float
     slices: tuple[Slice, ...]
     """One for each pair, as soon as there is one."""
     known: float
     """Share of the losses that are known, in [0, 1]."""
 
+    @property
+    def maps(self) -> LossMaps:
+        """The slices as files hold them."""
+        return self.case.maps(self.centre, self.slices, self.half_width)
+
 
 def maps(
-    problem: FitProblem,
+    case: Case,
     centre: Pose,
-    renderer: Renderer | RendererPool,
+    pool: RendererPool,
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
@@ -234,22 +240,20 @@ def maps(
     Raises:
         PoseViewerError: there are fewer than two free numbers.
     """
-    numbers = problem.chart.from_pose(centre)
+    numbers = case.problem.chart.from_pose(centre)
     newest: dict[tuple[int, int], Slice] = {}
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
     known = 0
-    count = int(np.sum(problem.free))
+    count = len(case.problem.free_indices)
     total = count * (count - 1) // 2 * size * size
-    for piece in landscape(problem, renderer, numbers, half_width=half_width, size=size):
+    for piece in case.slices(centre, half_width=half_width, size=size, pool=pool):
         pair = piece.first, piece.second
         known += _known(piece) - (_known(newest[pair]) if pair in newest else 0)
         newest[pair] = piece
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeNews(
-            centre, problem, numbers, half_width, tuple(seen.values()), known / total
-        )
+        yield LandscapeNews(centre, case, numbers, half_width, tuple(seen.values()), known / total)
 
 
 def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:
@@ -257,21 +261,20 @@ def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:
     return coarsest_level(problem.photo, renderer, centre, QUICK_PIXELS)
 
 
-def landscape_problem(registration: Registration, pose: Pose, settings: FitSettings) -> FitProblem:
-    """The problem whose maps are drawn about ``pose``.
+def case_at(
+    registration: Registration, pose: Pose, settings: FitSettings, renderer: Renderer
+) -> Case:
+    """What is open, started from ``pose``.
 
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the pose.
     """
-    return make_problem(_started(registration, pose), settings)[0]
+    started = replace(registration, start=replace(registration.start, pose=pose))
+    return make_case(started, settings, renderer=renderer)
 
 
 def _known(piece: Slice) -> int:
     return int(np.isfinite(piece.losses).sum())
-
-
-def _started(registration: Registration, pose: Pose) -> Registration:
-    return replace(registration, start=replace(registration.start, pose=pose))
 
 
 def _same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:

@@ -290,7 +290,7 @@ def _pick(session: Session, command: c.PickInLandscape) -> Session:
     if piece is None:
         return session
     numbers = picked_numbers(piece, news.numbers, command.u, command.v)
-    return _with_pose(session, news.problem.chart.to_pose(numbers))
+    return _with_pose(session, news.case.problem.chart.to_pose(numbers))
 
 
 def _start_search(session: Session, command: c.StartSearch) -> Session:

@@ -200,11 +200,11 @@ class App:
             self._renew_brushes()
 
     def _review_row(self, review: Reviewer, request: Request) -> None:
-        record = exporting.record_of(self.session)
+        record = exporting.record_of(self.session, self._renderer)
         self._tasks.add(review.task_for(request, self.session, self._renderer, record))
 
     def _save(self) -> None:
-        document, record = self.session.document, exporting.record_of(self.session)
+        document, record = self.session.document, exporting.record_of(self.session, self._renderer)
         assert isinstance(self._autosaver, Autosaver)  # in a review, saving is accepting
         path = self._autosaver.save_pose(self.session, record)
         keep_last_pose(record, self._state)

@@ -101,11 +101,11 @@ class LandscapePanel:
             self._shown = ()
             return False
         self._large_next = time.monotonic() + LARGE_PERIOD_S
-        names, marks = news.problem.chart.names, marks_of(session, news)
+        names, marks = news.case.problem.chart.names, marks_of(session, news)
         if session.maps.surface:
             figure = surface_figure(piece, names, marks)
         else:
-            spans = news.problem.chart.spans(news.numbers)
+            spans = news.case.problem.chart.spans(news.numbers)
             figure = contour_figure(piece, names, marks, spans, news.numbers)
         if self._large is None:  # plotly's script is large: sent to pages when first wanted
             with self._container:
@@ -123,7 +123,7 @@ class LandscapePanel:
         set_property(self._note, "visible", True)
 
     def _grid(self, session: Session, news: LandscapeNews) -> str:
-        problem = news.problem
+        problem = news.case.problem
         free = tuple(int(i) for i in problem.free_indices)
         moving = session.searching or session.grip is not None
         options = GridOptions(
@@ -138,11 +138,11 @@ class LandscapePanel:
 def marks_of(session: Session, news: LandscapeNews) -> Marks:
     """The pose, and the search where it searches in the maps' chart."""
     try:
-        pose = news.problem.chart.from_pose(session.document.pose)
+        pose = news.case.problem.chart.from_pose(session.document.pose)
     except (PoseViewerError, OutsideChartError):
         pose = np.array(news.numbers)
     search = session.search
-    if search is None or search.news is None or search.news.problem is not news.problem:
+    if search is None or search.news is None or search.news.case is not news.case:
         return Marks(pose)
     progress = search.news.progress
     trail = np.array([step.numbers for step in search.news.improvements])

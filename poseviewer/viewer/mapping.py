@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from poseviewer.api import Case
 from poseviewer.fit.landscape import Slice
-from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, Registration
 from poseviewer.render.many import RendererPool, processors
@@ -14,7 +14,7 @@ from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.jobs import (
     QUICK_SIZES,
     LandscapeNews,
-    landscape_problem,
+    case_at,
     maps,
     quick_level,
 )
@@ -32,7 +32,7 @@ class MapJob:
     settings: FitSettings
     centre: Pose
     anchor: Pose
-    problem: FitProblem | None
+    case: Case | None
     """A search's; None: the one about ``anchor``."""
     half_width: float
     moving: bool
@@ -47,7 +47,7 @@ class MapJob:
             document.settings,
             document.pose,
             session.anchor or document.pose,
-            None if news is None else news.problem,
+            None if news is None else news.case,
             session.maps.half_width,
             moving,
         )
@@ -75,10 +75,10 @@ class Mapper:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
         self._fine = RendererPool(renderer, threads=_spare(), begin=yield_to_others)
-        self._quick: tuple[FitProblem, FitProblem, RendererPool] | None = None
+        self._quick: tuple[Case, Case, RendererPool] | None = None
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
-        self._problem: FitProblem | None = None
+        self._case: Case | None = None
 
     def run(self, job: MapJob) -> Iterator[LandscapeNews]:
         """News of the maps, coarse to fine.
@@ -86,33 +86,35 @@ class Mapper:
         Raises:
             PoseViewerError: there are none with these settings at this pose.
         """
-        problem = job.problem or self._problem_about(job)
-        quick, level = self._quick_problem(problem, job.centre)
+        case = job.case or self._case_about(job)
+        quick, level = self._quick_case(case, job.centre)
         shown: tuple[Slice, ...] = ()
         for size in QUICK_SIZES:
             before = shown
             for news in maps(quick, job.centre, level, job.half_width, size, before):
                 shown = news.slices
-                yield replace(news, problem=problem, known=0.0)
+                yield replace(news, case=case, known=0.0)
         if not job.moving:
-            yield from maps(problem, job.centre, self._fine, job.half_width, SIZE, shown)
+            yield from maps(case, job.centre, self._fine, job.half_width, SIZE, shown)
 
-    def _quick_problem(self, problem: FitProblem, pose: Pose) -> tuple[FitProblem, RendererPool]:
-        """The problem on a coarser level of the photo, and what draws it; made once."""
-        if self._quick is None or self._quick[0] is not problem:
-            level = quick_level(problem, pose, self._renderer)
+    def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
+        """The case on a coarser level of the photo, and what draws it; made once."""
+        if self._quick is None or self._quick[0] is not case:
+            level = quick_level(case.problem, pose, self._renderer)
             pool = RendererPool(level.renderer, threads=_spare(), begin=yield_to_others)
             if self._quick is not None:
                 self._quick[2].close()
-            self._quick = problem, replace(problem, photo=level.photo), pool
+            problem = replace(case.problem, photo=level.photo)
+            quick = replace(case, problem=problem, renderer=level.renderer)
+            self._quick = case, quick, pool
         return self._quick[1:]
 
-    def _problem_about(self, job: MapJob) -> FitProblem:
+    def _case_about(self, job: MapJob) -> Case:
         same = job.anchor is self._anchor and job.settings == self._settings
-        if self._problem is None or not same:
-            self._problem = landscape_problem(job.registration, job.anchor, job.settings)
+        if self._case is None or not same:
+            self._case = case_at(job.registration, job.anchor, job.settings, self._renderer)
             self._anchor, self._settings = job.anchor, job.settings
-        return self._problem
+        return self._case
 
 
 def _spare() -> int:

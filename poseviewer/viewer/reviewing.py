@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.api import draw_pose
 from poseviewer.batch import review as r
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Pose
-from poseviewer.registration import LoadedModel, load_model, load_registration, make_problem
+from poseviewer.registration import LoadedModel, load_model, load_registration
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.document import Document
+from poseviewer.session.jobs import case_at
 from poseviewer.session.session import Session
 from poseviewer.viewer.autosaving import PERIOD_S
 from poseviewer.viewer.opening import Opened, open_files
@@ -281,11 +281,8 @@ class Reviewer:
         brush = renderer.clone()
 
         def run(*_: object) -> Iterator[Reviewed]:
-            registration = replace(
-                document.registration, start=replace(document.registration.start, pose=record.pose)
-            )
-            problem, _note = make_problem(registration, document.settings)
-            picture = draw_pose(registration, problem, brush, record.pose, "outline")
+            case = case_at(document.registration, record.pose, document.settings, brush)
+            picture = case.start.picture()
             result = r.accept_mended(queue, row, record, picture)
             yield Reviewed(row, result, leave, record.pose)
 

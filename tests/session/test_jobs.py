@@ -11,8 +11,9 @@ import pytest
 from poseviewer.fit.landscape import free_pairs
 from poseviewer.fit.pose_fit import Limits, fit_pose, pose_loss
 from poseviewer.registration import FitSettings, Registration, load_registration, make_problem
+from poseviewer.render.many import RendererPool
 from poseviewer.render.software import SoftwareRenderer
-from poseviewer.session.jobs import Painter, PaintRequest, landscape_problem, maps, search
+from poseviewer.session.jobs import Painter, PaintRequest, case_at, maps, search
 
 SETTINGS = FitSettings(limits=Limits(evaluations=150))
 
@@ -143,8 +144,10 @@ def test_improvements_are_each_better_than_the_last(registration, renderer):
 def test_maps_become_known_until_they_are_complete(registration, renderer, lock):
     settings = replace(SETTINGS, lock=lock)
     pose = registration.start.pose
-    problem = landscape_problem(registration, pose, settings)
-    news = list(maps(problem, pose, renderer, 0.2, 5))
+    case = case_at(registration, pose, settings, renderer)
+    problem = case.problem
+    with RendererPool(renderer) as pool:
+        news = list(maps(case, pose, pool, 0.2, 5))
     known = [item.known for item in news]
     assert known == sorted(known)
     assert 0.0 < known[0] < known[-1]

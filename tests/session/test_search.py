@@ -9,6 +9,7 @@ import pytest
 
 from poseviewer.fit.pose_fit import Limits, Status
 from poseviewer.registration import FitSettings, load_registration
+from poseviewer.render.many import RendererPool
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session import commands as c
 from poseviewer.session.document import MOST_STEPS, Document
@@ -17,7 +18,7 @@ from poseviewer.session.jobs import (
     Painter,
     PaintRequest,
     SearchNews,
-    landscape_problem,
+    case_at,
     maps,
     search,
 )
@@ -49,9 +50,10 @@ def news(session) -> list[SearchNews]:
 def landscape(session) -> LandscapeNews:
     """The whole of small maps about the start."""
     document = session.document
-    problem = landscape_problem(document.registration, document.pose, SETTINGS)
     renderer = SoftwareRenderer(document.registration.mesh)
-    *_, last = maps(problem, document.pose, renderer, 0.2, 5)
+    case = case_at(document.registration, document.pose, SETTINGS, renderer)
+    with RendererPool(renderer) as pool:
+        *_, last = maps(case, document.pose, pool, 0.2, 5)
     return last
 
 

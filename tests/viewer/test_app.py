@@ -205,7 +205,7 @@ def test_picked_point_of_a_map_is_the_pose(running: RunningApp) -> None:
         wanted = np.array(news.numbers)
         wanted[0] = x[0] + 0.75 * (x[-1] - x[0])
         wanted[2] = y[0] + 0.5 * (y[-1] - y[0])
-        assert same_pose(running.pose, news.problem.chart.to_pose(wanted))
+        assert same_pose(running.pose, news.case.problem.chart.to_pose(wanted))
         page.wait_until(lambda: not np.array_equal(page.outline(), before))
         page.key("KeyZ")
         page.wait_until(lambda: np.array_equal(page.outline(), before))

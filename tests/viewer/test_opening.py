@@ -50,7 +50,7 @@ def test_with_a_calibration_the_undistorted_photo_is_open(
     np.testing.assert_array_equal(photo.pixels, wanted.pixels)
     assert opened.document.pose.camera == wanted.camera
     session = Session(opened.document)
-    assert record_of(session).undistortion == photo.undistortion
+    assert record_of(session, opened.renderer).undistortion == photo.undistortion
     name, content = export("overlay", session, opened.renderer)
     assert name == "p.undistorted.overlay.png"
     assert b"p.png, undistorted" in content
@@ -60,8 +60,9 @@ def test_with_a_calibration_the_undistorted_photo_is_open(
 def test_a_pose_of_an_undistorted_photo_brings_that_photo(
     scene: Scene, calibration: Calibration, tmp_path: Path
 ) -> None:
-    wanted = open_files(scene.photo, scene.model, scene.start, calibration).document
-    save_pose(tmp_path / "pose.json", record_of(Session(wanted)))
+    first = open_files(scene.photo, scene.model, scene.start, calibration)
+    wanted = first.document
+    save_pose(tmp_path / "pose.json", record_of(Session(wanted), first.renderer))
     plain = open_files(scene.photo, scene.model, scene.start)
     (opened,) = open_pose(plain.document, plain.renderer, tmp_path / "pose.json")
     assert not opened.pose_alone
