@@ -209,7 +209,8 @@ class Case:
             if progress is None or not interruptible:
                 raise
             stopped = replace(progress, status=Status.STOPPED)
-            progress = with_verdict(stopped, problem, self.registration.mesh, self.renderer)
+            mesh = self.registration.mesh
+            progress = with_verdict(stopped, problem, mesh, self.renderer, threads)
         assert progress is not None  # a fit yields at least once
         return FitResult(self, progress.pose, progress)
 

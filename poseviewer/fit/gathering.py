@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.fit.evidence import Evidence
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import EDGE_WEIGHT
 from poseviewer.fit.outline_support import outline_support
 from poseviewer.fit.pose_fit import FitProblem
-from poseviewer.fit.probing import Cost, Probe, compared_photo, free_motions
+from poseviewer.fit.probing import Cost, Descent, Probe, compared_photo, free_motions
 from poseviewer.fit.weak_directions import curvature, weak_directions
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
@@ -56,9 +57,9 @@ class _Around:
 
 
 def gather_evidence(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose
+    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> Evidence | None:
-    """The evidence about a pose of the problem; the same each time.
+    """The evidence about a pose of the problem; the same each time, on any number of threads.
 
     None where there is none to be had: the model is not in sight, or in part behind the camera.
 
@@ -72,8 +73,18 @@ def gather_evidence(
     covered = renderer.covers(level_pose(pose, photo.factor))
     if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST:
         return None
-    probe = Probe(photo, mesh, renderer, chart, motions)
-    here = probe.cost(np.zeros(len(motions)))
+    with Probe(photo, mesh, renderer, chart, motions, threads) as probe:
+        return _evidence(probe, photo, renderer, pose, covered)
+
+
+def _evidence(
+    probe: Probe,
+    photo: PhotoAttributes,
+    renderer: Renderer,
+    pose: Pose,
+    covered: NDArray[np.bool_],
+) -> Evidence | None:
+    (here,) = probe.costs([np.zeros(len(probe.motions))])
     if here is None:
         return None
     wrong, costs = _wrong_poses(probe)
@@ -123,7 +134,7 @@ def _wrong_poses(probe: Probe) -> tuple[FloatArray, list[Cost]]:
     rest = random.normal(size=(WRONG, 3)) * [WRONG_SHIFT, WRONG_SHIFT, WRONG_SIZE]
     motions = np.hstack([axes * angles, rest, np.zeros((WRONG, size - 6))])
     steps = motions @ probe.motions.T
-    costs = [probe.cost(step) for step in steps]
+    costs = probe.costs(list(steps))
     kept = [index for index, cost in enumerate(costs) if cost is not None]
     return steps[kept], [cost for cost in costs if cost is not None]
 
@@ -132,16 +143,20 @@ def _look_around(probe: Probe, best_wrong: FloatArray) -> _Around:
     """Descents from the pose itself, from near by and from the best wrong poses."""
     size = len(probe.motions)
     origin = np.zeros(size)
-    minimum, least = probe.descend(origin, MINIMUM_STEP, MINIMUM_EVALUATIONS)
     random = np.random.default_rng(1)
     ways = random.normal(size=(RETURNS, size))
     ways *= RETURN_WAY / np.linalg.norm(ways, axis=1, keepdims=True) * math.sqrt(size / 3.0)
-    near = [probe.descend(way, RETURN_STEP, RETURN_EVALUATIONS) for way in ways]
-    far = [probe.descend(step, RIVAL_STEP, RIVAL_EVALUATIONS) for step in best_wrong]
-    apart = np.array([probe.distance(minimum, end) for end, _ in near])
+    (minimum, least), *ends = probe.descend(
+        [
+            Descent(origin, MINIMUM_STEP, MINIMUM_EVALUATIONS),
+            *(Descent(way, RETURN_STEP, RETURN_EVALUATIONS) for way in ways),
+            *(Descent(step, RIVAL_STEP, RIVAL_EVALUATIONS) for step in best_wrong),
+        ]
+    )
+    apart = np.array([probe.distance(minimum, end) for end, _ in ends[:RETURNS]])
     others = [
         (loss, probe.distance(minimum, end))
-        for end, loss in (*near, *far)
+        for end, loss in ends
         if probe.distance(minimum, end) > ELSEWHERE
     ]
     # Where all descents come back, the nearest rival is as bad as nothing is known to be.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.evidence import Evidence
 from poseviewer.fit.gathering import gather_evidence
 from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, fit_pose
-from poseviewer.fit.verdict import Verdict, judge
+from poseviewer.fit.verdict import judge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
 
@@ -34,14 +36,17 @@ def judged_fit(
         if progress.status is Status.RUNNING:
             yield progress
             continue
-        first = with_verdict(progress, problem, mesh, renderer)
+        first = with_verdict(progress, problem, mesh, renderer, threads)
         wider = _wider(problem, first, time.perf_counter() - began)
         if wider is None:
             yield first
         else:
             yield replace(progress, status=Status.RUNNING)
             for second in fit_pose(wider, renderer, threads):
-                yield _better(first, second, problem, mesh, renderer)
+                both = _together(first, second)
+                if second.status is not Status.RUNNING and second.loss < first.loss:
+                    both = _better(both, with_verdict(second, problem, mesh, renderer, threads))
+                yield both
 
 
 def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProblem | None:
@@ -58,11 +63,10 @@ def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProble
     return replace(problem, is_wide=True, seed=problem.seed + 1, limits=rest)
 
 
-def _better(
-    first: FitProgress, second: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer
-) -> FitProgress:
-    """The progress of both searches together, with the pose of the first one to the end."""
-    both = replace(
+def _together(first: FitProgress, second: FitProgress) -> FitProgress:
+    """The progress of both searches, with the pose of the first one; at the end, its verdict."""
+    is_running = second.status is Status.RUNNING
+    return replace(
         second,
         numbers=first.numbers,
         pose=first.pose,
@@ -72,35 +76,28 @@ def _better(
         restart=first.restart + 1 + second.restart,
         seconds=first.seconds + second.seconds,
         status=first.status if second.status is Status.NOTHING_SEEN else second.status,
+        verdict=None if is_running else first.verdict,
     )
-    if both.status is Status.RUNNING:
+
+
+def _better(both: FitProgress, second: FitProgress) -> FitProgress:
+    """With the second one's pose, if that is clearly likelier: a wrong pose can have less loss than
+    the right one.
+    """
+    before = 0.0 if both.verdict is None else both.verdict.probability
+    if second.verdict is None or second.verdict.probability < before + CLEARLY:
         return both
-    both = replace(both, verdict=first.verdict)
-    if second.loss >= first.loss:
-        return both
-    verdict = verdict_on(second, problem, mesh, renderer)
-    before = 0.0 if first.verdict is None else first.verdict.probability
-    if verdict.probability < before + CLEARLY:
-        return both  # a wrong pose can have less loss than the right one
     return replace(
-        both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=verdict
+        both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=second.verdict
     )
 
 
 def with_verdict(
-    progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer
+    progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> FitProgress:
-    """The same with the verdict on its pose."""
-    return replace(progress, verdict=verdict_on(progress, problem, mesh, renderer))
-
-
-def verdict_on(
-    progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer
-) -> Verdict:
-    """The verdict on the pose of a progress; ``lost`` where it does not show the model."""
-    if progress.status is Status.NOTHING_SEEN:
-        return judge(None)
-    try:
-        return judge(gather_evidence(problem, mesh, renderer, progress.pose))
-    except PoseViewerError:  # in part behind the camera, or on the edge of its chart
-        return judge(None)
+    """The same with the verdict on its pose; ``lost`` where that does not show the model."""
+    evidence: Evidence | None = None
+    if progress.status is not Status.NOTHING_SEEN:
+        with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
+            evidence = gather_evidence(problem, mesh, renderer, progress.pose, threads)
+    return replace(progress, verdict=judge(evidence))

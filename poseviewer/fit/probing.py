@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import TracebackType
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.levels import Level, coarsest_level, structured
+from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes
 
 SMALL_STEP = 1e-4
@@ -33,8 +36,20 @@ class Cost:
     edge_cosine: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """A downhill simplex with edges of this length about a step (k,), and when it ends."""
+
+    step: FloatArray
+    edge: float
+    evaluations: int
+
+
 class Probe:
-    """The surroundings of a pose, as steps (k,) along the motions that its search was free in."""
+    """The surroundings of a pose, as steps (k,) along the motions that its search was free in.
+
+    What is asked for together is done side by side; close it in the end.
+    """
 
     def __init__(
         self,
@@ -43,10 +58,23 @@ class Probe:
         renderer: Renderer,
         chart: FreeBodyChart,
         motions: FloatArray,
+        threads: int = 1,
     ) -> None:
         """``motions`` (k, d), orthonormal, of the free-body chart about the pose."""
         self.chart, self.motions, self._points = chart, motions, hull_points(mesh)
         self.level: Level = coarsest_level(photo, renderer, chart.start, FEWEST_OF_STRUCTURE)
+        self._pool = RendererPool(self.level.renderer, threads)
+
+    def __enter__(self) -> Probe:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._pool.close()
 
     def pose(self, step: FloatArray) -> Pose:
         """The pose so far away.
@@ -56,28 +84,37 @@ class Probe:
         """
         return self.chart.to_pose(step @ self.motions)
 
-    def cost(self, step: FloatArray) -> Cost | None:
-        """None where the step leads to no pose."""
+    def costs(self, steps: Sequence[FloatArray]) -> list[Cost | None]:
+        """What each step costs; None where it leads to no pose."""
+        return list(self._pool.map(self._cost, steps))
+
+    def losses(self, steps: Sequence[FloatArray]) -> FloatArray:
+        """(s,): infinite where a step leads to no pose."""
+        return np.array([np.inf if cost is None else cost.loss for cost in self.costs(steps)])
+
+    def descend(self, descents: Sequence[Descent]) -> list[tuple[FloatArray, float]]:
+        """Where each comes to, and what that costs."""
+        return list(self._pool.map(self._descend, descents, at_a_time=1))
+
+    def _cost(self, renderer: Renderer, step: FloatArray) -> Cost | None:
         try:
             pose = self.pose(step)
         except OutsideChartError:
             return None
-        moments = self.level.renderer.moments(pose, self.level.photo)
+        moments = renderer.moments(pose, self.level.photo)
         return Cost(registration_loss(moments), moments.edge_cosine or 0.0)
 
-    def loss(self, step: FloatArray) -> float:
-        """Infinite where the step leads to no pose."""
-        cost = self.cost(step)
-        return np.inf if cost is None else cost.loss
+    def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
+        def loss(step: FloatArray) -> float:
+            cost = self._cost(renderer, step)
+            return np.inf if cost is None else cost.loss
 
-    def descend(self, step: FloatArray, edge: float, evaluations: int) -> tuple[FloatArray, float]:
-        """Where a downhill simplex of this edge comes from a step, and what that costs."""
-        simplex = axis_simplex(step, np.full(len(step), edge))
-        states = downhill_simplex(self.loss, simplex, x_tolerance=2e-3, f_tolerance=1e-3)
-        best, value = step, np.inf
+        simplex = axis_simplex(descent.step, np.full(len(descent.step), descent.edge))
+        states = downhill_simplex(loss, simplex, x_tolerance=2e-3, f_tolerance=1e-3)
+        best, value = descent.step, np.inf
         for count, state in enumerate(states):
             best, value = state.vertices[0], float(state.values[0])
-            if count >= evaluations:
+            if count >= descent.evaluations:
                 break
         return best, value
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 
@@ -27,14 +28,14 @@ def curvature(probe: Probe, place: FloatArray, centre: float) -> FloatArray:
     """
     size = len(place)
     axes = STEP * np.eye(size)
-    sides = np.array([[probe.loss(place + axis), probe.loss(place - axis)] for axis in axes])
-    hessian = np.diag((sides.sum(axis=1) - 2.0 * centre) / STEP**2)
-    for i in range(size):
-        for j in range(i):
-            way = axes[i] + axes[j]
-            both = probe.loss(place + way) + probe.loss(place - way)
-            mixed = both - sides[i].sum() - sides[j].sum() + 2.0 * centre
-            hessian[i, j] = hessian[j, i] = mixed / (2.0 * STEP**2)
+    pairs = list(combinations(range(size), 2))
+    ways = np.array([*axes, *(axes[i] + axes[j] for i, j in pairs)])
+    # (w,): the losses on both sides together.
+    both = probe.losses([*(place + ways), *(place - ways)]).reshape(2, -1).sum(axis=0)
+    hessian = np.diag((both[:size] - 2.0 * centre) / STEP**2)
+    for (i, j), mixed in zip(pairs, both[size:], strict=True):
+        bend = mixed - both[i] - both[j] + 2.0 * centre
+        hessian[i, j] = hessian[j, i] = bend / (2.0 * STEP**2)
     if not np.all(np.isfinite(hessian)):
         return np.eye(size)
     return np.linalg.eigh(hessian)[1].T
@@ -47,7 +48,7 @@ def weak_directions(
     for the first of the reaches at least; ``contrast`` is what a typical wrong pose costs more.
     """
     found = []
-    most = probe.loss(place) + MINDS * contrast
+    most = float(probe.losses([place])[0]) + MINDS * contrast
     for direction in directions:
         reach = _reach(probe, place, direction, most)
         if reach > 0.0:
@@ -60,7 +61,7 @@ def _reach(probe: Probe, place: FloatArray, direction: FloatArray, most: float) 
     reach = 0.0
     for wanted in REACHES:
         way = wanted * direction
-        if max(probe.loss(place + way), probe.loss(place - way)) > most:
+        if np.any(probe.losses([place + way, place - way]) > most):
             break
         reach = wanted
     return reach

@@ -44,6 +44,13 @@ def test_the_numbers_speak_for_the_true_pose(verdicts):
     assert all(np.isfinite(list(as_recorded(verdicts[0]).evidence.values())))
 
 
+def test_evidence_gathered_side_by_side_is_the_same(scene, verdicts):
+    registration = load_registration(scene.photo, scene.model, scene.truth)
+    problem, _ = make_problem(registration, FitSettings(chart="free-body"))
+    renderer, pose = SoftwareRenderer(registration.mesh), problem.chart.to_pose(OFF)
+    assert gather_evidence(problem, registration.mesh, renderer, pose, 3) == verdicts[1].evidence
+
+
 def test_nothing_to_see_is_lost():
     verdict = judge(None)
     assert (verdict.word, verdict.probability) == ("lost", 0.0)
