@@ -53,7 +53,7 @@ def _wider(problem: FitProblem, first: FitProgress, seconds: float) -> FitProble
     """A second search within what is left of the limits; None where there is to be none."""
     limits = problem.limits
     evaluations, seconds = limits.evaluations - first.evaluations, limits.seconds - seconds
-    has_a_cloud = problem.method == "default" and problem.photo.structure is not None
+    has_a_cloud = problem.method == "default" and not problem.photo.clipped
     is_trusted = first.verdict is not None and first.verdict.probability >= AGAIN_BELOW
     if first.status is not Status.CONVERGED or is_trusted or not has_a_cloud:
         return None

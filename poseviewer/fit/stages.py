@@ -2,11 +2,11 @@
 
 Most of a search is spent on finding the right valley, and a coarse level shows the same valleys:
 its minimum lies within one of its pixels of the full photo's. So the wide part of the search runs
-where an evaluation costs a fraction. Where classes and edges are compared that part is an evolving
-cloud; a second, smaller one goes on upon the full photo, and quadratic models of the loss end the
-search, if there is one on a still finer photo. Elsewhere scouts and a restarted simplex are the
-wide part, and a simplex of the size of the level's pixels is left to go downhill on the full photo,
-until restarts no longer improve it.
+where an evaluation costs a fraction. Where all poses are judged on the same pixels that part is an
+evolving cloud; a second, smaller one goes on upon the full photo, and quadratic models of the loss
+end the search, if there is one on a still finer photo. Where each is judged on the pixels that it
+covers, scouts and a restarted simplex are the wide part, and a simplex of the size of the level's
+pixels is left to go downhill on the full photo, until restarts no longer improve it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COARSE_SCOUTS, COARSE_STEP = 1.5, 2.0
 COARSE_TOLERANCE = 8.0
 """How many times less exactly a coarse level is searched than the photo itself."""
 COARSE_CLOUD = EvolutionRules(least_width=0.04)
-"""Where classes and edges are compared. Narrower than this a coarse level tells little: its minimum
+"""Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
 WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
 """For a second search, where the first one ended in a pose that is not to be trusted."""
@@ -50,6 +50,11 @@ LAST_STEPS = QuadraticRules(reach=2.0, rise=0.6)
 CLOSER_STEPS = QuadraticRules(reach=1.0, rise=0.3)
 """On the finer photo, whose least loss is a pixel of the photo away at most; in units of the reach
 of the models before."""
+
+
+PLAIN = 1 / 30
+"""What a difference in loss is worth without classes and edges, of one with them: shares of the
+variance are added up then, not their logarithms."""
 
 
 On = Literal["a sketch", "the photo", "a finer photo"]
@@ -77,19 +82,22 @@ def make_stages(
     """The stages of a search from ``start``, the last one on the photo itself, or on a ``finer``
     one (without structure). ``is_wide``: look farther, where an evolving cloud goes first.
 
-    Where classes and edges are compared, side valleys are many: there an evolving cloud goes first,
-    on whatever level is the coarsest, a narrower one on the photo follows. Else a model that covers
-    too few pixels for a coarser level is searched on the photo alone.
+    With the surroundings compared, side valleys are many: there an evolving cloud goes first, on
+    whatever level is the coarsest, a narrower one on the photo follows. Clipped to the model, one
+    that covers too few pixels for a coarser level is searched on the photo alone.
     """
     full = Level(1, photo, renderer)
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = coarsest_level(photo, renderer, start, fewest)
-    if photo.structure is not None:
+    if not photo.clipped:
         lighter = lighter_level(photo, renderer, start)
-        first = WIDE_CLOUD if is_wide else COARSE_CLOUD
-        clouds = Stage(coarse, first, "a sketch"), Stage(lighter, FINE_CLOUD, "a sketch")
+        first, second, last = WIDE_CLOUD if is_wide else COARSE_CLOUD, FINE_CLOUD, LAST_STEPS
+        if photo.structure is None:
+            first, second = (replace(c, nearness=PLAIN * c.nearness) for c in (first, second))
+            last = replace(last, rise=PLAIN * last.rise, least_gain=PLAIN * last.least_gain)
+        clouds = Stage(coarse, first, "a sketch"), Stage(lighter, second, "a sketch")
         if finer is None:
-            return *clouds, Stage(full, LAST_STEPS)
+            return *clouds, Stage(full, last)
         closer = Stage(Level(1, finer, renderer), CLOSER_STEPS, "a finer photo")
         return *clouds, Stage(lighter, LAST_STEPS, "a sketch"), closer
     if coarse.factor == 1:

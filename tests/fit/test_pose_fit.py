@@ -39,7 +39,7 @@ def make_problem(width: int, **settings) -> FitProblem:
     ground = np.random.default_rng(1).normal(0.4, 0.05, (*lit.shape[:2], 3))
     channels = np.where(image.mask[..., None], lit, ground).astype(np.float32)
     weights = np.ones(lit.shape[:2], np.float32)
-    photo = PhotoAttributes(channels, weights, clipped=False, colour_reflectance=True)
+    photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
     return FitProblem(photo, chart, np.zeros(6), **settings)
 
@@ -117,7 +117,7 @@ def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
 def test_a_cloud_judged_on_several_threads_is_the_same_search():
     """Also where a limit ends it within a generation, and where nobody asks any more."""
     lit = make_problem(160, limits=Limits(evaluations=150))
-    small = replace(lit.photo, colour_reflectance=False)
+    small = replace(lit.photo, clipped=False, colour_reflectance=False)
     problem = replace(lit, photo=structured(small, 1))
     alone = list(fit_pose(problem, RENDERER))
     assert alone[-1].loss < alone[0].loss
@@ -136,7 +136,7 @@ def test_a_cloud_judged_on_several_threads_is_the_same_search():
 
 def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
     lit = make_problem(480)
-    small = replace(lit.photo, colour_reflectance=False)
+    small = replace(lit.photo, clipped=False, colour_reflectance=False)
     problem = replace(lit, photo=structured(small, 4))
     *_, coarse = fit_pose(problem, RENDERER)
     *_, fine = fit_pose(replace(problem, finer=smaller(small, 1)), RENDERER)

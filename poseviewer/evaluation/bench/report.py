@@ -127,10 +127,10 @@ def whole_table(report: Report) -> Table:
 
 def _fit_name(fit: FitTime) -> str:
     level = "" if fit.factor == 1 else f" ({fit.coarse_evaluations:,} on the photo / {fit.factor})"
+    cores = "1 core" if fit.threads == 1 else f"{fit.threads} cores"
     if fit.method != "lit":
-        cores = "1 core" if fit.threads == 1 else f"{fit.threads} cores"
         return f"fit of the demo, --method {fit.method}, {cores}{level}"
-    return f"search of the demo from 8 % off, path {fit.path}{level}"
+    return f"search of the demo from 8 % off, path {fit.path}, {cores}{level}"
 
 
 def _maps_name(maps: MapsTime) -> str:

@@ -147,7 +147,8 @@ def _time_all_maps(case: Case, plan: Plan, tell: Tell) -> Sequence[MapsTime]:
 
 def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime]:
     fits = []
-    for letter, limit in (("d", plan.fit_limit_s), ("a", plan.plain_fit_limit_s)):
+    limits = {"d": plan.fit_limit_s, "e": plan.fit_limit_s, "a": plan.plain_fit_limit_s}
+    for letter, limit in limits.items():
         if letter in letters:
             tell(f"searching on path {letter}, for {limit:.0f} s at most")
             fits.append(time_fit(demo, letter, limit))

@@ -26,7 +26,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.registration import FitSettings, make_problem
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.levels import Level
-from poseviewer.render.many import CHUNK, RendererPool
+from poseviewer.render.many import CHUNK, RendererPool, processors
 from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.jobs import QUICK_SIZES, quick_level
@@ -109,15 +109,16 @@ class MapsTime:
 
 
 def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
-    """Search from the demo's start on path ``a`` or ``d``, for ``limit_s`` seconds at most.
+    """Search from the demo's start on path ``a``, ``d`` or ``e``, for ``limit_s`` seconds at most.
 
-    It is the same search on both, coarse level and simplified model included; on path a every
-    evaluation of it is pyrender's.
+    It is the default's search on all, coarse level and simplified models included; on path a every
+    evaluation of it is pyrender's, on path e poses that are known together are judged on all cores.
     """
     problem = lit_problem(demo.registration, Limits(seconds=limit_s))
     renderer, close = _search_renderer(demo, letter)
     try:
-        return _timed(demo, problem, renderer, ("lit", letter, 1))
+        threads = processors() if letter == "e" else 1
+        return _timed(demo, problem, renderer, ("lit", letter, threads))
     finally:
         close()
 
@@ -179,7 +180,7 @@ def _run(problem: FitProblem, renderer: Renderer, threads: int) -> tuple[int, Fi
 
 
 def _search_renderer(demo: Demo, letter: str) -> tuple[Renderer, Callable[[], None]]:
-    if letter == "d":
+    if letter in ("d", "e"):
         return SoftwareRenderer(demo.registration.mesh), lambda: None
     # Importing it makes the OpenGL context, which must not happen before it is wanted.
     from poseviewer.evaluation.bench.plain import PlainRenderer
