@@ -69,7 +69,7 @@ Find = Callable[[Material], Start]
 def load(
     photo: str | Path,
     model: str | Path | LoadedModel,
-    start: str | Path | Find,
+    start: str | Path | Pose | Find,
     settings: FitSettings | None = None,
     *,
     calibration: Calibration | str | Path | None = None,
@@ -86,8 +86,8 @@ def load(
         photo: JPEG, PNG, TIFF, WebP or BMP file.
         model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or one that is loaded
             (``registration.load_model``), for many photos of one thing.
-        start: a pose file; or ``"auto"``: one is looked for, which takes some seconds; or what
-            finds one on the photo: ``quick_start.start_from_pairs`` and its like.
+        start: a pose file, or a pose; or ``"auto"``: one is looked for, which takes some seconds;
+            or what finds one on the photo: ``quick_start.start_from_pairs`` and its like.
         settings: what is compared and how.
         calibration: of the camera and its lens: a file, or a choice among the cameras of one
             (``files.calibration_file.Calibration``); a photo that the lens distorts is
@@ -115,16 +115,21 @@ def load(
     if start == AUTOMATIC:
         known, where = camera or StartCamera(), Path(mask) if mask else None
         start = AutoStart(box, known, chosen, where, watch=watch).find
-    if callable(start):
-        unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_unplaced(Path(photo), unplaced, start, calibration)
-    else:
+    if isinstance(start, str | Path):
         registration = load_registration(photo, model, start, calibration)
+    else:
+        find = _at(start) if isinstance(start, Pose) else start
+        unplaced = model if isinstance(model, LoadedModel) else Path(model)
+        registration = load_unplaced(Path(photo), unplaced, find, calibration)
     weights = None
     if mask is not None:
         weights = load_mask(mask, registration.photo.width, registration.photo.height)
         chosen = replace(chosen, mask=Path(mask).name)
     return make_case(registration, chosen, weights, renderer)
+
+
+def _at(pose: Pose) -> Find:
+    return lambda _: Start(pose, ())
 
 
 def make_case(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.errors import QuickStartError
+from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.files.calibrated_photo import load_calibrated_photo
 from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.marks_file import PointPairs
@@ -85,12 +85,30 @@ def load_unplaced(
     are last.
 
     Raises:
-        PoseViewerError: a file cannot be used, or no start is found.
+        PoseViewerError: a file cannot be used, or no start is found, or one for a photo of another
+            size.
     """
+    if not callable(find):
+        raise SettingsError(
+            f"a start of type {type(find).__name__}; wanted a pose file, a pose, "
+            '"auto", or a function that finds a start on the photo.'
+        )
     photo = load_calibrated_photo(photo_path, calibration)
     model = model if isinstance(model, LoadedModel) else load_model(model)
     mesh, keypoints = model.mesh, model.keypoints
     start = find(Material(photo, mesh, keypoints))
+    if not isinstance(start, Start):
+        raise SettingsError(
+            f"the function that finds a start gave {type(start).__name__}; "
+            "wanted a quick_start.Start."
+        )
+    camera = start.pose.camera
+    if (camera.width, camera.height) != (photo.width, photo.height):
+        raise SettingsError(
+            f"a start for photos of {camera.width}x{camera.height} px, and {photo.name} has "
+            f"{photo.width}x{photo.height}; use pose.scaled, if it is the same photo made smaller "
+            "or larger."
+        )
     notes = (
         *(f"{photo.name}: {note}" for note in photo.notes),
         *(f"{model.name}: {note}" for note in mesh.notes),

@@ -109,6 +109,13 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert np.array_equal(steps[-1].numbers, found.progress.numbers)
 
 
+def test_a_pose_is_a_start_too(scene):
+    first = poseviewer.load(scene.photo, scene.model, scene.start)
+    again = poseviewer.load(scene.photo, scene.model, first.start.pose)
+    assert again.start.pose is first.start.pose
+    assert again.start.loss == first.start.loss
+
+
 def test_a_start_is_weighed_only_when_its_loss_is_asked_for(scene, tmp_path):
     class Counting(SoftwareRenderer):
         weighed = 0
@@ -227,7 +234,13 @@ def test_mistakes_are_one_sentence(scene, tmp_path):
         poseviewer.load(scene.photo, scene.model, "auto", box=(0, 0, 5))  # pyright: ignore[reportArgumentType]
     with pytest.raises(poseviewer.PoseViewerError, match=r"cam.yml: no such file"):
         poseviewer.load(scene.photo, scene.model, scene.start, calibration=tmp_path / "cam.yml")
+    for start, said in ((3, "type int; wanted a pose file"), (lambda _: None, "gave NoneType")):
+        with pytest.raises(poseviewer.PoseViewerError, match=said):
+            poseviewer.load(scene.photo, scene.model, start)  # pyright: ignore[reportArgumentType]
     case = poseviewer.load(scene.photo, scene.model, scene.start)
+    small = case.start.pose.scaled(0.5)
+    with pytest.raises(poseviewer.PoseViewerError, match=r"80x60 px, and p.png has 160x120"):
+        poseviewer.load(scene.photo, scene.model, small)
     with pytest.raises(poseviewer.PoseViewerError, match="no look 'fancy'"):
         case.start.draw(tmp_path / "x.png", look="fancy")
     with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):
