@@ -18,7 +18,7 @@ SUBPIXELS = 256
 GUARD_PX = float(1 << 20)  # beyond it faces are clipped, so that edge functions fit into 64 bits
 OFF_SCREEN = np.int32(-(1 << 31))  # marks a vertex behind the near plane or beyond the guard band
 TILE_BITS = 2  # a tile has 4 x 4 pixels
-CLUSTER_BITS = 6  # a cluster has 32 faces
+CLUSTER_BITS = 6  # a cluster has 64 faces
 DEPTH_MARGIN = 1e-6  # depth values are float32
 
 _HALF, _ONE, _ZERO = np.float32(0.5), np.float32(1.0), np.float32(0.0)
