@@ -31,7 +31,14 @@ from poseviewer.files.pose_file import PoseRecord, save_pose
 from poseviewer.fit.judged import judged_fit, with_verdict
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.pose_fit import FitProblem, FitProgress, Limits, Status, pose_loss
+from poseviewer.fit.pose_fit import (
+    FitProblem,
+    FitProgress,
+    Limits,
+    Status,
+    pose_loss,
+    stages_of,
+)
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -174,6 +181,12 @@ class Case:
     def start(self) -> FitResult:
         """The start pose, as if it had been found: to be drawn, mapped, saved."""
         return FitResult(self, self.registration.start.pose)
+
+    def prepare(self) -> None:
+        """Make the models of fewer triangles that a search begins with. They are kept for other
+        cases of the model; without this the first search makes them, which takes a second or two.
+        """
+        stages_of(self.problem, self.renderer, self.registration.start.pose)
 
     def search(self, *, threads: int = 1) -> Iterator[FitProgress]:
         """The search from the start as it goes: the best pose so far after every evaluation, and

@@ -22,9 +22,13 @@ from poseviewer.files.photo_file import load_photo, save_image
 from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.pose_fit import FitProgress, Limits, Status, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.subdivided import subdivide
 from poseviewer.quick_start import Material, Start
 from poseviewer.registration import load_model
+from poseviewer.render import levels
 from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.simplified import simplify
 from poseviewer.render.software import SoftwareRenderer
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -107,6 +111,25 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert steps[-1].verdict == found.verdict
     assert found.progress is not None
     assert np.array_equal(steps[-1].numbers, found.progress.numbers)
+
+
+def test_what_is_prepared_is_what_a_search_begins_with(scene, monkeypatch):
+    """A model of so many triangles that its coarse levels have fewer."""
+    simplified: list[int] = []
+
+    def counting(mesh: Mesh, faces: int) -> Mesh:
+        simplified.append(faces)
+        return simplify(mesh, faces)
+
+    monkeypatch.setattr(levels, "simplify", counting)
+    mesh = subdivide(load_model(scene.model).mesh, 20_000)
+    model = replace(load_model(scene.model), mesh=mesh)
+    case = poseviewer.load(scene.photo, model, scene.start)
+    case.prepare()
+    assert simplified
+    made = len(simplified)
+    case.fit(evaluations=900)
+    assert len(simplified) == made
 
 
 def test_a_pose_is_a_start_too(scene):

@@ -112,17 +112,9 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
-            workers = (
-                self._painter,
-                self._weigher,
-                self._finisher,
-                self._searcher,
-                self._mapper,
-            )
-            for worker in workers:
+            workers = self._painter, self._weigher, self._finisher, self._searcher, self._mapper
+            for worker in (*workers, self._proposer, self._tasks):
                 worker.close()
-            self._proposer.close()
-            self._tasks.close()
 
     def stop(self) -> None:
         """End the loop; from any thread."""
@@ -309,7 +301,7 @@ class App:
             session.look.opacity,
         )
         if self._painted is None or not _same_picture(request, self._painted):
-            if not self._weighed and self._painted is not None and not self._weigher.busy:
+            if not self._weighed and self._painted is not None and self._may_weigh():
                 self._weigh(self._painted)
             # One at a time: a drawing that is displaced before it is shown helps nobody.
             if self._painter.busy:
@@ -322,12 +314,15 @@ class App:
             self._painter.start(lambda: islice(quick.paint(replace(request, moving=True)), 1))
             self._weighed = False
             return
-        if not self._weighed and not self._weigher.busy:
+        if not self._weighed and self._may_weigh():
             self._weigh(request)
         if self._unfinished() and time.monotonic() - self._moved_at > SETTLED_S:
             self._moved_at = 0.0
             fine = self._fine
             self._finisher.start(lambda: _last(fine.paint(request)))
+
+    def _may_weigh(self) -> bool:
+        return not self._weigher.busy and not self.session.searching  # which weighs by itself
 
     def _weigh(self, request: PaintRequest) -> None:
         """Find the loss of what is drawn, apart from the drawing: it takes longer."""

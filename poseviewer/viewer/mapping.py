@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from poseviewer.api import Case
 from poseviewer.fit.landscape import Slice
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.registration import FitSettings, Registration
 from poseviewer.render.many import RendererPool, processors
 from poseviewer.render.software import SoftwareRenderer
@@ -79,6 +80,7 @@ class Mapper:
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
         self._case: Case | None = None
+        self._prepared: Mesh | None = None
 
     def run(self, job: MapJob) -> Iterator[LandscapeNews]:
         """News of the maps, coarse to fine.
@@ -95,6 +97,9 @@ class Mapper:
                 shown = news.slices
                 yield replace(news, case=case, known=0.0)
         if not job.moving:
+            if self._prepared is not job.registration.mesh:  # now, and not when it is waited for
+                self._prepared = job.registration.mesh
+                case.prepare()
             yield from maps(case, job.centre, self._fine, job.half_width, SIZE, shown)
 
     def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:

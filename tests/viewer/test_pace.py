@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from poseviewer.api import Case
+from poseviewer.session.jobs import PaintRequest
 from poseviewer.viewer import page as page_module
 from tests.scene import make_scene
 from tests.viewer.running_app import RunningApp, running_app
@@ -50,3 +52,35 @@ def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
         go_on.set()
         page.wait_until(lambda: not app._mapper._held)
         page.wait_until(lambda: page.maps() == 15)
+
+
+def test_a_search_is_left_to_weigh_its_poses_itself(
+    running: RunningApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app = running.app
+    weigh, during = app._weigh, []
+
+    def noting(request: PaintRequest) -> None:
+        during.append(app.session.searching)
+        weigh(request)
+
+    monkeypatch.setattr(app, "_weigh", noting)
+    with running.page() as page:
+        page.key("Space")
+        page.wait_until(lambda: page.text_with("Converged"))
+        page.wait_until(lambda: False in during)
+    assert not any(during)
+
+
+def test_what_a_search_begins_with_is_made_beforehand(
+    running: RunningApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared: list[Case] = []
+    monkeypatch.setattr(Case, "prepare", lambda case: prepared.append(case))
+    with running.page() as page:
+        page.wait_until(lambda: page.maps() == 15)
+        page.wait_until(lambda: len(prepared) == 1)
+        assert prepared[0].registration.mesh is running.app.session.document.registration.mesh
+        page.key("ArrowRight")  # the same model elsewhere: there is nothing more to make
+        page.wait_until(lambda: running.app._mapped is not None and not running.app._mapper.busy)
+    assert len(prepared) == 1
