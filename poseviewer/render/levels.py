@@ -9,7 +9,6 @@ triangles than the level's pixels can show.
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol, runtime_checkable
@@ -189,11 +188,7 @@ def reduced(renderer: Renderer, pixels: float) -> Renderer:
         return renderer
     if len(renderer.mesh.faces) <= faces:
         return renderer.clone()
-    with _ONE_AT_A_TIME:  # who wants a model that another thread is making waits for that one
-        return _simplified(renderer.mesh, faces, renderer.two_sided).clone()
-
-
-_ONE_AT_A_TIME = threading.Lock()
+    return _simplified(renderer.mesh, faces, renderer.two_sided).clone()
 
 
 @lru_cache(maxsize=8)

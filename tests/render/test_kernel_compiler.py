@@ -62,8 +62,8 @@ from poseviewer import load
 from poseviewer.render.compiled import BY_HELPER, BY_US
 files = demo_case()
 case = load(files.photo, files.model, files.start)
-case.start
-load(files.photo, files.model, files.start, pixels="clip", grey=True).start
+case.start.loss
+load(files.photo, files.model, files.start, pixels="clip", grey=True).start.loss
 case.renderer.render(case.registration.start.pose)
 kernels = BY_US + BY_HELPER
 print(*(sum(kernel.stats.cache_hits.values()) > 0 for kernel in kernels))

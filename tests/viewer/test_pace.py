@@ -81,6 +81,14 @@ def test_what_a_search_begins_with_is_made_beforehand(
         page.wait_until(lambda: page.maps() == 15)
         page.wait_until(lambda: len(prepared) == 1)
         assert prepared[0].registration.mesh is running.app.session.document.registration.mesh
+        before = running.pose
         page.key("ArrowRight")  # the same model elsewhere: there is nothing more to make
-        page.wait_until(lambda: running.app._mapped is not None and not running.app._mapper.busy)
+        page.wait_until(lambda: running.pose is not before)
+        page.wait_until(lambda: fine_maps_are_on_their_way(running))
     assert len(prepared) == 1
+
+
+def fine_maps_are_on_their_way(running: RunningApp) -> bool:
+    """Of the pose at hand: they come after what is made beforehand."""
+    news = running.app.session.landscape
+    return news is not None and news.centre is running.pose and news.known > 0.0
