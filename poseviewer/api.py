@@ -180,7 +180,11 @@ class Case:
     @property
     def start(self) -> FitResult:
         """The start pose, as if it had been found: to be drawn, mapped, saved."""
-        return FitResult(self, self.registration.start.pose)
+        return self.at(self.registration.start.pose)
+
+    def at(self, pose: Pose) -> FitResult:
+        """The same of any pose."""
+        return FitResult(self, pose)
 
     def prepare(self) -> None:
         """Make the models of fewer triangles that a search begins with. They are kept for other

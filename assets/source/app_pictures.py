@@ -18,7 +18,8 @@ FOLDER = Path(__file__).resolve().parent.parent / "readme"
 SIZE = (1500, 860)
 PHOTO = (960, 720)
 QUALITY = 84
-FRAMES, FRAME_MS, ANIMATION_WIDTH = 60, 60, 800
+SEARCHING_MS = 1200
+"""So long after its start a search is looked at."""
 
 
 def main() -> None:
@@ -37,8 +38,7 @@ def make_pictures(tab: AppPage) -> None:
     wait_for_maps(tab)
     save(tab, "app_start")
     drag_a_pin(tab)
-    frames = watch_a_search(tab)
-    save_animation(frames)
+    watch_a_search(tab)
     tab.wait_for_text("Converged")
     tab.page.wait_for_timeout(45_000)  # the maps, about the pose found
     save(tab, "app_found")
@@ -79,45 +79,18 @@ def drag_a_pin(tab: AppPage) -> None:
     tab.page.mouse.up()
 
 
-def watch_a_search(tab: AppPage) -> list[Image.Image]:
-    """Pictures of the photo while the simplex moves, and one of the whole page."""
-    frames = []
+def watch_a_search(tab: AppPage) -> None:
+    """The whole page while the search is under way."""
     tab.page.keyboard.press("r")
     tab.page.keyboard.press("Space")
-    for index in range(FRAMES):
-        (left, top), (right, bottom) = (tab.on_screen(corner, PHOTO) for corner in ((0, 0), PHOTO))
-        shot = tab.page.screenshot()
-        frames.append(
-            Image.open(BytesIO(shot))
-            .convert("RGB")
-            .crop((int(left), int(top), int(right), int(bottom)))
-        )
-        if index == 4:
-            save(tab, "app_search")
-        if tab.page.get_by_text("Converged").count():
-            break
-        tab.page.wait_for_timeout(FRAME_MS)
-    return frames
+    tab.page.wait_for_timeout(SEARCHING_MS)
+    save(tab, "app_search")
 
 
 def save(tab: AppPage, name: str) -> None:
     """A screenshot as JPEG."""
     picture = Image.open(BytesIO(tab.page.screenshot())).convert("RGB")
     picture.save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
-
-
-def save_animation(frames: list[Image.Image]) -> None:
-    """The frames as an animated WebP."""
-    height = round(frames[0].height * ANIMATION_WIDTH / frames[0].width)
-    small = [frame.resize((ANIMATION_WIDTH, height)) for frame in frames]
-    small[0].save(
-        FOLDER / "search.webp",
-        save_all=True,
-        append_images=[*small[1:], small[-1], small[-1]],
-        duration=160,
-        loop=0,
-        quality=72,
-    )
 
 
 if __name__ == "__main__":

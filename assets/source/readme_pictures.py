@@ -1,7 +1,7 @@
 """Makes the README's pictures from the bundled demo, with poseviewer's own commands.
 
-Run in the tool's environment: ``python readme_pictures.py``; it writes
-``assets/readme/demo.jpg`` and ``assets/readme/landscape.png``.
+Run in the tool's environment: ``python readme_pictures.py``; it writes ``demo.jpg``,
+``landscape.png`` and ``search.webp`` into ``assets/readme``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
+from poseviewer import load
 from poseviewer.cli import main
 
 ASSETS = Path(__file__).resolve().parent.parent
 PHOTO, MODEL = ASSETS / "demo_photo.jpg", ASSETS / "demo_car.glb"
 WIDTH = 640
 """px of each of the four pictures."""
+ANIMATION_WIDTH, FRAME_MS, END_MS = 800, 160, 1500
 
 
 def run(*arguments: object) -> None:
@@ -35,6 +38,26 @@ def draw(pose: Path, look: str, folder: Path) -> np.ndarray:
     assert picture is not None
     height = round(picture.shape[0] * WIDTH / picture.shape[1])
     return cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+
+
+def animate_search() -> None:
+    """A search of the demo: the outline wherever it finds a better pose."""
+    case = load(PHOTO, MODEL, ASSETS / "demo_pose_start.json")
+    frames, best = [], np.inf
+    for progress in case.search():
+        if progress.loss < best:
+            best = progress.loss
+            picture = Image.fromarray(case.at(progress.pose).picture())
+            height = round(picture.height * ANIMATION_WIDTH / picture.width)
+            frames.append(picture.resize((ANIMATION_WIDTH, height)))
+    frames[0].save(
+        ASSETS / "readme" / "search.webp",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[*[FRAME_MS] * (len(frames) - 1), END_MS],
+        loop=0,
+        quality=72,
+    )
 
 
 def make_pictures(folder: Path) -> None:
@@ -62,3 +85,4 @@ def make_pictures(folder: Path) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
         make_pictures(Path(temporary))
+    animate_search()
