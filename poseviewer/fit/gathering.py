@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,7 +74,7 @@ def gather_evidence(
     covered = renderer.covers(level_pose(pose, photo.factor))
     if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST:
         return None
-    with Probe(photo, mesh, renderer, chart, motions, threads) as probe:
+    with closing(Probe(photo, mesh, renderer, chart, motions, threads)) as probe:
         return _evidence(probe, photo, renderer, pose, covered)
 
 

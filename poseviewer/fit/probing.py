@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
 
 import numpy as np
 
@@ -65,15 +64,8 @@ class Probe:
         self.level: Level = coarsest_level(photo, renderer, chart.start, FEWEST_OF_STRUCTURE)
         self._pool = RendererPool(self.level.renderer, threads)
 
-    def __enter__(self) -> Probe:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End the threads."""
         self._pool.close()
 
     def pose(self, step: FloatArray) -> Pose:
