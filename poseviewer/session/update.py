@@ -16,7 +16,7 @@ from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
-from poseviewer.session import news, proposing
+from poseviewer.session import news, proposing, searching
 from poseviewer.session.cameras import (
     with_field_of_view,
     with_other_projection,
@@ -32,7 +32,8 @@ from poseviewer.session.gestures import (
     take_hold,
 )
 from poseviewer.session.marking import MARKING, MarkCommand, MarkGrip, mark_step, solved
-from poseviewer.session.session import NO_COMPLAINT, Search, Session
+from poseviewer.session.searching import revert, settled
+from poseviewer.session.session import NO_COMPLAINT, Session
 
 MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
@@ -58,21 +59,14 @@ def _with_document(session: Session, document: Document) -> Session:
     """One undoable step to another document; a search that runs is stopped."""
     require_in_sight(document)
     before = session.document
-    settled = _settled(session)
+    stopped = settled(session)
     return replace(
-        settled,
+        stopped,
         document=document,
-        history=settled.history.with_step(before),
+        history=stopped.history.with_step(before),
         anchor=document.pose,
         search=None,
     )
-
-
-def _settled(session: Session) -> Session:
-    """The session with its search, if one runs, stopped and accepted."""
-    if session.search is None or not session.search.running:
-        return session
-    return replace(session, search=replace(session.search, running=False))
 
 
 def _with_pose(session: Session, pose: Pose) -> Session:
@@ -101,7 +95,7 @@ def _drag(session: Session, command: c.DragTo) -> Session:
     document = session.grip.drag(session.document, np.array([command.x, command.y]))
     require_in_sight(document)
     if first:
-        session = _settled(session)
+        session = settled(session)
         session = replace(session, search=None, anchor=session.anchor or session.document.pose)
     return replace(session, document=document, before_grip=before)
 
@@ -204,7 +198,7 @@ def _look_from(session: Session, command: c.LookFrom) -> Session:
 def _undo(session: Session, command: c.Undo) -> Session:
     del command
     if session.searching and session.search is not None:
-        return _revert(session, c.RevertSearch())
+        return revert(session, c.RevertSearch())
     return _at(session, *session.history.undo(session.document))
 
 
@@ -218,7 +212,7 @@ def _at(session: Session, history: History, document: Document) -> Session:
 
 def _redo(session: Session, command: c.Redo) -> Session:
     del command
-    session = _settled(session)
+    session = settled(session)
     return _at(session, *session.history.redo(session.document))
 
 
@@ -293,59 +287,6 @@ def _pick(session: Session, command: c.PickInLandscape) -> Session:
     return _with_pose(session, news.case.problem.chart.to_pose(numbers))
 
 
-def _start_search(session: Session, command: c.StartSearch) -> Session:
-    del command
-    if session.searching:
-        return session
-    number, document = session.searches + 1, session.document
-    return replace(
-        session,
-        searches=number,
-        search=Search(number, document),
-        look=replace(session.look, before=False),
-        history=session.history.with_step(document),
-        anchor=document.pose,
-        grip=None,
-        before_grip=None,
-    )
-
-
-def _stop_search(session: Session, _: c.StopSearch) -> Session:
-    return _settled(session)
-
-
-def _accept(session: Session, command: c.AcceptSearch) -> Session:
-    del command
-    return replace(_settled(session), search=None, anchor=session.document.pose)
-
-
-def _revert(session: Session, command: c.RevertSearch) -> Session:
-    del command
-    search = session.search
-    if search is None:
-        return session
-    history, document = session.history.undo(session.document)
-    return replace(session, search=None, history=history, document=document, anchor=document.pose)
-
-
-def _search_advanced(session: Session, command: c.SearchAdvanced) -> Session:
-    search = session.search
-    if search is None or search.number != command.search or not search.running:
-        return session
-    progress = command.news.progress
-    running = progress.status.name == "RUNNING"
-    document = replace(session.document, pose=progress.pose)
-    found = replace(search, news=command.news, running=running)
-    return replace(session, document=document, search=found)
-
-
-def _search_failed(session: Session, command: c.SearchFailed) -> Session:
-    search = session.search
-    if search is None or search.number != command.search:
-        return session
-    return replace(_revert(session, c.RevertSearch()), complaint=sentence(command.reason))
-
-
 _RECTANGLES = {"region": RegionGrip, "box": proposing.BoxGrip}
 _NO_POSE = (OutsideChartError, SingularChartError)
 _NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted, c.Weighed)
@@ -387,12 +328,7 @@ _HANDLERS = {
     c.ChangeView: _change_view,
     c.ChangeLandscape: _change_landscape,
     c.PickInLandscape: _pick,
-    c.StartSearch: _start_search,
-    c.StopSearch: _stop_search,
-    c.AcceptSearch: _accept,
-    c.RevertSearch: _revert,
-    c.SearchAdvanced: _search_advanced,
-    c.SearchFailed: _search_failed,
+    **searching.HANDLERS,
     c.LandscapeAdvanced: news.landscape_advanced,
     c.Painted: news.painted,
     c.Weighed: news.weighed,
