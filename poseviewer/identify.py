@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from poseviewer.registration import (
     make_problem,
     make_renderer,
 )
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.many import processors
 
 Box = tuple[int, int, int, int]
@@ -30,6 +31,8 @@ Watch = Callable[[str, FitProgress], Any]
 class Candidate:
     """A model, fitted to the photo."""
 
+    index: int
+    """Its place among the models as they were given, from 0."""
     name: str
     pose: Pose
     loss: float
@@ -51,18 +54,48 @@ class Ranked:
     """How much greater the next candidate's loss is; None for the last."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """How far models are told apart."""
+
+    ranked: tuple[Ranked, ...]
+    """Those that are fitted, the likeliest first."""
+    at: int | None = None
+    """The model that is being fitted, by its index; None at the end."""
+    progress: FitProgress | None = None
+    """How far that one is."""
+
+
 def identify(
     registrations: Sequence[Registration],
     settings: FitSettings,
     mask: NDArray[np.float32] | None = None,
     watch: Watch | None = None,
 ) -> list[Ranked]:
-    """Fit each model from its start; rank them by their losses.
+    """As ``identifying``, to its end; ``watch`` is called with the model's name at every
+    evaluation, and whatever it raises ends it.
+    """
+    found = Identification(())
+    for found in identifying(registrations, settings, mask):
+        if watch is not None and found.at is not None and found.progress is not None:
+            watch(registrations[found.at].mesh_name, found.progress)
+    return list(found.ranked)
+
+
+def identifying(
+    registrations: Sequence[Registration],
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
+    renderer_of: Callable[[Mesh], Renderer] | None = None,
+) -> Iterator[Identification]:
+    """Fit each model from its start, one after the other, and rank them by their losses: how far
+    it is after every evaluation, and at last the whole. To stop it, stop asking.
 
     The registrations are of one photo. The pixels P are the same for all: the box about all
     models at their starts, within the settings' region. So a model is not the better for looking
     at fewer pixels, and what it leaves of the photo beside it counts against it. ``mask`` (height,
-    width) weighs the photo's pixels; ``watch`` is called with the model's name at every evaluation.
+    width) weighs the photo's pixels; ``renderer_of`` gives what draws a model (by default it is
+    made).
 
     Raises:
         SettingsError: there are fewer than two models; the pixels are those that each model
@@ -71,7 +104,18 @@ def identify(
     if len(registrations) < 2:
         raise SettingsError("one model alone: name two or more, to be told apart.")
     shared = shared_settings(registrations, settings)
-    return rank(_fitted(registration, shared, mask, watch) for registration in registrations)
+    draw = renderer_of or (lambda mesh: make_renderer(mesh, settings.renderer))
+    ranked: tuple[Ranked, ...] = ()
+    for index, registration in enumerate(registrations):
+        problem, _ = make_problem(registration, shared, mask)
+        renderer = draw(registration.mesh)
+        progress: FitProgress | None = None
+        for progress in fit_pose(problem, renderer, processors()):
+            yield Identification(ranked, index, progress)
+        assert progress is not None  # a fit yields at least once
+        fitted = _fitted(index, registration.mesh_name, progress)
+        ranked = rank([*(one.candidate for one in ranked), fitted])
+    yield Identification(ranked)
 
 
 def shared_settings(registrations: Sequence[Registration], settings: FitSettings) -> FitSettings:
@@ -101,31 +145,20 @@ def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:
     return left, top, width, height
 
 
-def rank(candidates: Iterable[Candidate]) -> list[Ranked]:
+def rank(candidates: Iterable[Candidate]) -> tuple[Ranked, ...]:
     """In order of their losses, the least first."""
     ordered = sorted(candidates, key=lambda candidate: candidate.loss)
     following = [*(candidate.loss for candidate in ordered[1:]), None]
-    return [
+    return tuple(
         Ranked(place, candidate, None if after is None else after - candidate.loss)
         for place, (candidate, after) in enumerate(zip(ordered, following, strict=True), 1)
-    ]
+    )
 
 
-def _fitted(
-    registration: Registration,
-    settings: FitSettings,
-    mask: NDArray[np.float32] | None,
-    watch: Watch | None,
-) -> Candidate:
-    problem, _ = make_problem(registration, settings, mask)
-    progress: FitProgress | None = None
-    renderer = make_renderer(registration.mesh, settings.renderer)
-    for progress in fit_pose(problem, renderer, processors()):
-        if watch is not None:
-            watch(registration.mesh_name, progress)
-    assert progress is not None  # a fit yields at least once
+def _fitted(index: int, name: str, progress: FitProgress) -> Candidate:
     return Candidate(
-        registration.mesh_name,
+        index,
+        name,
         progress.pose,
         progress.loss,
         progress.start_loss,

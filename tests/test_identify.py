@@ -13,8 +13,16 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.pose_file import load_pose
 from poseviewer.fit.pose_fit import Limits
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.identify import Candidate, identify, rank, shared_settings, union_box
+from poseviewer.identify import (
+    Candidate,
+    identify,
+    identifying,
+    rank,
+    shared_settings,
+    union_box,
+)
 from poseviewer.registration import FitSettings, box_near, load_registration, make_problem
+from poseviewer.render.software import SoftwareRenderer
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))
 
@@ -40,6 +48,24 @@ def test_the_model_of_the_photo_is_first(scene, others):
         assert ranked[0].margin is not None
         assert ranked[0].margin > 0.1
         assert all(one.candidate.loss <= one.candidate.start_loss for one in ranked)
+
+
+def test_what_is_fitted_is_ranked_while_the_next_is_being_fitted(scene, others):
+    opened = open_all(scene, [others[0], scene.model])
+    drawn = []
+
+    def renderer_of(mesh):
+        drawn.append(mesh)
+        return SoftwareRenderer(mesh)
+
+    steps = list(identifying(opened, BRIEFLY, renderer_of=renderer_of))
+    assert drawn == [one.mesh for one in opened]
+    assert [step.at for step in steps] == [*sorted(step.at for step in steps[:-1]), None]
+    for step in steps[:-1]:
+        assert step.progress is not None
+        assert [one.candidate.index for one in step.ranked] == ([] if step.at == 0 else [0])
+    assert [one.candidate.index for one in steps[-1].ranked] == [1, 0]
+    assert steps[-1].ranked[1].candidate.name == others[0].name
 
 
 def test_all_models_are_judged_on_the_same_pixels(scene, others):
@@ -72,10 +98,14 @@ def test_a_region_cuts_the_shared_pixels(scene, others):
 
 def test_margins_are_differences_to_the_next_loss():
     pose = load_pose_of_nothing()
-    found = [Candidate(name, pose, loss, 1.0, "", 0, 0.0)
-             for name, loss in (("b", 0.3), ("a", 0.2), ("c", 0.3))]  # fmt: skip
+    given = ("b", 0.3), ("a", 0.2), ("c", 0.3)
+    found = [
+        Candidate(index, name, pose, loss, 1.0, "", 0, 0.0)
+        for index, (name, loss) in enumerate(given)
+    ]
     ranked = rank(found)
     assert [one.candidate.name for one in ranked] == ["a", "b", "c"]
+    assert [one.candidate.index for one in ranked] == [1, 0, 2]
     assert [one.margin for one in ranked] == [pytest.approx(0.1), pytest.approx(0.0), None]
 
 
