@@ -100,6 +100,9 @@ def make_parser() -> argparse.ArgumentParser:
 def _add_app(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, nargs="?", metavar="PHOTO")
     parser.add_argument("model", type=Path, nargs="?", metavar="MODEL")
+    parser.add_argument(
+        "others", type=Path, nargs="*", metavar="MODEL", help="more, to tell which one it is"
+    )
     parser.add_argument("--pose", type=Path, metavar="POSE.json", help="the start")
     parser.add_argument("--last", action="store_true", help="start from the pose saved last")
     parser.add_argument("--port", type=port, help="(the first free one from 8080 on)")

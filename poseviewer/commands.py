@@ -73,6 +73,7 @@ def app(options: Namespace) -> int:
         model,
         pose,
         calibration_of(options),
+        options.others,
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
@@ -148,11 +149,9 @@ def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:
 def rank(candidates: Iterable[Candidate]) -> tuple[Ranked, ...]:
     """In order of their losses, the least first."""
     ordered = sorted(candidates, key=lambda candidate: candidate.loss)
-    following = [*(candidate.loss for candidate in ordered[1:]), None]
-    return tuple(
-        Ranked(place, candidate, None if after is None else after - candidate.loss)
-        for place, (candidate, after) in enumerate(zip(ordered, following, strict=True), 1)
-    )
+    margins = [after.loss - candidate.loss for candidate, after in pairwise(ordered)]
+    places = zip_longest(ordered, margins)  # the last one has no margin
+    return tuple(Ranked(place, *found) for place, found in enumerate(places, 1))
 
 
 def _fitted(index: int, name: str, progress: FitProgress) -> Candidate:

@@ -1,7 +1,8 @@
 """The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
 
 Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
-it makes all of them. ``report`` and ``quick_start_wheels`` need chromium.
+it makes all of them. ``report``, ``quick_start_wheels`` and
+``which_model`` need chromium.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import trimesh
 from PIL import Image
 
 from poseviewer.cli import main as poseviewer
@@ -180,6 +182,28 @@ def quick_start(folder: Path) -> None:
         save("quick_start_wheels", shot_of(tab.page))
 
 
+def which_model(folder: Path) -> None:
+    """The demo's car told from two that it is not, in a real browser."""
+    from tests.viewer.app_process import AppProcess
+    from tests.viewer.browser import AppPage, open_browser
+
+    case = demo_case()
+    others = [folder / "longer.glb", folder / "higher.glb"]
+    for path, stretch in zip(others, ((1.15, 1.0, 1.0), (1.0, 1.0, 1.2)), strict=True):
+        car = trimesh.load_scene(case.model)
+        car.apply_transform(np.diag([*stretch, 1.0]))
+        car.export(str(path))
+    files = case.photo, others[0], others[1], case.model
+    with open_browser() as browser, AppProcess(folder, *files, "--pose", case.start) as process:
+        tab = AppPage(browser, process.url, (1400, 1000))
+        tab.wait_for_text("at this pose")
+        tab.page.get_by_text("Which model is it?", exact=True).click()
+        tab.page.get_by_role("button", name="Tell them apart").click()
+        tab.wait_for_text("Press a row to see its fit")
+        tab.page.wait_for_timeout(20_000)
+        save("which_model", shot_of(tab.page))
+
+
 def shot_of(page: object) -> np.ndarray:
     """What a page shows, (height, width, 3)."""
     data = page.screenshot()  # type: ignore[attr-defined]
@@ -193,6 +217,7 @@ PICTURES = {
     "pairs": pairs,
     "report": report,
     "quick_start_wheels": quick_start,
+    "which_model": which_model,
 }
 
 

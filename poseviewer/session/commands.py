@@ -10,6 +10,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.ellipses import Ellipse
 from poseviewer.registration import FitSettings, Registration
 from poseviewer.session.document import Document
+from poseviewer.session.identify_commands import IdentifyCommand
 from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
 
 Projection = Literal["perspective", "parallel"]
@@ -351,4 +352,5 @@ Command = (
     | Painted
     | Weighed
     | Saved
+    | IdentifyCommand
 )

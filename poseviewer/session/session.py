@@ -9,6 +9,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.session.document import Document, History
 from poseviewer.session.gestures import Grip
 from poseviewer.session.jobs import LandscapeNews, Painting, SearchNews
+from poseviewer.session.lineup import Lineup
 
 NO_COMPLAINT = ""
 
@@ -91,6 +92,9 @@ class Session:
     proposing: Proposing | None = None
     proposals_asked: int = 0
     """How many times proposals were asked for."""
+    lineup: Lineup = field(default_factory=Lineup)
+    comparisons: int = 0
+    """How many times the models of the line-up were compared."""
     landscape: LandscapeNews | None = None
     painting: Painting | None = None
     anchor: Pose | None = None
@@ -112,11 +116,11 @@ class Session:
 
     @property
     def paths(self) -> frozenset[Path]:
-        """The files of all photos and models that undo and redo can bring back, and of those at
-        hand.
+        """The files of all photos and models that undo and redo can bring back, of those at hand,
+        and of the models in the line-up.
         """
         documents = (*self.history.past, self.document, *self.history.future)
-        return frozenset[Path]().union(*(document.paths for document in documents))
+        return self.lineup.paths.union(*(document.paths for document in documents))
 
     @property
     def searching(self) -> bool:

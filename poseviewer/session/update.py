@@ -16,7 +16,8 @@ from poseviewer.geometry.motions import moved, rolled, scaled_about, turned
 from poseviewer.geometry.placing import look_from, surface_point
 from poseviewer.geometry.vehicle_chart import VehicleChart
 from poseviewer.session import commands as c
-from poseviewer.session import news, proposing, searching
+from poseviewer.session import identify_commands as ic
+from poseviewer.session import identifying, news, proposing, searching
 from poseviewer.session.cameras import (
     with_field_of_view,
     with_other_projection,
@@ -289,13 +290,20 @@ def _pick(session: Session, command: c.PickInLandscape) -> Session:
 
 _RECTANGLES = {"region": RegionGrip, "box": proposing.BoxGrip}
 _NO_POSE = (OutsideChartError, SingularChartError)
-_NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted, c.Weighed)
+_NEWS = (
+    c.SearchAdvanced,
+    c.LandscapeAdvanced,
+    c.Painted,
+    c.Weighed,
+    ic.IdentificationAdvanced,
+)
 _DURING_A_DRAG = (
     *_NEWS,
     c.DragTo,
     c.Release,
     c.CancelDrag,
     c.SearchFailed,
+    ic.IdentificationFailed,
     c.ChangeView,
     c.ChangeLandscape,
     c.Saved,
@@ -322,6 +330,7 @@ _HANDLERS = {
     c.Open: _open,
     c.SetTool: _set_tool,
     **proposing.HANDLERS,
+    **identifying.HANDLERS,
     c.RemoveMark: _mark,
     c.ClearMarks: _mark,
     c.LayWheels: _mark,

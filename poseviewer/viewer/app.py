@@ -21,7 +21,6 @@ import viser
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.last_pose_file import keep_last_pose
 from poseviewer.geometry.camera import Pose
-from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session import commands as c
 from poseviewer.session.document import History
 from poseviewer.session.jobs import (
@@ -35,10 +34,12 @@ from poseviewer.session.session import Session
 from poseviewer.session.update import update
 from poseviewer.viewer import exporting
 from poseviewer.viewer.autosaving import Autosaver
+from poseviewer.viewer.identifying import Identifier
 from poseviewer.viewer.mapping import MapJob, Mapper
 from poseviewer.viewer.opening import Opened
 from poseviewer.viewer.page import Page
 from poseviewer.viewer.proposing import Proposer
+from poseviewer.viewer.renderers import Renderers
 from poseviewer.viewer.reports import command_of, newest_drags
 from poseviewer.viewer.requests import (
     Annotate,
@@ -56,7 +57,7 @@ from poseviewer.viewer.requests import (
     UseLastPose,
 )
 from poseviewer.viewer.reviewing import Reviewer
-from poseviewer.viewer.tasks import Done, Exported, Reviewed, Tasks
+from poseviewer.viewer.tasks import Done, Exported, Found, Reviewed, Tasks
 from poseviewer.worker import Mailbox, Worker
 
 _log = logging.getLogger(__name__)
@@ -84,14 +85,18 @@ class App:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
         saved = None if opened.restored else opened.document.pose
-        self.session = Session(opened.document, anchor=opened.document.pose, saved=saved)
+        anchor, lineup = opened.document.pose, opened.lineup
+        self.session = Session(opened.document, anchor=anchor, saved=saved, lineup=lineup)
         self._renderer = opened.renderer
+        self._renderers = Renderers()
+        self._renderers.keep(opened.renderer)
         self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
         self._weigher: Worker[Painting] = Worker("weigher", self._mailbox.ring)
         self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring)
         self._searcher: Worker[SearchNews] = Worker("searcher")
         self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
         self._proposer = Proposer(self._mailbox.ring)
+        self._identifier = Identifier(self._mailbox.ring, self._renderers.of)
         self._tasks = Tasks(self._mailbox.ring, state)
         self._state = state
         self._review = review
@@ -113,7 +118,7 @@ class App:
         finally:
             self._autosaver.close(self.session)
             workers = self._painter, self._weigher, self._finisher, self._searcher, self._mapper
-            for worker in (*workers, self._proposer, self._tasks):
+            for worker in (*workers, self._proposer, self._identifier, self._tasks):
                 worker.close()
 
     def stop(self) -> None:
@@ -187,8 +192,7 @@ class App:
             self._autosaver.save_now(self.session)
         mesh = self.session.document.registration.mesh
         if mesh is not before.document.registration.mesh:
-            if mesh is not self._renderer.mesh:  # undone to a model that was open before
-                self._renderer = SoftwareRenderer(mesh)
+            self._renderer = self._renderers.of(mesh)
             self._renew_brushes()
 
     def _review_row(self, review: Reviewer, request: Request) -> None:
@@ -223,9 +227,9 @@ class App:
         if news is not None and news.item is not None and self._is_current(news.item):
             self._command(c.Weighed(news.item))
         self._collect_search()
-        proposed = self._proposer.take()
-        if proposed is not None:
-            self._command(proposed)
+        for news in (self._proposer.take(), self._identifier.take()):
+            if news is not None:
+                self._command(news)
         news = self._mapper.take()
         if news is not None and news.error is not None:
             self._page.maps_note(str(news.error))
@@ -264,7 +268,7 @@ class App:
             if opened.pose_alone:
                 self._command(c.SetPose(opened.document.pose, as_start=True))
             else:
-                self._renderer = opened.renderer
+                self._renderers.keep(opened.renderer)
                 self._command(c.Open(opened.document, unsaved=opened.restored))
             if opened.row and self._review is not None:
                 self._review.opened(opened)
@@ -272,9 +276,10 @@ class App:
             elif opened.restored:
                 self._autosaver.adopt(self.session)
             self._page.tell_all(opened.warnings)
-        elif isinstance(done.result, c.LayWheels):
-            self._command(c.SetTool("wheels"))
-            self._command(done.result)
+        elif isinstance(done.result, Found):
+            for command in done.result.commands:
+                self._command(command)
+            self._page.tell_all(done.result.warnings)
         elif isinstance(done.result, Exported):
             self._page.send(done.result)
 
@@ -283,6 +288,7 @@ class App:
         self._mapper.hold(self._painter.busy)  # what the hand is moving comes first
         self._start_search()
         self._proposer.start(self.session, self._renderer)
+        self._identifier.start(self.session)
         job = MapJob.wanted(self.session, self._in_motion())
         if job is not None and job.replaces(self._mapped, self._mapper.busy):
             self._mapped = job

@@ -370,6 +370,7 @@ cleanups.push(() => cancelAnimationFrame(timer));
 
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
+window.poseviewerModel = (wish, index) => send({ kind: "model", wish, index });
 window.poseviewer = {
   setPhoto(width, height) {
     state.photo = [width, height];

@@ -24,11 +24,11 @@ class OpenPanel:
                 []
                 if fixed
                 else [
-                    _upload(gui, post, "photo", "Photo ...", "photo"),
-                    _upload(gui, post, "model", "Model ...", "cube"),
+                    upload_button(gui, post, "photo", "Photo ...", "photo"),
+                    upload_button(gui, post, "model", "Model ...", "cube"),
                 ]
             )
-            self._uploads.append(_upload(gui, post, "pose", "Pose file ...", "file-import"))
+            self._uploads.append(upload_button(gui, post, "pose", "Pose file ...", "file-import"))
             button(gui, "Keys and mouse (?)", post, ShowHelp, icon="help", color="gray")
 
     def show(self, session: Session) -> None:
@@ -61,13 +61,16 @@ class SavePanel:
         set_property(self._state, "content", f"{text}  \n{escape(where)}")
 
 
-def _upload(gui: viser.GuiApi, post: Post, kind: Kind, text: str, icon: Any) -> Any:
+def upload_button(
+    gui: viser.GuiApi, post: Post, kind: Kind, text: str, icon: Any, beside: bool = False
+) -> Any:
+    """A button that takes a file; a model may go ``beside`` the one at hand."""
     handle = gui.add_upload_button(text, mime_type=",".join(ENDINGS[kind]), icon=icon, color="gray")
 
     @handle.on_upload
     async def _(event: viser.GuiEvent) -> None:
         if event.client is not None:
             file = take_upload(handle)
-            post(Upload(kind, file.name, file.content))
+            post(Upload(kind, file.name, file.content, beside))
 
     return handle

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from poseviewer.errors import PoseFileError
@@ -25,11 +25,13 @@ from poseviewer.geometry.placing import look_from
 from poseviewer.registration import (
     FitSettings,
     Registration,
+    load_model,
     load_registration,
     settings_from_json,
 )
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.document import Document
+from poseviewer.session.lineup import CandidateModel, Lineup
 from poseviewer.session.marks import Marks
 
 
@@ -44,15 +46,21 @@ class Opened:
     """A pose file was read; photo and model are the ones at hand."""
     restored: bool = False
     """It is what an earlier session left, unsaved."""
+    lineup: Lineup = field(default_factory=Lineup)
+    """Models that the photo may show."""
     row: str = ""
     """In a review: the key of the row that it is."""
 
 
 def open_files(
-    photo: Path, model: Path, pose: Path | None, calibration: Calibration | None = None
+    photo: Path,
+    model: Path,
+    pose: Path | None,
+    calibration: Calibration | None = None,
+    others: Sequence[Path] = (),
 ) -> Opened:
     """Photo and model from their files, with a start pose from one, or seen from a corner; the
-    photo undistorted, where there is a calibration.
+    photo undistorted, where there is a calibration; ``others``: models that the photo may show.
 
     Raises:
         PoseViewerError: one of them cannot be used.
@@ -62,7 +70,23 @@ def open_files(
     else:
         registration = _unplaced(load_calibrated_photo(photo, calibration), model)
     document = Document(registration, registration.start.pose, photo_path=photo, model_path=model)
-    return Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
+    lineup, warnings = Lineup(), registration.warnings
+    for path in others:
+        candidate, notes = open_candidate(path, path.name)
+        lineup = lineup.with_model_of(document).with_candidate(candidate)
+        warnings = (*warnings, *notes)
+    return Opened(document, SoftwareRenderer(registration.mesh), warnings, lineup=lineup)
+
+
+def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ...]]:
+    """A model that the photo may show, called by a name; and what is to be said of it.
+
+    Raises:
+        PoseViewerError: it cannot be used.
+    """
+    model = replace(load_model(path), name=name)
+    notes = tuple(f"{path.name}: {note}" for note in model.mesh.notes)
+    return CandidateModel(model, path), notes
 
 
 def open_photo(

@@ -14,6 +14,7 @@ from poseviewer.viewer.client_script import ClientScript
 from poseviewer.viewer.fields import Post
 from poseviewer.viewer.files_panel import OpenPanel, SavePanel
 from poseviewer.viewer.fit_panel import FitPanel
+from poseviewer.viewer.identifying import LineupPanel
 from poseviewer.viewer.keys import HELP
 from poseviewer.viewer.landscape_panel import LandscapePanel
 from poseviewer.viewer.look_panel import LookPanel
@@ -56,6 +57,7 @@ class Page:
         self._open = OpenPanel(gui, post, fixed=reviewing)
         self._place = PlacePanel(gui, post)
         self._fit = FitPanel(gui, post)
+        self._lineup = None if reviewing else LineupPanel(gui, post)
         self._look = LookPanel(gui, post)
         self._save = SavePanel(gui, post)
         right = gui.add_panel()
@@ -101,6 +103,8 @@ class Page:
             self._open.show(session)
             self._place.show(session)
             self._fit.show(session)
+            if self._lineup is not None:
+                self._lineup.show(session)
             self._look.show(session)
             self._save.show(session, where)
         self._late = not self._landscape.show(session)

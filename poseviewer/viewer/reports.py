@@ -7,6 +7,7 @@ from typing import Any
 
 from poseviewer.files.uploads import why_unfit
 from poseviewer.session import commands as c
+from poseviewer.session import identify_commands as ic
 from poseviewer.session.session import Session
 from poseviewer.viewer.keys import REVIEW, command_for
 from poseviewer.viewer.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
@@ -42,6 +43,9 @@ def _command_of(report: Report, session: Session) -> Request | None:
             return c.PickInLandscape(*pair, _finite(content["u"]), _finite(content["v"]))
         case "enlarge":
             return c.ChangeLandscape(large=(int(content["first"]), int(content["second"])))
+        case "model":
+            wish = {"show": ic.ShowCandidate, "drop": ic.DropCandidate}[content["wish"]]
+            return wish(int(content["index"]))
         case "key":
             meant = command_for(content, session.searching, session.look.hidden, session.look.rings)
             if meant == "save":

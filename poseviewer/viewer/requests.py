@@ -18,6 +18,8 @@ class Upload:
     kind: Kind
     name: str
     data: bytes
+    beside: bool = False
+    """Of a model: whether it goes into the line-up, and the one at hand stays."""
 
 
 @dataclass(frozen=True, slots=True)

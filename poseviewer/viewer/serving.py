@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +21,20 @@ def serve_app(
     model: Path,
     pose: Path | None,
     calibration: Calibration | None = None,
+    others: Sequence[Path] = (),
     *,
     host: str,
     port: int | None,
     browser: bool,
     tell: Callable[[str], None],
 ) -> None:
-    """Open the files and serve the app until it is interrupted; ``tell`` prints a line.
+    """Open the files and serve the app until it is interrupted; ``others``: models that the photo
+    may show; ``tell`` prints a line.
 
     Raises:
         PoseViewerError: a file cannot be used, or the address is taken.
     """
-    opened = open_files(photo, model, pose, calibration)
+    opened = open_files(photo, model, pose, calibration, others)
     _serve(opened, None, host=host, port=port, browser=browser, tell=tell)
 
 

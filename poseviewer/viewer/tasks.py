@@ -16,9 +16,17 @@ from poseviewer.files.uploads import display_name, keep_upload
 from poseviewer.geometry.camera import Pose
 from poseviewer.quick_start import Material, find_wheels
 from poseviewer.render.software import SoftwareRenderer
-from poseviewer.session.commands import LayWheels
+from poseviewer.session.commands import Command, LayWheels, SetTool
+from poseviewer.session.identify_commands import AddCandidate
 from poseviewer.session.session import Session
-from poseviewer.viewer.opening import Opened, open_model, open_photo, open_pose, restore
+from poseviewer.viewer.opening import (
+    Opened,
+    open_candidate,
+    open_model,
+    open_photo,
+    open_pose,
+    restore,
+)
 from poseviewer.viewer.requests import Download, Upload
 from poseviewer.worker import Worker
 
@@ -45,7 +53,15 @@ class Reviewed:
     """The one that was mended, which is the row's now."""
 
 
-Result = Opened | Exported | LayWheels | Reviewed
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What the session is to be told."""
+
+    commands: tuple[Command, ...]
+    warnings: tuple[str, ...] = ()
+
+
+Result = Opened | Exported | Found | Reviewed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,13 +87,15 @@ class Tasks:
     def add_upload(self, upload: Upload) -> None:
         """Keep an uploaded file, and open it on what is open by then."""
 
-        def run(session: Session, renderer: SoftwareRenderer) -> Iterator[Opened]:
+        def run(session: Session, renderer: SoftwareRenderer) -> Iterator[Opened | Found]:
             path = keep_upload(
                 self._uploads, upload.name, upload.data, upload.kind, in_use=session.paths
             )
             now, name = session.document, display_name(upload.name)
             if upload.kind == "photo":
                 opened = open_photo(now, renderer, path, name)
+            elif upload.beside:
+                opened = _candidate(path, name)
             elif upload.kind == "model":
                 opened = open_model(now, path, name)
             else:
@@ -111,14 +129,16 @@ class Tasks:
     def add_wheels(self) -> None:
         """Look for wheels in the region that is drawn by then, for the camera at hand."""
 
-        def run(session: Session, _: SoftwareRenderer) -> Iterator[LayWheels]:
+        def run(session: Session, _: SoftwareRenderer) -> Iterator[Found]:
             document = session.document
             registration, region = document.registration, document.settings.region
             if region is None:
                 raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
             material = Material(registration.photo, registration.mesh, registration.keypoints)
             found = find_wheels(material, region, document.pose.camera)
-            yield LayWheels(registration, found.wheels.rear, found.wheels.front, found.fit.pose)
+            wheels = found.wheels
+            laid = LayWheels(registration, wheels.rear, wheels.front, found.fit.pose)
+            yield Found((SetTool("wheels"), laid))
 
         self._waiting.append(run)
 
@@ -141,7 +161,15 @@ class Tasks:
         self._worker.close()
 
 
-def _under_its_name(opened: Iterator[Opened], kept: str, name: str) -> Iterator[Opened]:
+def _candidate(path: Path, name: str) -> Iterator[Found]:
+    """A model for the line-up."""
+    candidate, notes = open_candidate(path, name)
+    yield Found((AddCandidate(candidate),), notes)
+
+
+def _under_its_name(
+    opened: Iterator[Opened] | Iterator[Found], kept: str, name: str
+) -> Iterator[Opened | Found]:
     """What is said of an uploaded file calls it as its user does, not as it was ``kept``."""
     try:
         for item in opened:
