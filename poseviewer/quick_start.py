@@ -15,7 +15,7 @@ from poseviewer.files.calibration_file import Calibration
 from poseviewer.files.marks_file import PointPairs
 from poseviewer.files.photo_file import Photo
 from poseviewer.files.pose_file import PoseRecord
-from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.loss import lighting_loss, registration_loss
 from poseviewer.fit.wheel_search import find_wheel_pairs
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.focal_from_pairs import focal_from_pairs
@@ -32,6 +32,13 @@ from poseviewer.registration import (
     make_photo_attributes,
     make_renderer,
 )
+
+Rectangle = tuple[int, int, int, int]
+
+LONGER = (1.6, 2.6, 4.2)
+"""Focal lengths that are tried beside a guessed one, which is a wide lens's: in times of it."""
+ABOUT = 0.2
+"""Of a rectangle's sides: what is looked at beyond each of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,43 +192,53 @@ class FoundWheels:
     fit: WheelFit
 
 
-def start_from_found_wheels(
-    material: Material, rectangle: tuple[int, int, int, int], known: StartCamera
-) -> Start:
+def start_from_found_wheels(material: Material, rectangle: Rectangle, known: StartCamera) -> Start:
     """The start of the wheels that are found in a rectangle (left, top, width, height), px.
 
     Raises:
         QuickStartError: none are found that this car has, or the model has no wheels.
     """
-    found = find_wheels(material, rectangle, known.of(material.photo))
+    camera, is_guess = known.of(material.photo), not known.knows_focal(material.photo)
+    found = find_wheels(material, rectangle, camera, is_guess)
     return _placed(found.fit, "two wheels that were found")
 
 
 def find_wheels(
-    material: Material, rectangle: tuple[int, int, int, int], camera: Camera
+    material: Material, rectangle: Rectangle, camera: Camera, is_guess: bool = False
 ) -> FoundWheels:
     """The wheels in a rectangle (left, top, width, height), px, as a camera sees them: of all
-    likely pairs, looking left or right, the one of least loss.
+    likely pairs, looking left or right, the one of least loss in the rectangle and about it. Poses
+    below the axles are left out where there are others. Where the focal length ``is_guess``, longer
+    ones are tried too, up to ``LONGER``.
 
     Raises:
         QuickStartError: none are found that this car has, or the model has no wheels.
     """
     keypoints = _wheels_known(material)
-    pairs: list[Wheels] = []
-    fits: list[WheelFit] = []
+    cameras = [camera]
+    if is_guess and isinstance(camera, Perspective):
+        cameras += [replace(camera, fx=k * camera.fx, fy=k * camera.fy) for k in LONGER]
+    found: list[FoundWheels] = []
     for pair in find_wheel_pairs(material.photo.grey(), rectangle):
         for wheels in (Wheels(pair.left, pair.right), Wheels(pair.right, pair.left)):
-            with suppress(QuickStartError):  # a pair that this car has not
-                found = poses_from_wheels(wheels, keypoints, camera)
-                fits += found
-                pairs += [wheels] * len(found)
-    if not fits:
+            for seen_by in cameras:
+                with suppress(QuickStartError):  # a pair that this car has not
+                    fits = poses_from_wheels(wheels, keypoints, seen_by)
+                    found += [FoundWheels(wheels, fit) for fit in fits]
+    if not found:
         raise QuickStartError(
             "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
             "about the car, or outline the wheels yourself (--wheels)."
         )
-    best = least_loss(material, fits)
-    return FoundWheels(pairs[fits.index(best)], best)
+    found = [one for one in found if one.fit.from_above] or found
+    left, top, width, height = rectangle
+    across, down = round(ABOUT * width), round(ABOUT * height)
+    about = left - across, top - down, width + 2 * across, height + 2 * down
+    settings = FitSettings(pixels="whole", region=about)
+    seen = make_photo_attributes(material.photo, material.mesh, found[0].fit.pose, settings)
+    renderer = make_renderer(material.mesh)
+    losses = [registration_loss(renderer.moments(one.fit.pose, seen)) for one in found]
+    return found[int(np.argmin(losses))]
 
 
 def least_loss(material: Material, fits: tuple[WheelFit, ...] | list[WheelFit]) -> WheelFit:

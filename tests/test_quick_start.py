@@ -11,6 +11,7 @@ import pytest
 from poseviewer import cli
 from poseviewer.demo import demo_case
 from poseviewer.errors import QuickStartError
+from poseviewer.evaluation.auto_start import careless_box
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.keypoints_file import load_keypoints
 from poseviewer.files.mesh_file import load_mesh
@@ -21,7 +22,7 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.ellipses import Ellipse, ellipse_through
 from poseviewer.geometry.vehicle_chart import visible_side
 from poseviewer.geometry.wheel_start import Wheels, wheel_rims
-from poseviewer.quick_start import Material, StartCamera, start_from_wheels
+from poseviewer.quick_start import Material, StartCamera, find_wheels, start_from_wheels
 from tests.scene import Scene
 
 SIZE = (160, 120)
@@ -122,6 +123,19 @@ def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
     best = find_wheel_pairs(photo.grey(), (140, 220, 670, 330))[0]
     for wheel, centre in zip((best.left, best.right), wanted, strict=True):
         assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
+
+
+@pytest.mark.parametrize("is_guess", [False, True], ids=["known", "guessed"])
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess: bool):
+    case = demo_case(projection)
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    camera = photo.default_camera() if is_guess else truth.camera
+    material = Material(photo, mesh, load_keypoints(case.model, mesh))
+    found = find_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)
+    assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
+    assert found.fit.from_above
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def _fitted(
     """The best pose of one side near an axle; None where there is none, or it is upside down."""
     chart = VehicleChart(side, camera, depth=4.0 * side.wheelbase)
     start = _start(chart, axle, wheels)
-    if start is None:
+    if start is None or not _is_upright(chart.to_pose(start[:6]), keypoints):
         return None
 
     def residuals(x: FloatArray) -> FloatArray:
@@ -121,17 +121,22 @@ def _fitted(
         pose = chart.to_pose(end.x[:6])
     except OutsideChartError:
         return None
-    rotation = pose.camera_from_model.rotation
-    up = rotation @ model_axes(keypoints)[2]
+    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
     radius = math.exp(end.x[6])
     is_a_wheel = SMALLEST_RADIUS <= radius / side.wheelbase <= LARGEST_RADIUS
-    if up[1] >= 0.0 or not is_a_wheel:
+    if not (is_a_wheel and _is_upright(pose, keypoints)):
         return None
     towards = -pose.camera_from_model.apply(side.rear_wheel)
     if isinstance(pose.camera, Parallel):
         towards = np.array([0.0, 0.0, -1.0])
     error = math.sqrt(2.0 * end.cost / (2 * RIM_POINTS))
     return WheelFit(pose, radius, error, bool(up @ towards > 0.0))
+
+
+def _is_upright(pose: Pose, keypoints: VehicleKeypoints) -> bool:
+    """Whether the vehicle does not stand on its head: the photo's v axis points down."""
+    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
+    return bool(up[1] < 0.0)
 
 
 def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels) -> FloatArray | None:

@@ -135,7 +135,9 @@ class Tasks:
             if region is None:
                 raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
             material = Material(registration.photo, registration.mesh, registration.keypoints)
-            found = find_wheels(material, region, document.pose.camera)
+            photo, camera = registration.photo, document.pose.camera
+            is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
+            found = find_wheels(material, region, camera, is_guess)
             wheels = found.wheels
             laid = LayWheels(registration, wheels.rear, wheels.front, found.fit.pose)
             yield Found((SetTool("wheels"), laid))
