@@ -1,4 +1,4 @@
-"""Wheels looked for in a rectangle of a photo: ellipses (``ellipse_search``), in pairs that a car can have.
+"""Wheels looked for in a rectangle of a photo: ellipses in pairs that a car can have.
 
 A proposal, not a verdict: what is found is to be looked at, and other starts are there.
 """
