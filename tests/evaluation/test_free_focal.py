@@ -9,15 +9,19 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
+from poseviewer.api import load
+from poseviewer.demo import demo_case
+from poseviewer.evaluation.free_focal import run_trials
 from poseviewer.evaluation.pose_error import pose_error
 from poseviewer.files.photo_file import Photo
-from poseviewer.files.pose_file import PoseRecord
-from poseviewer.fit.pose_fit import fit_pose
+from poseviewer.files.pose_file import PoseRecord, load_pose
+from poseviewer.fit.pose_fit import Status, fit_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.registration import FitSettings, Registration, make_problem
+from poseviewer.registration import FitSettings, Registration, load_model, make_problem
 from poseviewer.render.software import SoftwareRenderer
 from poseviewer.session.document import with_camera
 from tests.meshes import make_bumpy
@@ -59,3 +63,34 @@ def test_an_unknown_focal_length_comes_nearer_to_the_truth():
     assert ends[True].loss < ends[False].loss - 0.5
     errors = {free: pose_error(mesh, end.pose, TRUTH).reprojection_px for free, end in ends.items()}
     assert errors[True] < 0.7 * errors[False]
+
+
+@pytest.mark.parametrize("factor", [0.75, 4.0 / 3.0])
+def test_on_the_demo_it_is_found_from_a_quarter_or_a_third_off(factor: float):
+    free, held = run_trials([factor])
+    assert free.free
+    assert not held.free
+    assert held.end == pytest.approx(factor)
+    assert abs(free.end - 1.0) < 0.06
+    assert free.error_px < 2.0
+    assert held.error_px > 4.0
+
+
+def test_where_the_focal_length_stays_one_search_is_enough():
+    (free, held) = run_trials([1.0])
+    assert free.evaluations < 1.5 * held.evaluations
+
+
+def test_all_searches_together_keep_to_the_limit():
+    case = demo_case()
+    truth = load_pose(case.truth, 960, 720).pose
+    assert isinstance(truth.camera, Perspective)
+    longer = replace(truth.camera, fx=2.0 * truth.camera.fx, fy=2.0 * truth.camera.fy)
+    model = load_model(case.model)
+    begin = with_camera(truth, longer, model.mesh.centre)
+    found = load(case.photo, model, begin, free_focal=True).fit(evaluations=1700, threads=2)
+    assert found.progress is not None
+    assert found.progress.status is Status.EVALUATIONS_SPENT
+    assert 1700 <= found.progress.evaluations < 1760
+    assert found.progress.restart > 3
+    assert found.progress.start_loss > found.loss
