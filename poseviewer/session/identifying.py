@@ -39,7 +39,7 @@ def show(session: Session, command: ic.ShowCandidate) -> Session:
 
 
 def identify(session: Session, command: ic.Identify) -> Session:
-    """Begin to compare, unless that is under way.
+    """Begin to compare, unless that is under way; what a search has found is kept.
 
     Raises:
         SettingsError: there are fewer than two models.
@@ -50,7 +50,7 @@ def identify(session: Session, command: ic.Identify) -> Session:
     lineup = session.lineup.with_model_of(session.document)
     if len(lineup.models) < 2:
         raise SettingsError("one model alone: add another one, to be told apart")
-    session = settled(session)
+    session = replace(settled(session), search=None)
     compared = Comparison(session.comparisons + 1, session.document, lineup.models)
     lineup = replace(lineup, comparison=compared, shown=None)
     return replace(session, comparisons=compared.number, lineup=lineup)

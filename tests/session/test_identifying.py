@@ -115,6 +115,15 @@ def test_what_was_done_meanwhile_stays():
     assert still.document is asked.document
 
 
+def test_what_a_search_found_is_kept_and_compared_from():
+    searching = after(gathered(), c.StartSearch())
+    assert searching.searching
+    end = compared(searching, 0.5, 0.2, 0.4)
+    assert end.search is None
+    assert end.document.pose is POSES[1]
+    assert after(end, c.Undo()).document is searching.document
+
+
 def test_rows_fill_as_models_are_fitted():
     asked = after(gathered(), ic.Identify())
     assert asked.lineup.comparison is not None
