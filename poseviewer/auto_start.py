@@ -23,8 +23,10 @@ from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.vehicle import VehicleKeypoints
+from poseviewer.geometry.vehicle_chart import visible_side
 from poseviewer.geometry.views import even_rotations, ground_views
-from poseviewer.quick_start import Material, Start, StartCamera
+from poseviewer.geometry.wheel_start import Wheels
+from poseviewer.quick_start import Material, Start, StartCamera, likely_wheels
 from poseviewer.registration import (
     FitSettings,
     Registration,
@@ -34,6 +36,11 @@ from poseviewer.registration import (
 )
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.moments import PhotoAttributes
+
+MOST_BY_WHEELS = 4
+"""Poses that a vehicle's wheels give."""
+WHEEL_APART = 0.7
+"""Of a wheel's half axis: so near to where it was found a pose must put a wheel's centre."""
 
 AUTOMATIC = "auto"
 """In the place of a pose file: find a start."""
@@ -94,8 +101,44 @@ def propose(
     if wanted.box is not None:
         box = _checked(wanted.box, wanted.photo)
         fits, photo = _fits(wanted, box), _photo_about(wanted, box)
-        return _some(find_views(_problem(wanted, box, photo), fits, renderer, begin), photo)
+        problem = _problem(wanted, box, photo)
+        views = find_views(problem, fits, renderer, begin)
+        return _some(_by_wheels(wanted, problem, views, renderer, begin), photo)
     return _propose_anywhere(wanted, renderer, begin)
+
+
+def _by_wheels(
+    wanted: Wanted,
+    problem: ViewProblem,
+    views: tuple[Proposal, ...],
+    renderer: Renderer,
+    begin: Callable[[], None] | None,
+) -> tuple[Proposal, ...]:
+    """The proposals of ``views``; where the photo shows a vehicle's two wheels, the poses by them,
+    and of the views those alone that put the wheels there: a pose that does not can have less loss
+    on a car whose paint is not the model's.
+    """
+    if wanted.keypoints is None or wanted.box is None:
+        return views
+    material = Material(wanted.photo, wanted.mesh, wanted.keypoints)
+    try:
+        found = likely_wheels(material, wanted.box, wanted.camera)
+    except QuickStartError:  # no two are seen, as from in front
+        return views
+    agreeing = [one for one in views if _shows(one.pose, wanted.keypoints, found[0].wheels)]
+    poses = [one.fit.pose for one in found[:MOST_BY_WHEELS]]
+    return ranked(problem, [*agreeing, *(Proposal(p, np.inf) for p in poses)], renderer, begin)
+
+
+def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
+    """Whether a pose has the wheels about where they were found."""
+    side = visible_side(keypoints, pose)
+    pairs = (wheels.rear, side.rear_wheel), (wheels.front, side.front_wheel)
+    away = [
+        np.hypot(*(pose.project(centre) - [wheel.cx, wheel.cy])) / wheel.a
+        for wheel, centre in pairs
+    ]
+    return bool(max(away) < WHEEL_APART)
 
 
 def _propose_anywhere(
@@ -149,7 +192,7 @@ def _note(best: int, losses: list[float]) -> str:
     text = f"start found: the {_ordinal(best + 1)} of {len(losses)} proposals, loss "
     others = sorted(loss for index, loss in enumerate(losses) if index != best)
     if not others:
-        return f"{text}{losses[best]:.2f}; look whether it is the right one."
+        return f"start found: one proposal, loss {losses[best]:.2f}; look whether it is right."
     return f"{text}{losses[best]:.2f}, the next best {others[0]:.2f}; look whether it is right."
 
 

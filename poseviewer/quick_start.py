@@ -206,10 +206,17 @@ def start_from_found_wheels(material: Material, rectangle: Rectangle, known: Sta
 def find_wheels(
     material: Material, rectangle: Rectangle, camera: Camera, is_guess: bool = False
 ) -> FoundWheels:
-    """The wheels in a rectangle (left, top, width, height), px, as a camera sees them: of all
-    likely pairs, looking left or right, the one of least loss in the rectangle and about it. Poses
-    below the axles are left out where there are others. Where the focal length ``is_guess``, longer
-    ones are tried too, up to ``LONGER``.
+    """As ``likely_wheels``: the likeliest."""
+    return likely_wheels(material, rectangle, camera, is_guess)[0]
+
+
+def likely_wheels(
+    material: Material, rectangle: Rectangle, camera: Camera, is_guess: bool = False
+) -> list[FoundWheels]:
+    """The wheels in a rectangle (left, top, width, height), px, as a camera sees them: all likely
+    pairs, looking left or right, by their loss in the rectangle and about it, the least first; one
+    at least. Poses below the axles are left out where there are others. Where the focal length
+    ``is_guess``, longer ones are tried too, up to ``LONGER``.
 
     Raises:
         QuickStartError: none are found that this car has, or the model has no wheels.
@@ -238,7 +245,7 @@ def find_wheels(
     seen = make_photo_attributes(material.photo, material.mesh, found[0].fit.pose, settings)
     renderer = make_renderer(material.mesh)
     losses = [registration_loss(renderer.moments(one.fit.pose, seen)) for one in found]
-    return found[int(np.argmin(losses))]
+    return [found[index] for index in np.argsort(losses, kind="stable")]
 
 
 def least_loss(material: Material, fits: tuple[WheelFit, ...] | list[WheelFit]) -> WheelFit:

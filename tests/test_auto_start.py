@@ -5,19 +5,24 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer import api, cli
 from poseviewer.auto_start import Wanted, few_corners, propose
+from poseviewer.demo import demo_case
 from poseviewer.errors import QuickStartError
-from poseviewer.evaluation.auto_start import careless_box, is_right
+from poseviewer.evaluation.auto_start import careless_box, is_right, run_trials
 from poseviewer.evaluation.pose_error import pose_error
+from poseviewer.evaluation.study.real_cases import load_cases
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import load_photo
 from poseviewer.files.pose_file import load_pose
 from poseviewer.fit.box_search import candidate_boxes
 from poseviewer.fit.view_search import Round, ViewRules
 from poseviewer.geometry.box_fit import box_of
+from poseviewer.geometry.vehicle_chart import visible_side
+from poseviewer.registration import load_model
 from tests.scene import Scene
 
 SIZE = (160, 120)
@@ -45,6 +50,30 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
         for other in found[:index]:
             away = pose_error(asked.mesh, one.pose, other.pose)
             assert away.reprojection_px > 0.05 * (box.width + box.height) / 2
+
+
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_a_car_stands_where_its_wheels_are_seen(projection: str):
+    case = demo_case(projection)
+    photo, model = load_photo(case.photo), load_model(case.model)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    box = careless_box(projection, model.mesh, truth)
+    found = propose(Wanted(photo, model.mesh, model.keypoints, truth.camera, box)).found
+    assert pose_error(model.mesh, found[0].pose, truth).percent < 3.0
+    assert model.keypoints is not None
+    side = visible_side(model.keypoints, truth)
+    seen = truth.project([side.rear_wheel, side.front_wheel])
+    for one in found:  # a car turned round has the same wheels, the other way about
+        own = visible_side(model.keypoints, one.pose)
+        wheels = one.pose.project([own.rear_wheel, own.front_wheel])
+        away = [np.linalg.norm(wheels[order] - seen, axis=1).max() for order in ([0, 1], [1, 0])]
+        assert min(away) < 40.0  # a tyre's radius, px
+
+
+def test_a_repainted_car_is_not_turned_round(shared_data: Path):
+    """Of the views alone all five are, on this photo."""
+    (trial,) = run_trials(load_cases(shared_data, "bmw-6"))
+    assert trial.right == 1
 
 
 def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsys):
