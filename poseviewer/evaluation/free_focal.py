@@ -20,6 +20,7 @@ from poseviewer.evaluation.trial_table import print_trials
 from poseviewer.files.photo_file import load_photo
 from poseviewer.files.pose_file import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.option_values import positive
 from poseviewer.registration import load_model
 from poseviewer.render.many import processors
 from poseviewer.session.document import with_camera
@@ -78,7 +79,7 @@ def summary(found: Sequence[Trial]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """A line of CSV for each fit on standard output; the summary on standard error."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--factors", type=float, nargs="+", default=FACTORS)
+    parser.add_argument("--factors", type=positive, nargs="+", default=FACTORS)
     return print_trials(run_trials(parser.parse_args(arguments).factors), summary)
 
 

@@ -22,8 +22,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.ellipses import Ellipse
 
 COARSE_WIDTH, FINE_WIDTH = 256, 640
-"""px: so wide is the picture where all are tried, and at most the one where they are made better,
-in which textures are no edges any more."""
+"""px: so long is the longer side of the picture where all are tried, and so wide at most the one
+where they are made better, in which textures are no edges any more."""
 SIZES = np.geomspace(0.05, 0.2, 16)
 """Longer half axes, as shares of the picture's width."""
 ASPECTS = (0.25, 0.33, 0.42, 0.53, 0.65, 0.78, 0.92)
@@ -35,7 +35,7 @@ LEAST_SUPPORT = 0.4
 MOST_TRIED, MOST_KEPT = 40, 24
 CLEAR_EDGES = 0.7
 """An edge is half as clear as can be where it is as steep as this share of all pixels is not."""
-OUTLINE = 80
+OUTLINE, FEWEST_POINTS = 80, 8
 STEPS = 150
 """Evaluations to make one better."""
 
@@ -55,7 +55,8 @@ def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
     """Upright ellipses in a picture (height, width), the best supported first; of alike ones the
     best. Places are px of the picture, pixel centres at i + 0.5.
     """
-    coarse, fine = COARSE_WIDTH / grey.shape[1], min(1.0, FINE_WIDTH / grey.shape[1])
+    # By the longer side: a narrow rectangle is not to become a tower of pixels.
+    coarse, fine = COARSE_WIDTH / max(grey.shape), min(1.0, FINE_WIDTH / grey.shape[1])
     field = edge_field(_resized(grey, fine))
     found: list[Supported] = []
     for start in _tried_everywhere(edge_field(_resized(grey, coarse))):
@@ -131,7 +132,7 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
     best = np.full(field.shape, -1.0, np.float32)
     which = np.zeros(field.shape, np.intp)
     for index, (longer, shorter, tilt) in enumerate(shapes):
-        outline = _outline(longer, shorter, tilt, int(2.0 * np.pi * longer))
+        outline = _outline(longer, shorter, tilt, max(int(2.0 * np.pi * longer), FEWEST_POINTS))
         pattern[:] = 0.0
         x, y = np.rint(outline.points.T).astype(int)  # of those left and above: from the far ends
         np.add.at(pattern, (y, x), outline.shares * outline.doubled)

@@ -87,3 +87,16 @@ def test_the_field_is_clear_at_edges_alone_and_turns_twice_as_fast_as_their_slop
         value = complex(field[row, column])
         assert abs(value) > 0.9
         assert np.cos(np.angle(value) - 2.0 * angle) > 0.95
+
+
+@pytest.mark.parametrize("shape", [(700, 16), (16, 700), (16, 16)])
+def test_narrow_pictures_are_no_great_work(shape, monkeypatch: pytest.MonkeyPatch):
+    sizes = []
+    grey = np.random.default_rng(2).uniform(0.0, 1.0, shape).astype(np.float32)
+    field_of = edge_field
+    monkeypatch.setattr(
+        "poseviewer.fit.ellipse_search.edge_field",
+        lambda picture: sizes.append(picture.size) or field_of(picture),
+    )
+    find_ellipses(grey)
+    assert max(sizes) <= max(256 * 256, grey.size)
