@@ -26,7 +26,7 @@ from poseviewer.geometry.vehicle import VehicleKeypoints
 from poseviewer.geometry.vehicle_chart import visible_side
 from poseviewer.geometry.views import even_rotations, ground_views
 from poseviewer.geometry.wheel_start import Wheels
-from poseviewer.quick_start import Material, Start, StartCamera, likely_wheels
+from poseviewer.quick_start import Material, Rectangle, Start, StartCamera, likely_wheels
 from poseviewer.registration import (
     FitSettings,
     Registration,
@@ -52,8 +52,6 @@ CORNERS = 120
 """Corners of the model that say where its outline is, to a per cent."""
 TRIAL = Limits(400)
 """Of the fit from each proposal that decides which is taken."""
-
-Rectangle = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

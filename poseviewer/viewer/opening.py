@@ -15,11 +15,8 @@ from poseviewer.files.calibrated_photo import (
     undistorted,
 )
 from poseviewer.files.calibration_file import Calibration
-from poseviewer.files.keypoints_file import load_keypoints
-from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.photo_file import Photo, load_photo
 from poseviewer.files.pose_file import PoseRecord, check_against, load_pose
-from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.placing import look_from
 from poseviewer.registration import (
@@ -187,8 +184,8 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
 
 
 def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
-    mesh = load_mesh(model)
-    keypoints = load_keypoints(model, mesh)
+    loaded = load_model(model)
+    mesh, keypoints = loaded.mesh, loaded.keypoints
     camera = photo.default_camera() if seen is None else seen.camera
     pose = look_from("three-quarter", mesh, keypoints, camera)
     notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
@@ -196,8 +193,8 @@ def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registrati
     return Registration(
         photo,
         mesh,
-        model.name,
-        sha256_of(model),
+        loaded.name,
+        loaded.sha256,
         keypoints,
         PoseRecord(pose, undistortion=photo.undistortion),
         notes,

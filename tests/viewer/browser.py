@@ -154,3 +154,11 @@ class AppPage:
                 return json.loads(path.read_text())
             self.page.wait_for_timeout(50)
         raise AssertionError(f"{path.name} was not written")
+
+
+def keep_picture(tab: AppPage, name: str) -> None:
+    """Where POSEVIEWER_PICTURES names a folder, the page as it looks, to be looked at."""
+    folder = os.environ.get("POSEVIEWER_PICTURES")
+    if folder:
+        tab.page.wait_for_timeout(1500)
+        tab.page.screenshot(path=str(Path(folder) / f"{name}.png"))

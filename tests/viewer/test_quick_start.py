@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from poseviewer.geometry.vehicle_chart import visible_side
 from poseviewer.geometry.wheel_start import wheel_rims
 from poseviewer.registration import Registration, load_registration
 from tests.viewer.app_process import AppProcess
-from tests.viewer.browser import AppPage
+from tests.viewer.browser import AppPage, keep_picture
 
 PHOTO = (960, 720)
 TYRE_RADIUS = 0.31
@@ -60,14 +59,6 @@ def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
 def click(tab: AppPage, point) -> None:
     tab.page.mouse.click(*tab.on_screen(point, PHOTO))
     tab.page.wait_for_timeout(250)
-
-
-def keep_picture(tab: AppPage, name: str) -> None:
-    """Where POSEVIEWER_PICTURES names a folder, the page as it looks, to be looked at."""
-    folder = os.environ.get("POSEVIEWER_PICTURES")
-    if folder:
-        tab.page.wait_for_timeout(1500)
-        tab.page.screenshot(path=str(Path(folder) / f"{name}.png"))
 
 
 def saved(tab: AppPage, app: AppProcess) -> Pose:

@@ -18,8 +18,7 @@ from poseviewer.viewer.identifying import lineup_table
 from tests.meshes import make_box
 from tests.scene import Scene, make_scene
 from tests.viewer.app_process import AppProcess
-from tests.viewer.browser import AppPage
-from tests.viewer.test_quick_start import keep_picture
+from tests.viewer.browser import AppPage, keep_picture
 
 
 @pytest.fixture
