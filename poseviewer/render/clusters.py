@@ -45,7 +45,7 @@ class ClusteredSurface:
     face_texture: NDArray[np.int32]
     """(F,): index of the texture, -1 for none."""
     corners: NDArray[np.float32]
-    """(F, 9): the normals at the three corners of each face."""
+    """(F + 1, 9): the normals at the three corners of each face; a row of zeros at the end."""
     colours: NDArray[np.float32]
     """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
     varies: NDArray[np.bool_]
@@ -80,7 +80,7 @@ def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
         np.concatenate([0.5 * (low + high), half], axis=1).astype(float),
         data[source].astype(np.float32),
         np.ascontiguousarray(mesh.face_texture[order]),
-        mesh.normals[faces].astype(np.float32).reshape(-1, 9),
+        np.concatenate([mesh.normals[faces].reshape(-1, 9), np.zeros((1, 9))]).astype(np.float32),
         np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
         varies,
     )

@@ -1,4 +1,4 @@
-"""The rasteriser's second half: the attributes of what each pixel shows, stored or added up.
+"""The rasteriser's second half: the attributes of what each pixel shows.
 
 What of a face is linear in the picture stands in its plane, see ``kernel_coverage``; so a pixel
 needs no corners. Only reflectances that vary within a face are interpolated from them.
@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from poseviewer.render.kernel_blocks import GREY, normals_of_four
 from poseviewer.render.kernel_compiler import kernel
 
 TINY = np.float32(1e-30)
-GREY, VARIES = 3, 14  # entries of a face's plane: its grey value; 1 where reflectance varies
+VARIED = np.float32(-1.0)  # in place of a reflectance: it varies within the face
 
 _jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
@@ -162,7 +163,7 @@ def shade(box, ids, planes, colours, rotation, of_model, reflectance, normals):
                 normals[row, column, k] = scale * (
                     rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
                 )
-            if plane[VARIES] > 0.0:
+            if colours[face, 0] == VARIED:
                 if face != last:
                     last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
                 colour = _reflectance(
@@ -176,11 +177,14 @@ def shade(box, ids, planes, colours, rotation, of_model, reflectance, normals):
 
 
 @_jit
-def _fill_plain(row, first, faces, planes, colours, count, normals, run, at_model):
+def fill_plain(row, first, faces, planes, colours, count, normals, run, at_model):
     """Normals (of any length) and reflectance of a row's pixels, as far as faces alone tell."""
     size, down, none = faces.shape[0], np.float32(row), np.int64(planes.shape[0] - 1)
     nx, ny, nz, grey = normals[0], normals[1], normals[2], run[at_model]
-    for k in range(size):
+    fours = size & ~3
+    for k in range(0, fours, 4):
+        normals_of_four(faces, k, first + k, row, planes, nx, ny, nz, grey)
+    for k in range(fours, size):
         face = np.uint64(faces[k] if faces[k] >= 0 else none)  # the last plane is all zeros
         du, dv = np.float32(first + k) - planes[face, 12], down - planes[face, 13]
         x = planes[face, 0] + du * planes[face, 4] + dv * planes[face, 8]
@@ -196,14 +200,14 @@ def _fill_plain(row, first, faces, planes, colours, count, normals, run, at_mode
 
 
 @_jit
-def _fill_varied(row, first, faces, planes, grey, of_model, count, run, at_model):
-    """The reflectance of those of a row's pixels whose face's reflectance varies."""
+def fill_varied(row, first, faces, grey, of_model, count, run, at_model):
+    """The reflectance of those of a row's pixels where it is still VARIED."""
     surface, camera, textures = of_model
     last = np.int32(-1)
     for k in range(faces.shape[0]):
-        face = faces[k]
-        if face < 0 or planes[face, VARIES] == 0.0:
+        if run[at_model, k] != VARIED:
             continue
+        face = faces[k]
         if face != last:
             last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
         r, g, b = _reflectance(
@@ -241,9 +245,9 @@ def fill_planes(box, ids, of_faces, of_model, grey, room, spans, out):
         if begin == end:
             continue
         faces = ids[row, begin:end]
-        _fill_plain(row, begin, faces, planes, colours, count, normals, run, 0)
+        fill_plain(row, begin, faces, planes, colours, count, normals, run, 0)
         if varies:
-            _fill_varied(row, begin, faces, planes, grey, of_model, count, run, 0)
+            fill_varied(row, begin, faces, grey, of_model, count, run, 0)
         _write_planes(row + 1, begin + 1, faces, count, red, green, blue, normals, run, out)
 
 
@@ -266,133 +270,3 @@ def _write_planes(row, first, faces, count, red, green, blue, normals, run, out)
         channel, value = out[5 + colour, row, first : first + size], run[4 * colour, :size]
         for p in range(size):
             channel[p] = value[p] if faces[p] >= 0 else none
-
-
-@_jit
-def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, first, second):
-    """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
-
-    x = (F, M) - ``origin``: ``photo`` is (F (n, height, width), w (height, width)), ``model`` = m
-    is 4 (grey, by the weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the
-    model, and products of F with F are left out. Normals are those of the model's frame. ``origin``
-    (n + m,) is given for F and set for M. ``of_faces`` is (planes, colours, whether any reflectance
-    varies), ``of_model`` (surface, camera, textures), see ``shade``; ``room`` is for a row of
-    pixels: (3, width) float32, (width,) float64, (n + 14, width) float32. Adds into ``first``
-    (n + m,) and ``second`` (n + m, n + m); returns how many pixels of positive weight there were,
-    and their weight.
-    """
-    (planes, colours, varies), (normals, weighted, run) = of_faces, room
-    planar, weights = photo
-    n = planar.shape[0]
-    count, whole = (1 if model < 12 else 3), model in (5, 13)
-    at_model = 1 + n
-    left, top, right, bottom = box
-    pixels, total = 0, 0.0
-    for row in range(top, bottom):
-        begin, end = left, right
-        while begin < end and ids[row, begin] < 0:
-            begin += 1
-        while end > begin and ids[row, end - 1] < 0:
-            end -= 1
-        if begin == end:
-            continue
-        faces = ids[row, begin:end]
-        seen, weight = _gather_photo(
-            faces, weights[row, begin:end], planar, row, begin, origin, run
-        )
-        if seen == 0:
-            continue
-        _fill_plain(row, begin, faces, planes, colours, count, normals, run, at_model)
-        if varies:
-            _fill_varied(row, begin, faces, planes, grey, of_model, count, run, at_model)
-        _fill_products(end - begin, count, normals, run, at_model)
-        _centre(end - begin, pixels == 0, weight, n, count, run, origin)
-        _add_products(end - begin, n, count, whole, weighted, run, first, second)
-        pixels += seen
-        total += weight
-    if whole:  # sums with the attribute that is 1 on the model are those without it
-        last = n + 4 * count
-        for i in range(last):
-            second[last, i] += first[i]
-        first[last] += total
-        second[last, last] += total
-    return pixels, total
-
-
-@_jit_sums
-def _gather_photo(faces, weights, planar, row, first, origin, run):
-    """Fill a row's weights and photo attributes; returns the pixels that count, and their weight.
-
-    What does not count is 0, even where the photo is not a number.
-    """
-    zero, length = np.float32(0.0), faces.shape[0]
-    total, pixels = 0.0, np.int32(0)
-    used = run[0, :length]
-    for p in range(length):
-        w = weights[p]
-        counts = (w > zero) & (faces[p] >= 0)
-        w = w if counts else zero
-        used[p] = w
-        total += np.float64(w)
-        pixels += np.int32(1) if counts else np.int32(0)
-    for k in range(planar.shape[0]):
-        mean, out = np.float32(origin[k]), run[1 + k, :length]
-        channel = planar[k, row, first : first + length]
-        for p in range(length):
-            value = channel[p] - mean
-            out[p] = value if used[p] > zero else zero
-    return pixels, total
-
-
-@_jit_sums
-def _fill_products(size, count, normals, run, at_model):
-    """Reflectance times unit normals."""
-    scale = run[at_model + 4 * count, :size]
-    x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
-    for p in range(size):
-        square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
-        scale[p] = np.float32(1.0) / math.sqrt(max(square, TINY))
-    for colour in range(count):
-        at = at_model + 4 * colour
-        k = run[at, :size]
-        for axis in range(3):
-            out, normal = run[at + 1 + axis, :size], normals[axis, :size]
-            for p in range(size):
-                out[p] = k[p] * (scale[p] * normal[p])
-
-
-@_jit_sums
-def _centre(size, is_first, weight, n, count, run, origin):
-    """Take model attributes about an origin: their means over the first row.
-
-    Sums about it keep their digits where the model's attributes hardly vary.
-    """
-    used = run[0, :size]
-    for j in range(n, n + 4 * count):
-        row, total = run[1 + j, :size], np.float32(0.0)
-        if is_first:
-            for p in range(size):
-                total += used[p] * row[p]
-            origin[j] = np.float32(total / weight)
-        mean = np.float32(origin[j])
-        for p in range(size):
-            row[p] -= mean
-
-
-@_jit_sums
-def _add_products(length, n, count, whole, weighted, run, first, second):
-    """Add the sums over a row of pixels, in float64: near-singular covariances need the digits."""
-    weights, weighted = run[0, :length], weighted[:length]
-    for i in range(n + 4 * count):
-        row, mine = run[1 + i, :length], 0.0
-        for p in range(length):
-            weighted[p] = np.float64(weights[p]) * np.float64(row[p])
-            mine += weighted[p]
-        first[i] += mine
-        if whole and i < n:
-            continue
-        for j in range(i + 1):
-            other, product = run[1 + j, :length], 0.0
-            for p in range(length):
-                product += weighted[p] * np.float64(other[p])
-            second[i, j] += product

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.render.kernel_attributes import accumulate, fill_planes
+from poseviewer.render.kernel_attributes import fill_planes
 from poseviewer.render.kernel_buffers import clear
 from poseviewer.render.kernel_compiler import kernel
 from poseviewer.render.kernel_coverage import draw_listed
 from poseviewer.render.kernel_moments import add_surroundings, as_moments, of_classes
 from poseviewer.render.kernel_pieces import cut, draw_pieces
 from poseviewer.render.kernel_structure import class_sums, edge_sums
+from poseviewer.render.kernel_sums import accumulate
 from poseviewer.render.kernel_visibility import CLUSTER_BITS, list_others, list_recent
 
 MEMORY = 8
@@ -63,27 +64,22 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
     )
     count, any_off = list_recent(*listing)
     drawing = listed, screen, depths, planes, chunk
-    _draw(
-        count, False, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture
-    )
+    _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture)
     count, any_off, box = list_others(
         any_off, cluster_box, row_least, tiles, depth, width, *listing
     )
-    _draw(count, True, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture)
+    _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture)
     return box
 
 
 @_jit
-def _draw(
-    count, culls, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture
-):
-    """Draw the first ``count`` of the listed faces; ``culls``: most of them will be hidden."""
+def _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture):
+    """Draw the first ``count`` of the listed faces."""
     listed, screen, depths, planes, chunk = drawing
     depth, ids = picture
     large = draw_listed(
         count,
         listed,
-        culls,
         chunk,
         faces,
         corners,

@@ -15,7 +15,13 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render import kernel_attributes, kernel_coverage, kernel_pose, kernel_visibility
+from poseviewer.render import (
+    kernel_attributes,
+    kernel_blocks,
+    kernel_coverage,
+    kernel_pose,
+    kernel_visibility,
+)
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.class_room import ClassRoom
 from poseviewer.render.clusters import make_clusters
@@ -55,8 +61,8 @@ class SoftwareRenderer:
         surface = self._surface
         faces, clusters = len(surface.faces), len(surface.cluster_box)
         planes = np.zeros((faces + 1, 16), np.float32)
-        planes[:-1, kernel_attributes.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
-        planes[:-1, kernel_attributes.VARIES] = surface.varies
+        planes[:-1, kernel_blocks.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
+        planes[:-1, kernel_blocks.GREY][surface.varies] = kernel_attributes.VARIED
         self._now = 0
         self._memory = np.full(faces + 1, NEVER, np.int32), np.full(clusters + 1, NEVER, np.int32)
         self._for_drawing = (
@@ -75,7 +81,9 @@ class SoftwareRenderer:
             surface.cluster_start,
             surface.cluster_box,
         )
-        self._of_faces = planes, surface.colours, bool(surface.varies.any())
+        colours = surface.colours.copy()
+        colours[:-1][surface.varies, 0] = kernel_attributes.VARIED
+        self._of_faces = planes, colours, bool(surface.varies.any())
         self._attributes = (
             surface.vertices,
             surface.faces,
@@ -268,7 +276,7 @@ def _lined_up(height: int, width: int, kind: type, value: float) -> NDArray[Any]
 
 def _padded(width: int) -> int:
     """The columns of a buffer whose rows are whole blocks."""
-    return -(-width // kernel_coverage.BLOCK) * kernel_coverage.BLOCK
+    return -(-width // kernel_blocks.BLOCK) * kernel_blocks.BLOCK
 
 
 def _views_around(mesh: Mesh) -> Iterator[Pose]:
