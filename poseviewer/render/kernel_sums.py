@@ -56,7 +56,9 @@ def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, f
         if varies:
             fill_varied(row, begin, faces, grey, of_model, count, run, at_model)
         _fill_products(end - begin, count, normals, run, at_model)
-        _centre(end - begin, pixels == 0, weight, n, count, run, origin)
+        if pixels == 0:
+            _find_means(end - begin, weight, n, count, run, origin)
+        _centre(end - begin, n, count, run, origin)
         _add_products(end - begin, n, count, whole, weighted, run, first, second)
         pixels += seen
         total += weight
@@ -96,7 +98,7 @@ def _gather_photo(faces, weights, planar, row, first, origin, run):
 
 @_jit_sums
 def _fill_products(size, count, normals, run, at_model):
-    """Reflectance times unit normals."""
+    """One over the normals' lengths, and reflectance times unit normals less their origin."""
     scale = run[at_model + 4 * count, :size]
     x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
     for p in range(size):
@@ -105,26 +107,31 @@ def _fill_products(size, count, normals, run, at_model):
     for colour in range(count):
         at = at_model + 4 * colour
         k = run[at, :size]
-        for axis in range(3):
-            out, normal = run[at + 1 + axis, :size], normals[axis, :size]
-            for p in range(size):
-                out[p] = k[p] * (scale[p] * normal[p])
+        kx, ky, kz = run[at + 1, :size], run[at + 2, :size], run[at + 3, :size]
+        for p in range(size):
+            kx[p] = k[p] * (scale[p] * x[p])
+            ky[p] = k[p] * (scale[p] * y[p])
+            kz[p] = k[p] * (scale[p] * z[p])
 
 
 @_jit_sums
-def _centre(size, is_first, weight, n, count, run, origin):
-    """Take model attributes about an origin: their means over the first row.
-
-    Sums about it keep their digits where the model's attributes hardly vary.
+def _find_means(size, weight, n, count, run, origin):
+    """The model attributes' means over a row: sums about them keep their digits where the
+    attributes hardly vary.
     """
     used = run[0, :size]
     for j in range(n, n + 4 * count):
         row, total = run[1 + j, :size], np.float32(0.0)
-        if is_first:
-            for p in range(size):
-                total += used[p] * row[p]
-            origin[j] = np.float32(total / weight)
-        mean = np.float32(origin[j])
+        for p in range(size):
+            total += used[p] * row[p]
+        origin[j] = np.float32(total / weight)
+
+
+@_jit_sums
+def _centre(size, n, count, run, origin):
+    """Take model attributes about their origin."""
+    for j in range(n, n + 4 * count):
+        row, mean = run[1 + j, :size], np.float32(origin[j])
         for p in range(size):
             row[p] -= mean
 

@@ -32,6 +32,8 @@ NAMES = {
     "d": "software, fused, one thread",
     "e": "software, fused, all cores",
 }
+STEP = 2
+"""From one picture of a run to the next it is so many poses: two runs have all eight."""
 P = TypeVar("P")
 Seconds = dict[str, float]
 
@@ -53,7 +55,8 @@ class Path(Protocol):
         """Go it once, at the case's pose number ``k`` (any number): seconds of each stage.
 
         ``total`` is from the pose to the loss; ``evaluation`` is from the chart's numbers to the
-        loss, as a search asks for it; ``search`` the same for the search's usual loss.
+        loss, as a search asks for it; ``search`` the same for the search's usual loss. No picture
+        is made of the pose of the last one: what a renderer keeps of it helps as in a search.
         """
         ...
 
@@ -127,13 +130,14 @@ class FusedPath:
         ``covers`` makes a picture besides, of the whole photo: for large photos too much counts as
         rasterising. The total has no part in that.
         """
-        renderer, pose = self.case.renderer, self.case.poses[k % len(self.case.poses)]
+        renderer, poses = self.case.renderer, self.case.poses
+        pose, covered = poses[k % len(poses)], poses[(k + STEP) % len(poses)]
         times = [perf_counter()]
         moments = renderer.moments(pose, self.case.paper.photo)
         times.append(perf_counter())
         lighting_loss(moments)
         times.append(perf_counter())
-        renderer.covers(pose)
+        renderer.covers(covered)
         times.append(perf_counter())
         both, loss, rasterise = _differences(times)
         stages = {"rasterise": rasterise, "moments": max(both - rasterise, 0.0)}
@@ -215,9 +219,10 @@ def _picture_path(letter: str, case: Case, renderer: Renderer) -> Path:
 
 def _through_chart(case: Case, renderer: Renderer, k: int) -> Seconds:
     seconds = {}
-    for stage, problem in _problems(case).items():
+    for step, (stage, problem) in enumerate(_problems(case).items(), 2):
+        numbers = case.numbers[(k + STEP * step) % len(case.numbers)]
         began = perf_counter()
-        pose_loss(problem, renderer, case.numbers[k % len(case.numbers)])
+        pose_loss(problem, renderer, numbers)
         seconds[stage] = perf_counter() - began
     return seconds
 
