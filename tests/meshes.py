@@ -56,6 +56,22 @@ def make_bumpy(subdivisions=4) -> Mesh:
     return make_mesh(shape.vertices, shape.faces, np.array(shape.vertex_normals), colours)
 
 
+def make_painted() -> Mesh:
+    """A bumpy shape whose faces have one colour, several, a texture, or a texture and several."""
+    mesh, random = make_bumpy(3), np.random.default_rng(6)
+    rows, columns = np.mgrid[:48, :64]
+    waves = 128 + 100 * np.sin(2 * np.pi * np.stack([rows / 48, columns / 64, rows / 24], -1))
+    return make_mesh(
+        mesh.vertices,
+        mesh.faces,
+        mesh.normals,
+        np.where(mesh.vertices[:, 2:] > 0.0, [0.8, 0.6, 0.7], mesh.colours),
+        uvs=mesh.vertices[:, :2] * 1.7,
+        face_texture=random.integers(-1, 1, len(mesh.faces)),
+        textures=(waves.astype(np.uint8),),
+    )
+
+
 def make_soup(seed: int, triangles=300, spread=1.0, size=0.5) -> Mesh:
     """Random triangles of random colours, through one another."""
     random = np.random.default_rng(seed)

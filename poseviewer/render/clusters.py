@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.kernel_blocks import GRADED, MAPPED
 from poseviewer.render.kernel_visibility import CLUSTER_BITS
 
 CLUSTER_FACES = 1 << CLUSTER_BITS
@@ -48,8 +49,11 @@ class ClusteredSurface:
     """(F + 1, 9): the normals at the three corners of each face; a row of zeros at the end."""
     colours: NDArray[np.float32]
     """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
-    varies: NDArray[np.bool_]
-    """(F,): whether the reflectance varies within the face."""
+    kinds: NDArray[np.uint8]
+    """(F,): what a face's reflectance is told by, see ``kernel_blocks``."""
+    paint: NDArray[np.float32]
+    """(F + 1, 12): of GRADED faces R, G, B, 1 at the three corners, of MAPPED ones u, v, 0, 1; of
+    others zeros. (1, 12) where there are none."""
 
 
 def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
@@ -70,7 +74,7 @@ def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
     half = 0.5 * (high - low) + BOX_MARGIN * mesh.diameter
     data: Any = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
     colours = mesh.colours[faces]
-    varies = np.any(colours != colours[:, :1], axis=(1, 2)) | (mesh.face_texture[order] >= 0)
+    kinds = _kinds(colours, mesh.face_texture[order])
     return ClusteredSurface(
         order,
         centre,
@@ -82,8 +86,27 @@ def make_clusters(mesh: Mesh, seen: NDArray[np.bool_]) -> ClusteredSurface:
         np.ascontiguousarray(mesh.face_texture[order]),
         np.concatenate([mesh.normals[faces].reshape(-1, 9), np.zeros((1, 9))]).astype(np.float32),
         np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
-        varies,
+        kinds,
+        _paint(kinds, colours, mesh.uvs[faces]),
     )
+
+
+def _kinds(colours: NDArray[np.float32], textures: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """(F,) of the colours (F, 3, 3) at faces' corners and their textures (F,)."""
+    graded, mapped = np.any(colours != colours[:, :1], axis=(1, 2)), textures >= 0
+    return (GRADED * graded + MAPPED * mapped).astype(np.uint8)
+
+
+def _paint(
+    kinds: NDArray[np.uint8], colours: NDArray[np.float32], uvs: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    if not kinds.any():
+        return np.zeros((1, 12), np.float32)
+    paint = np.zeros((len(kinds) + 1, 3, 4), np.float32)
+    graded, mapped = np.flatnonzero(kinds == GRADED), np.flatnonzero(kinds == MAPPED)
+    paint[graded, :, :3], paint[mapped, :, :2] = colours[graded], uvs[mapped]
+    paint[graded, :, 3] = paint[mapped, :, 3] = 1.0
+    return paint.reshape(-1, 12)
 
 
 def _direction(mesh: Mesh) -> NDArray[np.int64]:

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.render.kernel_blocks import GREY, normals_of_four
+from poseviewer.render.kernel_blocks import GRADED, GREY, MAPPED, normals_of_four, paints_of_four
 from poseviewer.render.kernel_compiler import kernel
 
 TINY = np.float32(1e-30)
-VARIED = np.float32(-1.0)  # in place of a reflectance: it varies within the face
+_GRADED, _MAPPED, _ZERO = np.float32(-GRADED), np.float32(-MAPPED), np.float32(0.0)
 
 _jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
@@ -138,22 +138,57 @@ def _reflectance(u, v, vertex_data, texels, corners, edges, texture):
 
 
 @_jit
-def shade(box, ids, planes, colours, rotation, of_model, reflectance, normals):
+def _textured(face, level, u, v, of_model):
+    """RGB of a MAPPED face at a point of its texture."""
+    (_, faces, vertex_data, face_texture), _, (texels, table) = of_model
+    offset, width, height = table[face_texture[face], level]
+    r, g, b = _sample(texels, offset, width, height, u, v)
+    colour = vertex_data[np.uint32(faces[face, 0])]
+    return r * colour[3], g * colour[4], b * colour[5]
+
+
+@_jit
+def _of_both(face, column, row, of_model):
+    """RGB of a face of the kind BOTH at a pixel."""
+    surface, camera, textures = of_model
+    corners, edges, texture = _set_up(face, surface, camera, textures)
+    return _reflectance(column + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture)
+
+
+@_jit
+def _colour(face, column, row, du, dv, of_faces, of_model):
+    """RGB of a face at a pixel, (du, dv) from that of its plane."""
+    colours, paint, levels = of_faces[1], of_faces[3], of_faces[4]
+    kind = colours[face, 0]
+    if kind >= 0.0:
+        return colours[face, 0], colours[face, 1], colours[face, 2]
+    if kind < _MAPPED:
+        return _of_both(face, column, row, of_model)
+    x = paint[face, 0] + du * paint[face, 4] + dv * paint[face, 8]
+    y = paint[face, 1] + du * paint[face, 5] + dv * paint[face, 9]
+    z = paint[face, 2] + du * paint[face, 6] + dv * paint[face, 10]
+    w = paint[face, 3] + du * paint[face, 7] + dv * paint[face, 11]
+    x, y, z = x / w, y / w, z / w
+    return (x, y, z) if kind == _GRADED else _textured(face, levels[face], x, y, of_model)
+
+
+@_jit
+def shade(box, ids, of_faces, rotation, of_model, reflectance, normals):
     """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures.
 
-    ``of_model`` is (surface, camera, textures): the surface (vertices (3, V), faces (F, 3), vertex
-    data (V, 8) float32: normal, RGB, UV, and texture of each face (F,)), the textures as
-    ``flatten_textures`` gives them.
+    ``of_faces`` is (planes, colours, whether any reflectance varies within a face, paints, levels
+    of the faces' textures); ``of_model`` is (surface, camera, textures): the surface (vertices
+    (3, V), faces (F, 3), vertex data (V, 8) float32: normal, RGB, UV, and texture of each face
+    (F,)), the textures as ``flatten_textures`` gives them.
     """
-    (left, top, right, bottom), (surface, camera, textures) = box, of_model
+    (left, top, right, bottom), planes = box, of_faces[0]
     for row in range(top, bottom):
-        last = -1
         for column in range(left, right):
-            face = ids[row, column]
-            if face < 0:
+            if ids[row, column] < 0:
                 continue
+            face = np.uint32(ids[row, column])
             plane = planes[face]
-            du, dv = column - plane[12], row - plane[13]
+            du, dv = np.float32(column) - plane[12], np.float32(row) - plane[13]
             x = plane[0] + du * plane[4] + dv * plane[8]
             y = plane[1] + du * plane[5] + dv * plane[9]
             z = plane[2] + du * plane[6] + dv * plane[10]
@@ -163,17 +198,9 @@ def shade(box, ids, planes, colours, rotation, of_model, reflectance, normals):
                 normals[row, column, k] = scale * (
                     rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
                 )
-            if colours[face, 0] == VARIED:
-                if face != last:
-                    last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
-                colour = _reflectance(
-                    column + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture
-                )
-                for k in range(3):
-                    reflectance[row, column, k] = colour[k]
-            else:
-                for k in range(3):
-                    reflectance[row, column, k] = colours[face, k]
+            colour = _colour(face, column, row, du, dv, of_faces, of_model)
+            for k in range(3):
+                reflectance[row, column, k] = colour[k]
 
 
 @_jit
@@ -200,23 +227,45 @@ def fill_plain(row, first, faces, planes, colours, count, normals, run, at_model
 
 
 @_jit
-def fill_varied(row, first, faces, grey, of_model, count, run, at_model):
-    """The reflectance of those of a row's pixels where it is still VARIED."""
-    surface, camera, textures = of_model
-    last = np.int32(-1)
+def fill_varied(row, first, faces, of_faces, grey, of_model, count, room, run, at_model):
+    """The reflectance of those of a row's pixels where it varies within the face: they have the
+    face's kind there, negative. ``room`` (3, width + 3).
+    """
+    planes, _, _, paints, levels = of_faces
+    size, kinds, least = faces.shape[0], run[at_model], _ZERO
+    for k in range(size):
+        least = min(least, kinds[k])
+    if least == _ZERO:
+        return
+    x, y, z = room[0], room[1], room[2]
+    for k in range(0, size, 4):  # beyond the row's end, too: there is room
+        paints_of_four(faces, k, first + k, row, planes, paints, x, y, z)
+    if least < _GRADED:
+        _fill_textured(row, first, faces, levels, of_model, kinds, x, y, z)
+    red, green, blue = np.float32(grey[0]), np.float32(grey[1]), np.float32(grey[2])
+    if count == 1:
+        for k in range(size):
+            mixed = red * x[k] + green * y[k] + blue * z[k]
+            kinds[k] = mixed if kinds[k] < _ZERO else kinds[k]
+        return
+    greens, blues = run[at_model + 4], run[at_model + 8]
+    for k in range(size):
+        greens[k] = y[k] if kinds[k] < _ZERO else greens[k]
+        blues[k] = z[k] if kinds[k] < _ZERO else blues[k]
+        kinds[k] = x[k] if kinds[k] < _ZERO else kinds[k]
+
+
+@_jit
+def _fill_textured(row, first, faces, levels, of_model, kinds, x, y, z):
+    """R, G, B instead of u, v of the pixels whose faces have textures."""
     for k in range(faces.shape[0]):
-        if run[at_model, k] != VARIED:
+        if kinds[k] >= _GRADED:
             continue
-        face = faces[k]
-        if face != last:
-            last, (corners, edges, texture) = face, _set_up(face, surface, camera, textures)
-        r, g, b = _reflectance(
-            first + k + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture
-        )
-        if count == 1:
-            run[at_model, k] = grey[0] * r + grey[1] * g + grey[2] * b
+        face = np.uint32(faces[k])
+        if kinds[k] == _MAPPED:
+            x[k], y[k], z[k] = _textured(face, levels[face], x[k], y[k], of_model)
         else:
-            run[at_model, k], run[at_model + 4, k], run[at_model + 8, k] = r, g, b
+            x[k], y[k], z[k] = _of_both(face, first + k, row, of_model)
 
 
 @_jit
@@ -228,7 +277,8 @@ def fill_planes(box, ids, of_faces, of_model, grey, room, spans, out):
     it, ends excluded; they and ``out`` are given as the last call left them. The others are as for
     ``accumulate``.
     """
-    (planes, colours, varies), (normals, _, run) = of_faces, room
+    planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
+    normals, _, run, paint = room
     count = 3 if out.shape[0] > 5 else 1
     red, green, blue = np.float32(grey[0]), np.float32(grey[1]), np.float32(grey[2])
     left, top, right, bottom = box
@@ -247,7 +297,7 @@ def fill_planes(box, ids, of_faces, of_model, grey, room, spans, out):
         faces = ids[row, begin:end]
         fill_plain(row, begin, faces, planes, colours, count, normals, run, 0)
         if varies:
-            fill_varied(row, begin, faces, grey, of_model, count, run, 0)
+            fill_varied(row, begin, faces, of_faces, grey, of_model, count, paint, run, 0)
         _write_planes(row + 1, begin + 1, faces, count, red, green, blue, normals, run, out)
 
 

@@ -27,8 +27,14 @@ VALUE, ACROSS, ALONG, SCALE, WEIGHTS, VALUES = 3, 4, 5, 6, 7, 16
 column and a row more add; one over the area, negative for a front; and nine as those of ``steps``,
 the rule not applied, times the corners' weights."""
 
-GREY, PLANE = 15, 16
-"""The entry of a face's plane that is its grey value, and how many entries there are."""
+PLAIN, GRADED, MAPPED, BOTH = 0, 1, 2, 3
+"""Where a face has its reflectance from: one colour, colours at its corners, a texture and one
+colour, a texture and colours at its corners. Negative they stand where there is no colour yet."""
+
+GREY, PLANE, PAINT = 15, 16, 12
+"""The entry of a face's plane that is its grey value; how many entries there are, and how many of
+its paint: the like of entries 0 to 11, of R, G, B or u, v, 0, and of a fourth number. These are
+divided by that."""
 
 _whole, _real, _size = ir.IntType(32), ir.FloatType(), ir.IntType(64)
 _wholes, _reals = ir.VectorType(_whole, BLOCK), ir.VectorType(_real, BLOCK)
@@ -56,6 +62,12 @@ def set_plane(typing, planes, normals, values, i, face):  # noqa: ARG001
 
 
 @_intrinsic
+def set_paint(typing, paints, corners, values, i, face):  # noqa: ARG001
+    """Set the paint of ``face``, the ``i``-th of a chunk, from that of its corners (F + 1, 12)."""
+    return types.void(paints, corners, values, types.int64, types.uint32), _emit_paint
+
+
+@_intrinsic
 def normals_of_four(typing, faces, k, column, row, planes, x, y, z, grey):  # noqa: ARG001
     """Normals and grey values of four pixels, that of ``faces[k]`` at (``column``, ``row``) and the
     next three in the row, from their faces' planes; -1 is the last plane's.
@@ -63,7 +75,14 @@ def normals_of_four(typing, faces, k, column, row, planes, x, y, z, grey):  # no
     Set are ``x``, ``y``, ``z`` and ``grey`` from ``k`` on.
     """
     signature = types.void(faces, *[types.int64] * 3, planes, x, y, z, grey)
-    return signature, _emit_four
+    return signature, _emit_normals
+
+
+@_intrinsic
+def paints_of_four(typing, faces, k, column, row, planes, paints, x, y, z):  # noqa: ARG001
+    """The same of their paints, divided: R, G, B or u, v, 0."""
+    signature = types.void(faces, *[types.int64] * 3, planes, paints, x, y, z)
+    return signature, _emit_paints
 
 
 def _emit_draw(context, builder, signature, args):
@@ -137,50 +156,84 @@ def _draw_row(builder, picture, at, edges, value, of_face):
 
 
 def _emit_plane(context, builder, signature, args):
-    planes, normals, values = (_array(context, builder, signature, args, k) for k in range(3))
+    # The fourth number read of a corner is the next one's first: the plane's is of no account.
+    return _combine(context, builder, signature, args, 9, 3, PLANE)
+
+
+def _emit_paint(context, builder, signature, args):
+    return _combine(context, builder, signature, args, 12, AXES, PAINT)
+
+
+def _combine(context, builder, signature, args, width, step, out_width):
+    """Weigh what a row of ``width`` has of each of three corners, each ``step`` after the last."""
+    out, of_corners, values = (_array(context, builder, signature, args, k) for k in range(3))
     i, face = args[3], builder.zext(args[4], _size)
-
-    def place(array, width, entry):
-        at = builder.add(builder.mul(face, _size(width)), _size(entry))
-        return builder.bitcast(builder.gep(array.data, [at]), _axes.as_pointer())
-
-    corners = [builder.load(place(normals, 9, 3 * k), align=4) for k in range(3)]
+    corners = [
+        builder.load(_axes_at(builder, of_corners, face, width, step * k), align=4)
+        for k in range(3)
+    ]
     for group in range(3):
         total = None
         for k, corner in enumerate(corners):
             weight = _entry(builder, values, WEIGHTS + 3 * group + k, i)
             part = builder.fmul(_alike(builder, weight, AXES), corner)
             total = part if total is None else builder.fadd(total, part)
-        builder.store(total, place(planes, PLANE, AXES * group), align=4)
+        place = _axes_at(builder, out, face, out_width, AXES * group)
+        builder.store(total, place, align=4)
     return context.get_dummy_value()
 
 
-def _emit_four(context, builder, signature, args):
+def _emit_normals(context, builder, signature, args):
     faces, planes = (_array(context, builder, signature, args, k) for k in (0, 4))
     out = [_array(context, builder, signature, args, k) for k in range(5, 9)]
-    k, column, row = args[1:4]
+    pixels = []
+    for face, du, dv in _four_pixels(builder, faces, planes, *args[1:4]):
+        normal = _linear(builder, planes, face, PLANE, du, dv)
+        rest = builder.load(_axes_at(builder, planes, face, PLANE, 3 * AXES), align=4)
+        pixels.append(_shuffled(builder, normal, rest, [0, 1, 2, 7]))
+    _store_turned(builder, pixels, out, args[1])
+    return context.get_dummy_value()
+
+
+def _emit_paints(context, builder, signature, args):
+    faces, planes, paints = (_array(context, builder, signature, args, k) for k in (0, 4, 5))
+    out = [_array(context, builder, signature, args, k) for k in range(6, 9)]
+    pixels = []
+    for face, du, dv in _four_pixels(builder, faces, planes, *args[1:4]):
+        paint = _linear(builder, paints, face, PAINT, du, dv)
+        fourth = _alike(builder, builder.extract_element(paint, _whole(3)), AXES)
+        pixels.append(builder.fdiv(paint, fourth))
+    _store_turned(builder, pixels, out, args[1])
+    return context.get_dummy_value()
+
+
+def _four_pixels(builder, faces, planes, k, column, row):
+    """The faces of four pixels, and how far each is from the pixel of its face's plane."""
     none = builder.sub(builder.extract_value(planes.shape, 0), _size(1))
     down = builder.sitofp(row, _real)
-    pixels = []
     for q in range(AXES):
-        face = builder.sext(
-            builder.load(builder.gep(faces.data, [builder.add(k, _size(q))])), _size
-        )
+        face = builder.load(builder.gep(faces.data, [builder.add(k, _size(q))]))
+        face = builder.sext(face, _size)
         face = builder.select(builder.icmp_signed("<", face, _size(0)), none, face)
-        at = builder.bitcast(
-            builder.gep(planes.data, [builder.mul(face, _size(PLANE))]), _axes.as_pointer()
-        )
-        here, across, along, rest = (
-            builder.load(builder.gep(at, [_whole(group)]), align=4) for group in range(4)
-        )
-        place = builder.sitofp(builder.add(column, _size(q)), _real)
+        place = builder.load(_axes_at(builder, planes, face, PLANE, 3 * AXES), align=4)
+        here = builder.sitofp(builder.add(column, _size(q)), _real)
         du, dv = (
-            _alike(builder, builder.fsub(one, builder.extract_element(rest, _whole(lane))), AXES)
-            for lane, one in enumerate((place, down))
+            _alike(builder, builder.fsub(one, builder.extract_element(place, _whole(lane))), AXES)
+            for lane, one in enumerate((here, down))
         )
-        normal = builder.fadd(here, builder.fmul(du, across))
-        normal = builder.fadd(normal, builder.fmul(dv, along))
-        pixels.append(_shuffled(builder, normal, rest, [0, 1, 2, 7]))
+        yield face, du, dv
+
+
+def _linear(builder, array, face, width, du, dv):
+    here, across, along = (
+        builder.load(_axes_at(builder, array, face, width, AXES * group), align=4)
+        for group in range(3)
+    )
+    return builder.fadd(builder.fadd(here, builder.fmul(du, across)), builder.fmul(dv, along))
+
+
+def _store_turned(builder, pixels, out, k):
+    """Write the first lanes of four pixels to the first array of ``out``, and so on."""
     pairs = [(pixels[0], pixels[1]), (pixels[2], pixels[3])]
     low = [_shuffled(builder, one, other, [0, 4, 1, 5]) for one, other in pairs]
     high = [_shuffled(builder, one, other, [2, 6, 3, 7]) for one, other in pairs]
@@ -189,7 +242,11 @@ def _emit_four(context, builder, signature, args):
         lane = _shuffled(builder, one, other, [begin, begin + 1, begin + 4, begin + 5])
         to = builder.bitcast(builder.gep(array.data, [k]), _axes.as_pointer())
         builder.store(lane, to, align=4)
-    return context.get_dummy_value()
+
+
+def _axes_at(builder, array, row, width, entry):
+    at = builder.add(builder.mul(row, _size(width)), _size(entry))
+    return builder.bitcast(builder.gep(array.data, [at]), _axes.as_pointer())
 
 
 def _shuffled(builder, one, other, lanes):

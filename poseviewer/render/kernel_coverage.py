@@ -14,6 +14,7 @@ that inside it no weight is negative.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from poseviewer.render.kernel_blocks import (
     CHUNK,
     DOWN,
     EDGE,
+    PLAIN,
     RIGHT,
     SCALE,
     STEPS,
@@ -33,6 +35,7 @@ from poseviewer.render.kernel_blocks import (
     VALUES,
     WEIGHTS,
     draw_blocks,
+    set_paint,
     set_plane,
 )
 from poseviewer.render.kernel_compiler import kernel
@@ -49,6 +52,16 @@ _SUB, _HALF, _HALF_LESS, _BITS = _i32(SUBPIXELS), _i32(SUBPIXELS // 2), _i32(127
 _jit: Any = kernel()
 # For what is done for every face: a call costs more than it does.
 _jit_inline: Any = kernel(forceinline=True)
+
+
+@_jit
+def texture_level(texels, pixels, count):
+    """Mip level of a face: half the log2 of texels per pixel, rounded, from the two areas."""
+    if texels <= pixels:
+        return 0
+    if pixels <= 0.0:
+        return count - 1
+    return min(int(0.5 * math.log2(texels / pixels) + 0.5), count - 1)
 
 
 @_jit
@@ -200,6 +213,7 @@ def draw_listed(
     screen,
     depths,
     planes,
+    painting,
     two_sided,
     width,
     depth,
@@ -209,10 +223,14 @@ def draw_listed(
 
     Both are (height, ``width`` rounded up to whole BLOCKs). Sets the planes of the faces that show,
     from the ``normals`` (F + 1, 9) at their corners. ``weighs`` times a corner's depth value is its
-    weight; where it is negative all weigh 1. ``room`` is that of ``make_room``.
+    weight; where it is negative all weigh 1. ``room`` is that of ``make_room``. ``painting`` is
+    (kinds (F,), paint of corners (F + 1, 12), texel areas (F,), how many levels a texture has,
+    paints (F + 1, PAINT), levels (F + 1,)): of faces that show the last two are set as well.
     Returns how many faces are left for ``kernel_pieces`` to cut: they are then listed first.
     """
     large, (corners, boxes, steps, values) = 0, room
+    kinds, paint, texel_areas, count_of_levels, paints, levels = painting
+    is_painted = paint.shape[0] > 1
     for begin in range(0, count, CHUNK):
         end = min(begin + CHUNK, count)
         _gather(begin, end, listed, faces, screen, depths, corners, values)
@@ -233,4 +251,10 @@ def draw_listed(
                 set_plane(planes, normals, values, i, np.uint32(face))
                 planes[np.uint32(face), 12] = np.float32(left)
                 planes[np.uint32(face), 13] = np.float32(top)
+                if is_painted and kinds[np.uint32(face)] != PLAIN:
+                    set_paint(paints, paint, values, i, np.uint32(face))
+                    pixels = _ONE / (abs(values[SCALE, i]) * _SUB * _SUB)
+                    levels[np.uint32(face)] = texture_level(
+                        texel_areas[np.uint32(face)], pixels, count_of_levels
+                    )
     return large

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from poseviewer.render.kernel_blocks import PLAIN
 from poseviewer.render.kernel_compiler import kernel
+from poseviewer.render.kernel_coverage import texture_level
 from poseviewer.render.kernel_visibility import GUARD_PX, OFF_SCREEN, SUBPIXELS
 
 MOST_PIECES = 6  # a triangle cut by five planes has eight corners
@@ -66,13 +68,24 @@ def _set_plane(face, polygon, corners, planes):
         weights[1, i], weights[2, i] = wj * yk - wk * yj, wk * xj - wj * xk
         for step in range(3):
             most = max(most, abs(weights[step, i]))
+    size = corners.shape[1] // 3
     for step in range(3):
-        for axis in range(3):
+        for axis in range(size):
             total = 0.0
             for i in range(3):
-                total += weights[step, i] / most * corners[face, 3 * i + axis]
+                total += weights[step, i] / most * corners[face, size * i + axis]
             planes[face, 4 * step + axis] = total
-    planes[face, 12] = planes[face, 13] = -0.5  # the pixel whose centre is the origin
+
+
+@_jit
+def _pixel_area(polygon):
+    """Twice a triangle's area in the picture, px; without bound if it reaches behind the camera."""
+    if min(polygon[0, 2], polygon[1, 2], polygon[2, 2]) <= 0.0:
+        return np.inf
+    x, y = polygon[0, 0] / polygon[0, 2], polygon[0, 1] / polygon[0, 2]
+    ax, ay = polygon[1, 0] / polygon[1, 2] - x, polygon[1, 1] / polygon[1, 2] - y
+    bx, by = polygon[2, 0] / polygon[2, 2] - x, polygon[2, 1] / polygon[2, 2] - y
+    return abs(ax * by - bx * ay)
 
 
 @_jit
@@ -90,12 +103,14 @@ def _cut(polygon, other, near):
 
 
 @_jit
-def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes):
-    """The first ``count`` of the ``listed`` faces in pieces, each a triangle; sets their planes.
+def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes, painting):
+    """The first ``count`` of the ``listed`` faces in pieces, each a triangle; sets their planes,
+    and what ``painting`` has of them, see ``draw_listed``.
 
     Returns the pieces' faces (T,) int32, their corners (T, 3, 2) int64 in 1/256 px, and the depth
     values there (T, 3) float32.
     """
+    kinds, paint, texel_areas, count_of_levels, paints, levels = painting
     owners = np.empty(MOST_PIECES * count, np.int32)
     places = np.empty((MOST_PIECES * count, 3, 2), np.int64)
     values = np.empty((MOST_PIECES * count, 3), np.float32)
@@ -110,6 +125,10 @@ def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes)
             places[pieces, k, 0], places[pieces, k, 1] = screen[0, corner], screen[1, corner]
             values[pieces, k] = depths[corner]
         _set_plane(face, one, corners, planes)
+        planes[face, 12] = planes[face, 13] = -0.5  # the pixel whose centre is the origin
+        if paint.shape[0] > 1 and kinds[face] != PLAIN:
+            _set_plane(face, one, paint, paints)
+            levels[face] = texture_level(texel_areas[face], _pixel_area(one), count_of_levels)
         owners[pieces] = face
         if not off:
             pieces += 1

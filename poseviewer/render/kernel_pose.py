@@ -40,11 +40,11 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
         two_sided: whether faces are seen from behind, too.
         width: of the picture; its arrays may have more columns.
         memory: (seen, cluster_seen): the number of the picture that showed each, see ``clear``.
-        room: (wanted, bounds, listed, screen, depths, planes, chunk, row_least, tiles).
+        room: (wanted, bounds, listed, screen, depths, planes, painting, chunk, row_least, tiles).
         picture: see ``draw_listed``.
     """
     vertices, faces, corners, cluster_start, cluster_box = surface
-    wanted, bounds, listed, screen, depths, planes, chunk, row_least, tiles = room
+    wanted, bounds, listed, screen, depths, planes, painting, chunk, row_least, tiles = room
     seen, cluster_seen = memory
     depth, ids = picture
     clear(drawn, now, CLUSTER_BITS, depth, ids, seen, cluster_seen)
@@ -63,7 +63,7 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
         depths,
     )
     count, any_off = list_recent(*listing)
-    drawing = listed, screen, depths, planes, chunk
+    drawing = listed, screen, depths, planes, painting, chunk
     _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture)
     count, any_off, box = list_others(
         any_off, cluster_box, row_least, tiles, depth, width, *listing
@@ -75,7 +75,7 @@ def rasterise(now, drawn, surface, camera, weighs, two_sided, width, memory, roo
 @_jit
 def _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, drawing, picture):
     """Draw the first ``count`` of the listed faces."""
-    listed, screen, depths, planes, chunk = drawing
+    listed, screen, depths, planes, painting, chunk = drawing
     depth, ids = picture
     large = draw_listed(
         count,
@@ -87,6 +87,7 @@ def _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, dra
         screen,
         depths,
         planes,
+        painting,
         two_sided,
         width,
         depth,
@@ -94,7 +95,7 @@ def _draw(count, vertices, faces, corners, camera, weighs, two_sided, width, dra
     )
     if large > 0:
         owners, places, values = cut(
-            large, listed, faces, corners, vertices, camera, screen, depths, planes
+            large, listed, faces, corners, vertices, camera, screen, depths, planes, painting
         )
         draw_pieces(owners, places, values, two_sided, width, depth, ids)
 

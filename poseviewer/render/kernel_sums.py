@@ -25,13 +25,14 @@ def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, f
     x = (F, M) - ``origin``: ``photo`` is (F (n, height, width), w (height, width)), ``model`` = m
     is 4 (grey, by the weights ``grey`` (3,)) or 12, or 1 more: the last attribute is then 1 on the
     model, and products of F with F are left out. Normals are those of the model's frame. ``origin``
-    (n + m,) is given for F and set for M. ``of_faces`` is (planes, colours, whether any reflectance
-    varies), ``of_model`` (surface, camera, textures), see ``shade``; ``room`` is for a row of
-    pixels: (3, width) float32, (width,) float64, (n + 14, width) float32. Adds into ``first``
+    (n + m,) is given for F and set for M. ``of_faces`` and ``of_model`` are as for ``shade``;
+    ``room`` is for a row of pixels: (3, width) float32, (width,) float64, (n + 14, width) float32,
+    (3, width + 3) float32. Adds into ``first``
     (n + m,) and ``second`` (n + m, n + m); returns how many pixels of positive weight there were,
     and their weight.
     """
-    (planes, colours, varies), (normals, weighted, run) = of_faces, room
+    planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
+    normals, weighted, run, paint = room
     planar, weights = photo
     n = planar.shape[0]
     count, whole = (1 if model < 12 else 3), model in (5, 13)
@@ -54,7 +55,7 @@ def accumulate(box, ids, of_faces, of_model, grey, photo, origin, model, room, f
             continue
         fill_plain(row, begin, faces, planes, colours, count, normals, run, at_model)
         if varies:
-            fill_varied(row, begin, faces, grey, of_model, count, run, at_model)
+            fill_varied(row, begin, faces, of_faces, grey, of_model, count, paint, run, at_model)
         _fill_products(end - begin, count, normals, run, at_model)
         if pixels == 0:
             _find_means(end - begin, weight, n, count, run, origin)

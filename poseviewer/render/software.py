@@ -28,7 +28,7 @@ from poseviewer.render.clusters import make_clusters
 from poseviewer.render.level_pose import level_pose
 from poseviewer.render.moments import Moments, PhotoAttributes
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
-from poseviewer.render.texture import flatten_textures
+from poseviewer.render.texture import TexturePyramid, flatten_textures
 
 NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
@@ -52,6 +52,7 @@ class SoftwareRenderer:
         self.two_sided = two_sided
         self._near = NEAR_PER_DIAMETER * mesh.diameter
         self._textures = flatten_textures(mesh.textures)
+        self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
         self._surface = make_clusters(mesh, np.ones(len(mesh.faces), bool))
         self._allocate()
         self._surface = make_clusters(mesh, self._seen_from_outside())
@@ -62,7 +63,12 @@ class SoftwareRenderer:
         faces, clusters = len(surface.faces), len(surface.cluster_box)
         planes = np.zeros((faces + 1, 16), np.float32)
         planes[:-1, kernel_blocks.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
-        planes[:-1, kernel_blocks.GREY][surface.varies] = kernel_attributes.VARIED
+        varied, kinds = surface.kinds != kernel_blocks.PLAIN, -surface.kinds.astype(np.float32)
+        planes[:-1, kernel_blocks.GREY][varied] = kinds[varied]
+        paints = np.zeros((len(surface.paint), kernel_blocks.PAINT), np.float32)
+        levels = np.zeros(faces + 1, np.int32)
+        count_of_levels = self._textures[1].shape[1]
+        painting = surface.kinds, surface.paint, self._texel_areas[surface.order]
         self._now = 0
         self._memory = np.full(faces + 1, NEVER, np.int32), np.full(clusters + 1, NEVER, np.int32)
         self._for_drawing = (
@@ -72,6 +78,7 @@ class SoftwareRenderer:
             np.empty((2, surface.vertices.shape[1]), np.int32),
             np.empty(surface.vertices.shape[1], np.float32),
             planes,
+            (*painting, count_of_levels, paints, levels),
             kernel_coverage.make_room(),
         )
         self._shape = (
@@ -82,8 +89,8 @@ class SoftwareRenderer:
             surface.cluster_box,
         )
         colours = surface.colours.copy()
-        colours[:-1][surface.varies, 0] = kernel_attributes.VARIED
-        self._of_faces = planes, colours, bool(surface.varies.any())
+        colours[:-1][varied, 0] = kinds[varied]
+        self._of_faces = planes, colours, bool(varied.any()), paints, levels
         self._attributes = (
             surface.vertices,
             surface.faces,
@@ -100,6 +107,7 @@ class SoftwareRenderer:
         self._room = *self._for_drawing, np.empty(_padded(width), np.float32), tiles
         self._normals = np.empty((3, width), np.float32)
         self._weighted = np.empty(width)
+        self._paint = np.empty((3, width + 3), np.float32)
         self._run = np.empty((0, width), np.float32)
         self._drawn: Box = (0, 0, 0, 0)
         self._class_room: ClassRoom | None = None
@@ -124,7 +132,7 @@ class SoftwareRenderer:
         other = object.__new__(SoftwareRenderer)
         other.mesh, other.two_sided = self.mesh, self.two_sided
         other._near, other._surface = self._near, self._surface
-        other._textures = self._textures
+        other._textures, other._texel_areas = self._textures, self._texel_areas
         other._allocate()
         return other
 
@@ -174,7 +182,7 @@ class SoftwareRenderer:
             (photo.planar, photo.weights),
             photo.origin,
             photo.model_channels,
-            (self._normals, self._weighted, self._run_for(n)),
+            (self._normals, self._weighted, self._run_for(n), self._paint),
             region,
             pose.camera_from_model.rotation,
         )
@@ -192,7 +200,7 @@ class SoftwareRenderer:
             self._of_faces,
             (self._attributes, self._camera, self._textures),
             GREY_WEIGHTS,
-            (self._normals, self._weighted, self._run_for(0)),
+            (self._normals, self._weighted, self._run_for(0), self._paint),
             (room.spans, room.planes),
             (room.run, room.joint, room.second),
             (room.rows, room.across, fixed.edges),
@@ -226,7 +234,7 @@ class SoftwareRenderer:
         kernel_attributes.shade(
             box,
             self._ids,
-            *self._of_faces[:2],
+            self._of_faces,
             pose.camera_from_model.rotation,
             (self._attributes, self._camera, self._textures),
             reflectance,

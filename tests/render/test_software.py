@@ -12,13 +12,14 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import PhotoAttributes, moments_of_images
 from poseviewer.render.software import SoftwareRenderer
-from tests.meshes import make_box, make_bumpy, make_mesh, make_soup, make_sphere
+from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
 
 SEEDS = st.integers(0, 2**32 - 1)
 MESHES = {
     "box": make_box(),
     "bumpy": make_bumpy(3),
     "soup": make_soup(0),
+    "all kinds of reflectance": make_painted(),
     "tiny triangles": make_sphere(5, radius=0.3),
 }
 RENDERERS = {name: SoftwareRenderer(mesh) for name, mesh in MESHES.items()}

@@ -12,7 +12,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.opengl import OpenGLRenderer
 from poseviewer.render.software import SoftwareRenderer
-from tests.meshes import make_box, make_bumpy, make_mesh, make_soup
+from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup
 from tests.opengl import require_opengl
 
 WIDTH, HEIGHT = 320, 240
@@ -72,8 +72,8 @@ def angles_deg(a: AttributeImage, b: AttributeImage, where: np.ndarray) -> np.nd
 @pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
 @pytest.mark.parametrize(
     "mesh",
-    [make_box(), make_bumpy(), make_soup(3), make_textured()],
-    ids=["sharp", "smooth", "soup", "textured"],
+    [make_box(), make_bumpy(), make_soup(3), make_textured(), make_painted()],
+    ids=["sharp", "smooth", "soup", "textured", "painted"],
 )
 def test_software_matches_opengl(mesh, two_sided):
     opengl, software = OpenGLRenderer(mesh, two_sided), SoftwareRenderer(mesh, two_sided)
@@ -89,10 +89,12 @@ def test_software_matches_opengl(mesh, two_sided):
         assert both.sum() >= 0.995 * union
         assert same.sum() >= 0.99 * union
         assert np.median(angles_deg(a, b, both)) < 0.1
-        # Normals are interpolated between corners snapped to 1/256 px: slivers feel it.
+        # Normals and colours are those between corners snapped to 1/256 px: slivers feel it.
         angles = angles_deg(a, b, same)
         assert np.percentile(angles, 99) < 0.05
         assert angles.max() < 1.0
-        assert np.abs(a.reflectance - b.reflectance)[same].max() < 1e-4
+        differences = np.abs(a.reflectance - b.reflectance)[same]
+        assert np.percentile(differences, 99) < 1e-3
+        assert np.mean(differences > 0.02) < 1e-3  # a sliver may get the next texture level
     assert seen > 0.7 * POSES
     opengl.close()
