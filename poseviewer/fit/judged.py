@@ -20,7 +20,7 @@ AGAIN_BELOW = 0.6
 """Poses that are right with less probability are looked for again. Of 150 fits on real photos this
 was said of 70, 30 of which were off by more than 5 per cent; of the other 80, 7 were."""
 
-FOCAL_MOVED, MOST_SEARCHES = 0.05, 4
+FOCAL_MOVED, MOST_SEARCHES = 0.02, 4
 """Where a search has moved the focal length by a greater share, another one goes on from its end,
 up to so many in all."""
 

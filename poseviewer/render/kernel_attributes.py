@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.render.kernel_blocks import GRADED, GREY, MAPPED, normals_of_four, paints_of_four
+from poseviewer.render.kernel_blocks import (
+    GRADED,
+    GREY,
+    MAPPED,
+    NO_WEIGHT,
+    normals_of_four,
+    paints_of_four,
+)
 from poseviewer.render.kernel_compiler import kernel
 
 TINY = np.float32(1e-30)
@@ -57,24 +64,6 @@ def _project(vertices, camera, index):
 
 
 @_jit
-def _texture_level(one, two, three, vertex_data, a, b, c, width, height, levels):
-    """Mip level of a face: half the log2 of texels per pixel, rounded, from the two areas."""
-    (xa, ya, wa), (xb, yb, wb), (xc, yc, wc) = one, two, three
-    if wa <= 0.0 or wb <= 0.0 or wc <= 0.0:
-        return 0
-    ax, ay, bx, by, cx, cy = xa / wa, ya / wa, xb / wb, yb / wb, xc / wc, yc / wc
-    pixels = abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
-    du, dv = vertex_data[b, 6] - vertex_data[a, 6], vertex_data[b, 7] - vertex_data[a, 7]
-    eu, ev = vertex_data[c, 6] - vertex_data[a, 6], vertex_data[c, 7] - vertex_data[a, 7]
-    texels = abs(du * ev - eu * dv) * width * height
-    if texels <= pixels:
-        return 0
-    if pixels <= 0.0:
-        return levels - 1
-    return min(int(0.5 * math.log2(texels / pixels) + 0.5), levels - 1)
-
-
-@_jit
 def _edge(one, two):
     """(p, q, r): the edge through two corners is ``p + q u + r v``, 0 on it."""
     (xa, ya, wa), (xb, yb, wb) = one, two
@@ -82,28 +71,21 @@ def _edge(one, two):
 
 
 @_jit
-def _set_up(face, surface, camera, textures):
+def _set_up(face, level, surface, camera, textures):
     """What all pixels of a face share: corners, edges, and offset, width, height of its texture.
 
     With homogeneous corners and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` the shares of a point
     are ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic, linear in u and v (Olano and Greer, *Triangle scan
     conversion using 2D homogeneous coordinates*, 1997), also where the face reaches behind the
-    camera. Without a texture the offset is -1.
+    camera.
     """
-    vertices, faces, vertex_data, face_texture = surface
-    _, table = textures
+    (vertices, faces, _, face_texture), (_, table) = surface, textures
     f = np.uint32(face)
     a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
     one, two = _project(vertices, camera, a), _project(vertices, camera, b)
     three = _project(vertices, camera, c)
     edges = _edge(two, three), _edge(three, one), _edge(one, two)
-    texture = face_texture[f]
-    offset, width, height = np.int64(-1), np.int64(1), np.int64(1)
-    if texture >= 0:
-        size = table[texture, 0, 1], table[texture, 0, 2]
-        level = _texture_level(one, two, three, vertex_data, a, b, c, *size, table.shape[1])
-        offset, width = np.int64(table[texture, level, 0]), np.int64(table[texture, level, 1])
-        height = np.int64(table[texture, level, 2])
+    offset, width, height = table[face_texture[f], level]
     return (a, b, c), edges, (offset, width, height)
 
 
@@ -123,15 +105,13 @@ def _shares(u, v, edges):
 
 @_jit
 def _reflectance(u, v, vertex_data, texels, corners, edges, texture):
-    """RGB at (u, v) of a face that is set up: vertex colour, times the texture's, if any."""
+    """RGB at (u, v) of a face that is set up: vertex colour times the texture's."""
     la, lb, lc = _shares(u, v, edges)
     a, b, c = vertex_data[corners[0]], vertex_data[corners[1]], vertex_data[corners[2]]
     red = la * a[3] + lb * b[3] + lc * c[3]
     green = la * a[4] + lb * b[4] + lc * c[4]
     blue = la * a[5] + lb * b[5] + lc * c[5]
     offset, width, height = texture
-    if offset < 0:
-        return red, green, blue
     s, t = la * a[6] + lb * b[6] + lc * c[6], la * a[7] + lb * b[7] + lc * c[7]
     r, g, b_ = _sample(texels, offset, width, height, s, t)
     return red * r, green * g, blue * b_
@@ -148,10 +128,10 @@ def _textured(face, level, u, v, of_model):
 
 
 @_jit
-def _of_both(face, column, row, of_model):
+def _of_both(face, level, column, row, of_model):
     """RGB of a face of the kind BOTH at a pixel."""
     surface, camera, textures = of_model
-    corners, edges, texture = _set_up(face, surface, camera, textures)
+    corners, edges, texture = _set_up(face, level, surface, camera, textures)
     return _reflectance(column + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture)
 
 
@@ -163,13 +143,22 @@ def _colour(face, column, row, du, dv, of_faces, of_model):
     if kind >= 0.0:
         return colours[face, 0], colours[face, 1], colours[face, 2]
     if kind < _MAPPED:
-        return _of_both(face, column, row, of_model)
+        return _of_both(face, levels[face], column, row, of_model)
     x = paint[face, 0] + du * paint[face, 4] + dv * paint[face, 8]
     y = paint[face, 1] + du * paint[face, 5] + dv * paint[face, 9]
     z = paint[face, 2] + du * paint[face, 6] + dv * paint[face, 10]
     w = paint[face, 3] + du * paint[face, 7] + dv * paint[face, 11]
+    w = w if abs(w) > NO_WEIGHT else np.float32(1.0)
     x, y, z = x / w, y / w, z / w
-    return (x, y, z) if kind == _GRADED else _textured(face, levels[face], x, y, of_model)
+    if kind == _MAPPED:
+        return _textured(face, levels[face], x, y, of_model)
+    return _bounded(x), _bounded(y), _bounded(z)
+
+
+@_jit
+def _bounded(value):
+    """In [0, 1]: a face seen edge-on, which snapping alone made visible, may have any paint."""
+    return min(max(value, np.float32(0.0)), np.float32(1.0))
 
 
 @_jit
@@ -245,14 +234,14 @@ def fill_varied(row, first, faces, of_faces, grey, of_model, count, room, run, a
     red, green, blue = np.float32(grey[0]), np.float32(grey[1]), np.float32(grey[2])
     if count == 1:
         for k in range(size):
-            mixed = red * x[k] + green * y[k] + blue * z[k]
+            mixed = red * _bounded(x[k]) + green * _bounded(y[k]) + blue * _bounded(z[k])
             kinds[k] = mixed if kinds[k] < _ZERO else kinds[k]
         return
     greens, blues = run[at_model + 4], run[at_model + 8]
     for k in range(size):
-        greens[k] = y[k] if kinds[k] < _ZERO else greens[k]
-        blues[k] = z[k] if kinds[k] < _ZERO else blues[k]
-        kinds[k] = x[k] if kinds[k] < _ZERO else kinds[k]
+        greens[k] = _bounded(y[k]) if kinds[k] < _ZERO else greens[k]
+        blues[k] = _bounded(z[k]) if kinds[k] < _ZERO else blues[k]
+        kinds[k] = _bounded(x[k]) if kinds[k] < _ZERO else kinds[k]
 
 
 @_jit
@@ -265,7 +254,7 @@ def _fill_textured(row, first, faces, levels, of_model, kinds, x, y, z):
         if kinds[k] == _MAPPED:
             x[k], y[k], z[k] = _textured(face, levels[face], x[k], y[k], of_model)
         else:
-            x[k], y[k], z[k] = _of_both(face, first + k, row, of_model)
+            x[k], y[k], z[k] = _of_both(face, levels[face], first + k, row, of_model)
 
 
 @_jit

@@ -31,6 +31,9 @@ PLAIN, GRADED, MAPPED, BOTH = 0, 1, 2, 3
 """Where a face has its reflectance from: one colour, colours at its corners, a texture and one
 colour, a texture and colours at its corners. Negative they stand where there is no colour yet."""
 
+NO_WEIGHT = 1e-20
+"""A paint's fourth number that is no greater is that of no face, or of one seen edge-on."""
+
 GREY, PLANE, PAINT = 15, 16, 12
 """The entry of a face's plane that is its grey value; how many entries there are, and how many of
 its paint: the like of entries 0 to 11, of R, G, B or u, v, 0, and of a fourth number. These are
@@ -201,8 +204,13 @@ def _emit_paints(context, builder, signature, args):
     pixels = []
     for face, du, dv in _four_pixels(builder, faces, planes, *args[1:4]):
         paint = _linear(builder, paints, face, PAINT, du, dv)
-        fourth = _alike(builder, builder.extract_element(paint, _whole(3)), AXES)
-        pixels.append(builder.fdiv(paint, fourth))
+        weight = builder.extract_element(paint, _whole(3))
+        is_some = builder.or_(
+            builder.fcmp_ordered(">", weight, _real(NO_WEIGHT)),
+            builder.fcmp_ordered("<", weight, _real(-NO_WEIGHT)),
+        )
+        weight = builder.select(is_some, weight, _real(1.0))
+        pixels.append(builder.fdiv(paint, _alike(builder, weight, AXES)))
     _store_turned(builder, pixels, out, args[1])
     return context.get_dummy_value()
 

@@ -95,6 +95,6 @@ def test_software_matches_opengl(mesh, two_sided):
         assert angles.max() < 1.0
         differences = np.abs(a.reflectance - b.reflectance)[same]
         assert np.percentile(differences, 99) < 1e-3
-        assert np.mean(differences > 0.02) < 1e-3  # a sliver may get the next texture level
+        assert np.mean(differences > 0.02) < 3e-3  # a sliver may get the next texture level
     assert seen > 0.7 * POSES
     opengl.close()
