@@ -24,7 +24,7 @@ what a column more adds to each, and what a row more adds."""
 
 VALUE, ACROSS, ALONG, SCALE, WEIGHTS, VALUES = 3, 4, 5, 6, 7, 16
 """Rows of ``values``: 0 to 2 are the corners' depth values; that of the first pixel, and what a
-column and a row more add; one over the area, negative for a front; and nine as those of ``steps``,
+column and a row more add; one over the area, positive for a front; and nine as those of ``steps``,
 the rule not applied, times the corners' weights."""
 
 PLAIN, GRADED, MAPPED, BOTH = 0, 1, 2, 3
