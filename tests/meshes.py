@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from poseviewer.geometry.mesh import Mesh
 
@@ -59,8 +60,6 @@ def make_bumpy(subdivisions=4) -> Mesh:
 def make_painted() -> Mesh:
     """A bumpy shape whose faces have one colour, several, a texture, or a texture and several."""
     mesh, random = make_bumpy(3), np.random.default_rng(6)
-    rows, columns = np.mgrid[:48, :64]
-    waves = 128 + 100 * np.sin(2 * np.pi * np.stack([rows / 48, columns / 64, rows / 24], -1))
     return make_mesh(
         mesh.vertices,
         mesh.faces,
@@ -68,8 +67,15 @@ def make_painted() -> Mesh:
         np.where(mesh.vertices[:, 2:] > 0.0, [0.8, 0.6, 0.7], mesh.colours),
         uvs=mesh.vertices[:, :2] * 1.7,
         face_texture=random.integers(-1, 1, len(mesh.faces)),
-        textures=(waves.astype(np.uint8),),
+        textures=(make_waves(48, 64),),
     )
+
+
+def make_waves(height: int, width: int) -> NDArray[np.uint8]:
+    """(height, width, 3): a smooth texture that goes on at its borders."""
+    rows, columns = np.mgrid[:height, :width]
+    waves = np.stack([rows / height, columns / width, 2 * rows / height], -1)
+    return (128 + 100 * np.sin(2 * np.pi * waves)).astype(np.uint8)
 
 
 def make_soup(seed: int, triangles=300, spread=1.0, size=0.5) -> Mesh:

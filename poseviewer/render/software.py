@@ -61,7 +61,7 @@ class SoftwareRenderer:
     def _allocate(self) -> None:
         surface = self._surface
         faces, clusters = len(surface.faces), len(surface.cluster_box)
-        planes = np.zeros((faces + 1, 16), np.float32)
+        planes = np.zeros((faces + 1, kernel_blocks.PLANE), np.float32)
         planes[:-1, kernel_blocks.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
         varied, kinds = surface.kinds != kernel_blocks.PLAIN, -surface.kinds.astype(np.float32)
         planes[:-1, kernel_blocks.GREY][varied] = kinds[varied]

@@ -10,7 +10,7 @@ from poseviewer.evaluation.synthetic import Ground, Photographer, PhotoQuality, 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
-from tests.meshes import make_box, make_bumpy, make_mesh
+from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 
 LIGHTING = Lighting(
@@ -38,8 +38,6 @@ def _opengl():
 
 def make_textured_bumpy():
     mesh = make_bumpy()
-    rows, columns = np.mgrid[:64, :128]
-    waves = 128 + 100 * np.sin(2 * np.pi * np.stack([rows / 64, columns / 128, rows / 32], -1))
     return make_mesh(
         mesh.vertices,
         mesh.faces,
@@ -47,7 +45,7 @@ def make_textured_bumpy():
         mesh.colours,
         uvs=mesh.vertices[:, :2] * 0.4,
         face_texture=np.where(mesh.vertices[mesh.faces[:, 0], 2] > 0.0, 0, -1),
-        textures=(waves.astype(np.uint8),),
+        textures=(make_waves(64, 128),),
     )
 
 

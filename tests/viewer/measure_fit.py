@@ -47,6 +47,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=5)
     times = parser.parse_args().times
+    if times < 1:
+        parser.error(f"--times {times}: at least 1 is wanted")
     files = demo_case()
     _say(f"{processors()} processors, load {os.getloadavg()[0]:.1f} at the start")
     case = load(files.photo, files.model, files.start)
