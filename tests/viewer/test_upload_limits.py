@@ -66,6 +66,7 @@ def test_progress_is_told_to_its_own_page(running: RunningApp) -> None:
         assert_taken(page, photo, "mine.png")
         other.wait_until(lambda: other.text_with("**mine.png**"))
         size = photo.stat().st_size
+        page.wait_until(lambda: page.shown.progress)  # its own messages may come after everybody's
         assert page.shown.progress == [(size, size)]
         with running.page() as later:
             assert other.shown.progress == later.shown.progress == []
