@@ -147,33 +147,25 @@ def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes,
 
 
 @_jit
-def _span(start, first, last, e, right):
-    """The part of columns ``first`` to ``last`` where an edge may be inside, a pixel to spare.
-
-    The edge function is ``e`` at column ``start``, and grows by ``right`` a column.
+def _span(first, last, e, right):
+    """The part of columns ``first`` to ``last``, counted from where the edge function is ``e``, in
+    which it is not negative; it grows by ``right`` a column.
     """
     if right > 0:
-        first = max(first, start - 1 + int(-e / right)) if e < 0 else first
-    elif e < 0:
-        last = start - 1
-    elif right < 0:
-        last = min(last, start + 1 + int(e / -right))
-    return first, last
+        return max(first, (right - 1 - e) // right) if e < 0 else first, last
+    if e < 0:
+        return first, first - 1
+    return first, min(last, e // -right) if right < 0 else last
 
 
 @_jit
-def _draw_wide_row(row, first, last, edges, rights, d, slope, face, depth, ids):
-    """A row of a triangle of any size, columns ``first`` to ``last``."""
-    f0, f1, f2 = edges
-    for column in range(first, last + 1):
-        value = np.float32(d)
-        d += slope
-        if f0 | f1 | f2 >= 0:
-            before = depth[row, column]
-            if value > before or (value == before and face < ids[row, column]):
-                depth[row, column] = value
-                ids[row, column] = face
-        f0, f1, f2 = f0 + rights[0], f1 + rights[1], f2 + rights[2]
+def _fill_row(depths, faces, d, slope, face):
+    """Draw ``face`` all along a row's pixels, where it is not behind what is there."""
+    for k in range(depths.shape[0]):
+        value, before, face_before = np.float32(d + np.int32(k) * slope), depths[k], faces[k]
+        wins = (value > before) | ((value == before) & (face < face_before))
+        depths[k] = value if wins else before
+        faces[k] = face if wins else face_before
 
 
 @_jit
@@ -218,14 +210,13 @@ def _draw_piece(x0, y0, d0, x1, y1, d1, x2, y2, d2, face, two_sided, width, dept
     s1, s2 = (np.float64(d1) - d0) / area, (np.float64(d2) - d0) / area
     slope = right[1] * s1 + right[2] * s2
     for row in range(first_row, last_row + 1):
-        first, last = _span(first_column, first_column, last_column, e0, right[0])
-        first, last = _span(first_column, first, last, e1, right[1])
-        first, last = _span(first_column, first, last, e2, right[2])
-        skip = first - first_column
-        f1, f2 = e1 + skip * right[1], e2 + skip * right[2]
-        edges = (e0 + b0 + skip * right[0], f1 + b1, f2 + b2)
-        value = d0 + f1 * s1 + f2 * s2
-        _draw_wide_row(row, first, last, edges, right, value, slope, face, depth, ids)
+        first, last = _span(0, last_column - first_column, e0 + b0, right[0])
+        first, last = _span(first, last, e1 + b1, right[1])
+        first, last = _span(first, last, e2 + b2, right[2])
+        if first <= last:
+            value = d0 + (e1 + first * right[1]) * s1 + (e2 + first * right[2]) * s2
+            begin, end = first_column + first, first_column + last + 1
+            _fill_row(depth[row, begin:end], ids[row, begin:end], value, slope, face)
         e0, e1, e2 = e0 + down[0], e1 + down[1], e2 + down[2]
 
 

@@ -25,9 +25,9 @@ _HALF, _ONE, _ZERO = np.float32(0.5), np.float32(1.0), np.float32(0.0)
 _SUB, _GUARD = np.float32(SUBPIXELS), np.float32(GUARD_PX)
 
 _jit: Any = kernel()
-# For loops over finite numbers that need not mind the order of sums: they vectorise. Nothing is
-# contracted: a vertex has the same place in every cluster, wherever in a vector it is worked out.
-_jit_lanes: Any = kernel(fastmath={"reassoc", "nsz", "nnan"})
+# For loops over finite numbers: they vectorise. Sums keep their order, and nothing is contracted: a
+# vertex has the same place in every cluster, in a vector or beside it.
+_jit_lanes: Any = kernel(fastmath={"nsz", "nnan"})
 
 
 @_jit_lanes

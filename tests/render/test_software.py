@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from poseviewer.demo import demo_case
+from poseviewer.files.mesh_file import load_mesh
+from poseviewer.files.pose_file import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -116,17 +121,19 @@ def test_a_sphere_is_a_disc_with_its_own_normals(parallel):
     assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 0.2
 
 
+@pytest.mark.parametrize("scale", [1, 4])  # faces over 64 px are drawn in another way
 @given(seed=SEEDS)
 @settings(deadline=None, max_examples=40)
-def test_shared_edges_are_drawn_once(seed):
+def test_shared_edges_are_drawn_once(scale, seed):
     """A square cut into a fan of triangles: every pixel inside belongs to exactly one of them."""
     random = np.random.default_rng(seed)
-    square = np.array([[0, 0], [64, 0], [64, 48], [0, 48]], float)
-    middle = np.round(random.uniform(1, 40, 2) * 2.0) / 2.0  # often on a pixel centre
+    width, height = 64 * scale, 48 * scale
+    square = np.array([[0, 0], [width, 0], [width, height], [0, height]], float)
+    middle = np.round(scale * random.uniform(1, 40, 2) * 2.0) / 2.0  # often on a pixel centre
     vertices = np.column_stack([np.vstack([square, middle]), np.zeros(5)])
     faces = np.array([[0, 4, 1], [1, 4, 2], [2, 4, 3], [3, 4, 0]])
-    pose = Pose(Parallel(1.0, 0.0, 0.0, 64, 48), RigidTransform.identity())
-    counts = np.zeros((48, 64), int)
+    pose = Pose(Parallel(1.0, 0.0, 0.0, width, height), RigidTransform.identity())
+    counts = np.zeros((height, width), int)
     for face in faces:
         counts += SoftwareRenderer(make_mesh(vertices, face[None])).render(pose).mask
     assert np.all(counts == 1)
@@ -217,3 +224,16 @@ def test_a_clone_has_its_own_buffers():
     twin.render(there)
     assert np.array_equal(renderer.render(here).face_ids, expected)
     assert np.array_equal(twin.render(here).face_ids, expected)
+
+
+def test_a_picture_does_not_depend_on_earlier_ones():
+    """Which clusters are projected together does: a vertex must come to the same place in all."""
+    case = demo_case()
+    renderer = SoftwareRenderer(load_mesh(case.model))
+    start = load_pose(case.start, 640, 480).pose
+    used, random = renderer.clone(), np.random.default_rng(0)
+    for _ in range(60):
+        turn = RigidTransform.from_rotation_vector(*random.normal(0.0, 0.05, (2, 3)))
+        pose = replace(start, camera_from_model=turn @ start.camera_from_model)
+        expected = renderer.clone().render(pose).normals
+        assert np.array_equal(used.render(pose).normals, expected)
