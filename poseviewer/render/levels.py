@@ -168,9 +168,9 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     return replace(coarser(photo, factor), factor=factor)
 
 
-def with_structure(photo: PhotoAttributes) -> PhotoAttributes:
-    """The photo with its classes and edges."""
-    return replace(photo, structure=make_structure(photo.channels, photo.weights))
+def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttributes:
+    """The photo with its classes and edges; ``is_steep`` as of ``make_structure``."""
+    return replace(photo, structure=make_structure(photo.channels, photo.weights, is_steep))
 
 
 def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:

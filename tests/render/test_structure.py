@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -96,6 +97,27 @@ def test_a_photo_in_negative_has_the_same_edges():
     turned = (1.0 - channels ** (1 / 2.2)) ** 2.2
     negative = make_structure(turned.astype(np.float32), weights).field
     assert float(np.vdot(field, negative)) > 0.999
+
+
+@pytest.mark.parametrize("is_steep", [False, True])
+def test_a_blurred_dark_thing_is_as_large_as_it_is(is_steep):
+    """A lens mixes light: half way between dark and bright is not half way in a lightened photo."""
+    v, u = np.mgrid[0.5:160, 0.5:220]
+    disc = np.hypot(u - 110.0, v - 80.0) < 40.0
+    random, size = np.random.default_rng(0), (220, 160)
+    ground, dark = (
+        cv2.resize(random.uniform(least, most, (16, 22, 3)), size, interpolation=cv2.INTER_CUBIC)
+        for least, most in ((0.3, 0.9), (0.0, 0.05))
+    )
+    sharp = np.where(disc[..., None], dark, ground).astype(np.float32)
+    blurred = cv2.GaussianBlur(sharp, (0, 0), 1.0)
+    weights = np.ones(disc.shape, np.float32)
+    labels = make_structure(np.asarray(blurred, np.float32), weights, is_steep).labels
+    of_disc, beside = (np.bincount(labels[part], minlength=16) for part in (disc, ~disc))
+    wrong = (of_disc > beside)[labels] != disc
+    # Without, a rim of the disc is taken for what is beside it, and nothing the other way round.
+    assert np.count_nonzero(wrong & ~disc) == 0
+    assert (np.count_nonzero(wrong & disc) == 0) == is_steep
 
 
 def test_colours_in_another_order_are_the_same_photo():
