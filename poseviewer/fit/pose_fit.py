@@ -17,7 +17,7 @@ from poseviewer.fit.paper import paper_loss, paper_stages
 from poseviewer.fit.quadratic import QuadraticRules, quadratic_descent
 from poseviewer.fit.restarts import RestartRules, SearchState, restarted_simplex
 from poseviewer.fit.simplex import SimplexState
-from poseviewer.fit.stages import Stage, make_stages
+from poseviewer.fit.stages import Scope, Stage, make_stages
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
@@ -83,8 +83,8 @@ class FitProblem:
     """How poses are judged and searched for: ours, or as in ``fit.paper``."""
     finer: PhotoAttributes | None = None
     """The photo made less small, without structure: a search ends on it. None: on ``photo``."""
-    is_wide: bool = False
-    """Whether to look farther about the start, if the search begins with an evolving cloud."""
+    scope: Scope = "usual"
+    """How far about the start to look."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free numbers."""
 
@@ -173,7 +173,7 @@ def stages_of(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Sta
     if problem.method == "paper":
         return paper_stages(problem.photo, renderer, problem.rules)
     photo, rules = problem.photo, problem.rules
-    return make_stages(photo, renderer, start, rules, problem.finer, problem.is_wide)
+    return make_stages(photo, renderer, start, rules, problem.finer, problem.scope)
 
 
 class _Search:
@@ -233,7 +233,7 @@ class _Search:
         costs a little more. Where it costs much more the search has gone astray, and is forgotten.
         """
         # Only now, as most searches of a short limit never come here.
-        level = replace(stage.level, photo=with_structure(stage.level.photo))
+        level = replace(stage.level, photo=with_structure(stage.level.photo, is_steep=True))
         for state in self._states(replace(stage, level=level)):
             if state.finished:
                 loss = self._objective(self._photo)(state.best)

@@ -38,9 +38,11 @@ COARSE_CLOUD = EvolutionRules(least_width=0.04)
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
 WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
 """For a second search, where the first one ended in a pose that is not to be trusted."""
-FINE_CLOUD = EvolutionRules(width=0.06, generations=16, least_width=2e-3)
+FINE_CLOUD = EvolutionRules(width=0.06, generations=24, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
-without it, one in ten runs away to where the model fills the photo."""
+without it, one in ten runs away to where the model fills the photo. Along a flat valley, a black
+car in front of black, it is still on its way after 16 generations: there 75 per cent of 40
+starts found the pose, with 24 it is 97 of 60, and no more with 32."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
@@ -56,6 +58,10 @@ PLAIN = 1 / 30
 """What a difference in loss is worth without classes and edges, of one with them: shares of the
 variance are added up then, not their logarithms."""
 
+
+Scope = Literal["near", "usual", "wide"]
+"""How far about the start a search with evolving clouds looks: near, it leaves out the first cloud.
+"""
 
 On = Literal["a sketch", "the photo", "a finer photo"]
 """What a stage minimises the loss on: a sketch is of fewer pixels or triangles, or something else
@@ -77,10 +83,10 @@ def make_stages(
     start: Pose,
     rules: RestartRules,
     finer: PhotoAttributes | None = None,
-    is_wide: bool = False,
+    scope: Scope = "usual",
 ) -> tuple[Stage, ...]:
     """The stages of a search from ``start``, the last one on the photo itself, or on a ``finer``
-    one (without structure). ``is_wide``: look farther, where an evolving cloud goes first.
+    one (without structure). ``scope``: how far to look, where evolving clouds go first.
 
     With the surroundings compared, side valleys are many: there an evolving cloud goes first, on
     whatever level is the coarsest, a narrower one on the photo follows. Clipped to the model, one
@@ -91,11 +97,13 @@ def make_stages(
     coarse = coarsest_level(photo, renderer, start, fewest)
     if not photo.clipped:
         lighter = lighter_level(photo, renderer, start)
-        first, second, last = WIDE_CLOUD if is_wide else COARSE_CLOUD, FINE_CLOUD, LAST_STEPS
+        first = WIDE_CLOUD if scope == "wide" else COARSE_CLOUD
+        second, last = FINE_CLOUD, LAST_STEPS
         if photo.structure is None:
             first, second = (replace(c, nearness=PLAIN * c.nearness) for c in (first, second))
             last = replace(last, rise=PLAIN * last.rise, least_gain=PLAIN * last.least_gain)
         clouds = Stage(coarse, first, "a sketch"), Stage(lighter, second, "a sketch")
+        clouds = clouds[1:] if scope == "near" else clouds
         if finer is None:
             return *clouds, Stage(full, last)
         closer = Stage(Level(1, finer, renderer), CLOSER_STEPS, "a finer photo")

@@ -1,4 +1,4 @@
-"""A fit with its verdict: where that is bad a second search looks farther."""
+"""A fit with its verdict: where that is bad it goes on, and then looks farther."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from poseviewer.demo import demo_case
-from poseviewer.fit.judged import AGAIN_BELOW, judged_fit, with_verdict
-from poseviewer.fit.pose_fit import FitProblem, Limits, Status, fit_pose
+from poseviewer.fit.judged import (
+    AGAIN_BELOW,
+    SCOPES,
+    further_search,
+    judged_fit,
+    with_verdict,
+)
+from poseviewer.fit.pose_fit import FitProblem, Limits, Status, fit_pose, stages_of
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.registration import (
     FitSettings,
@@ -66,9 +72,25 @@ def test_a_pose_that_is_not_is_looked_for_farther_away(demo):
     assert end.evaluations > 1.5 * alone.evaluations
     assert end.start_loss == alone.start_loss
     assert end.loss < alone.loss - 1.0  # from here the first search ends in another valley
-    losses = [state.loss for state in states[alone.evaluations :]]
+    losses = [state.loss for state in states if state.evaluations > alone.evaluations]
     assert max(losses) <= alone.loss + 1e-9  # what was found first stays the best until then
     assert np.all(np.diff([state.evaluations for state in states]) >= 0)
+
+
+def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farther(demo):
+    registration, renderer = demo
+    problem = start_off_by(registration, 0.35, 2)
+    *_, alone = fit_pose(problem, renderer, 2)
+    alone = with_verdict(alone, problem, registration.mesh, renderer)
+    near, wide = (further_search(problem, alone, scope, 0.0) for scope in ("near", "wide"))
+    assert near is not None
+    assert wide is not None
+    assert np.array_equal(near.start, alone.numbers)
+    assert np.array_equal(wide.start, problem.start)
+    stages = [stages_of(one, renderer, alone.pose) for one in (problem, near, wide)]
+    assert [len(each) for each in stages] == [len(stages[0]), len(stages[0]) - 1, len(stages[0])]
+    assert further_search(replace(problem, method="paper"), alone, "near", 0.0) is None
+    assert SCOPES.index("near") < SCOPES.index("wide")
 
 
 def test_the_limits_are_those_of_both_searches(demo):
