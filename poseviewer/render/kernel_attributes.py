@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from poseviewer.render.kernel_blocks import (
+    COLUMN_OF,
     GRADED,
     GREY,
     MAPPED,
     NO_WEIGHT,
+    ROW_OF,
     normals_of_four,
     paints_of_four,
 )
@@ -177,7 +179,7 @@ def shade(box, ids, of_faces, rotation, of_model, reflectance, normals):
                 continue
             face = np.uint32(ids[row, column])
             plane = planes[face]
-            du, dv = np.float32(column) - plane[12], np.float32(row) - plane[13]
+            du, dv = np.float32(column) - plane[COLUMN_OF], np.float32(row) - plane[ROW_OF]
             x = plane[0] + du * plane[4] + dv * plane[8]
             y = plane[1] + du * plane[5] + dv * plane[9]
             z = plane[2] + du * plane[6] + dv * plane[10]
@@ -202,7 +204,7 @@ def fill_plain(row, first, faces, planes, colours, count, normals, run, at_model
         normals_of_four(faces, k, first + k, row, planes, nx, ny, nz, grey)
     for k in range(fours, size):
         face = np.uint64(faces[k] if faces[k] >= 0 else none)  # the last plane is all zeros
-        du, dv = np.float32(first + k) - planes[face, 12], down - planes[face, 13]
+        du, dv = np.float32(first + k) - planes[face, COLUMN_OF], down - planes[face, ROW_OF]
         x = planes[face, 0] + du * planes[face, 4] + dv * planes[face, 8]
         y = planes[face, 1] + du * planes[face, 5] + dv * planes[face, 9]
         z = planes[face, 2] + du * planes[face, 6] + dv * planes[face, 10]

@@ -34,10 +34,10 @@ colour, a texture and colours at its corners. Negative they stand where there is
 NO_WEIGHT = 1e-20
 """A paint's fourth number that is no greater is that of no face, or of one seen edge-on."""
 
-GREY, PLANE, PAINT = 15, 16, 12
-"""The entry of a face's plane that is its grey value; how many entries there are, and how many of
-its paint: the like of entries 0 to 11, of R, G, B or u, v, 0, and of a fourth number. These are
-divided by that."""
+COLUMN_OF, ROW_OF, GREY, PLANE, PAINT = 12, 13, 15, 16, 12
+"""The entries of a face's plane that are the pixel which its first three are of, and its grey
+value; how many entries there are, and how many of its paint: the like of entries 0 to 11, of R, G,
+B or u, v, 0, and of a fourth number. These are divided by that."""
 
 _whole, _real, _size = ir.IntType(32), ir.FloatType(), ir.IntType(64)
 _wholes, _reals = ir.VectorType(_whole, BLOCK), ir.VectorType(_real, BLOCK)
@@ -192,7 +192,7 @@ def _emit_normals(context, builder, signature, args):
     pixels = []
     for face, du, dv in _four_pixels(builder, faces, planes, *args[1:4]):
         normal = _linear(builder, planes, face, PLANE, du, dv)
-        rest = builder.load(_axes_at(builder, planes, face, PLANE, 3 * AXES), align=4)
+        rest = builder.load(_axes_at(builder, planes, face, PLANE, COLUMN_OF), align=4)
         pixels.append(_shuffled(builder, normal, rest, [0, 1, 2, 7]))
     _store_turned(builder, pixels, out, args[1])
     return context.get_dummy_value()
@@ -223,7 +223,7 @@ def _four_pixels(builder, faces, planes, k, column, row):
         face = builder.load(builder.gep(faces.data, [builder.add(k, _size(q))]))
         face = builder.sext(face, _size)
         face = builder.select(builder.icmp_signed("<", face, _size(0)), none, face)
-        place = builder.load(_axes_at(builder, planes, face, PLANE, 3 * AXES), align=4)
+        place = builder.load(_axes_at(builder, planes, face, PLANE, COLUMN_OF), align=4)
         here = builder.sitofp(builder.add(column, _size(q)), _real)
         du, dv = (
             _alike(builder, builder.fsub(one, builder.extract_element(place, _whole(lane))), AXES)

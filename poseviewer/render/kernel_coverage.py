@@ -25,10 +25,12 @@ from poseviewer.render.kernel_blocks import (
     ALONG,
     BLOCK,
     CHUNK,
+    COLUMN_OF,
     DOWN,
     EDGE,
     PLAIN,
     RIGHT,
+    ROW_OF,
     SCALE,
     STEPS,
     VALUE,
@@ -249,8 +251,8 @@ def draw_listed(
             right, bottom = np.int64(boxes[2, i]), np.int64(boxes[3, i])
             if draw_blocks(depth, ids, steps, values, i, left, right, top, bottom, face):
                 set_plane(planes, normals, values, i, np.uint32(face))
-                planes[np.uint32(face), 12] = np.float32(left)
-                planes[np.uint32(face), 13] = np.float32(top)
+                planes[np.uint32(face), COLUMN_OF] = np.float32(left)
+                planes[np.uint32(face), ROW_OF] = np.float32(top)
                 if is_painted and kinds[np.uint32(face)] != PLAIN:
                     set_paint(paints, paint, values, i, np.uint32(face))
                     pixels = _ONE / (abs(values[SCALE, i]) * _SUB * _SUB)

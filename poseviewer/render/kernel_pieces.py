@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.render.kernel_blocks import PLAIN
+from poseviewer.render.kernel_blocks import COLUMN_OF, PLAIN, ROW_OF
 from poseviewer.render.kernel_compiler import kernel
 from poseviewer.render.kernel_coverage import texture_level
 from poseviewer.render.kernel_visibility import GUARD_PX, OFF_SCREEN, SUBPIXELS
@@ -125,7 +125,9 @@ def cut(count, listed, faces, corners, vertices, camera, screen, depths, planes,
             places[pieces, k, 0], places[pieces, k, 1] = screen[0, corner], screen[1, corner]
             values[pieces, k] = depths[corner]
         _set_plane(face, one, corners, planes)
-        planes[face, 12] = planes[face, 13] = -0.5  # the pixel whose centre is the origin
+        planes[face, COLUMN_OF] = planes[
+            face, ROW_OF
+        ] = -0.5  # the pixel whose centre is the origin
         if paint.shape[0] > 1 and kinds[face] != PLAIN:
             _set_plane(face, one, paint, paints)
             levels[face] = texture_level(texel_areas[face], _pixel_area(one), count_of_levels)
