@@ -35,6 +35,11 @@ WORTH_IT = 0.1
 CLEARLY = 0.1
 """So much more probable the pose of a wide search must be, and so much less that of a near one may.
 """
+LIKELY_ENOUGH = 0.3
+"""And so probable the pose of a wide search must be. On real photos 25 such poses were clearly
+likelier than the one before: of the 15 above this one was farther from the truth, of the 10 others
+six were. What no pose explains is not to be looked for far from where the user put it.
+"""
 
 
 def judged_fit(
@@ -42,7 +47,7 @@ def judged_fit(
 ) -> Iterator[FitProgress]:
     """As ``fit_pose``; the last progress bears a verdict. If that is a bad one, the search goes on
     from where it ended, as long as that is worth it, and then another one looks farther about the
-    start: its pose is kept if it has less loss and is clearly likelier.
+    start: its pose is kept if it has less loss and is likely enough (``is_taken``).
 
     Gathering the evidence takes a few hundred evaluations more, which are not counted.
     """
@@ -77,7 +82,7 @@ def _also(
             continue
         if second.loss < first.loss:
             judged = with_verdict(second, again, mesh, renderer, threads)
-            return _better(both, judged, CLEARLY if again.scope == "wide" else -CLEARLY)
+            return _better(both, judged, again.scope)
         return both
     raise AssertionError("a search yields at least once")
 
@@ -164,16 +169,23 @@ def _together(first: FitProgress, second: FitProgress) -> FitProgress:
     )
 
 
-def _better(both: FitProgress, second: FitProgress, by: float) -> FitProgress:
-    """With the second one's pose, if its probability is greater ``by`` so much (negative: no more
-    than so much less): a wrong pose can have less loss than the right one.
-    """
+def _better(both: FitProgress, second: FitProgress, scope: Scope) -> FitProgress:
+    """With the second one's pose, where that is to be taken; it has less loss."""
     before = 0.0 if both.verdict is None else both.verdict.probability
-    if second.verdict is None or second.verdict.probability < before + by:
+    if second.verdict is None or not is_taken(second.verdict.probability, before, scope):
         return both
     return replace(
         both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=second.verdict
     )
+
+
+def is_taken(probability: float, before: float, scope: Scope) -> bool:
+    """Whether the pose of a further search, which has less loss, is taken for the one ``before``,
+    by how probably each is right: a wrong pose can have less loss than the right one.
+    """
+    if scope == "near":
+        return probability >= before - CLEARLY
+    return probability >= max(before + CLEARLY, LIKELY_ENOUGH)
 
 
 def with_verdict(

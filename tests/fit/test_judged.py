@@ -12,6 +12,7 @@ from poseviewer.fit.judged import (
     AGAIN_BELOW,
     SCOPES,
     further_search,
+    is_taken,
     judged_fit,
     with_verdict,
 )
@@ -91,6 +92,21 @@ def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farth
     assert [len(each) for each in stages] == [len(stages[0]), len(stages[0]) - 1, len(stages[0])]
     assert further_search(replace(problem, method="paper"), alone, "near", 0.0) is None
     assert SCOPES.index("near") < SCOPES.index("wide")
+
+
+@pytest.mark.parametrize(
+    ("scope", "before", "found", "taken"),
+    [
+        ("near", 0.5, 0.45, True),  # it went on from there, and has less loss
+        ("near", 0.5, 0.3, False),
+        ("wide", 0.5, 0.55, False),
+        ("wide", 0.5, 0.65, True),
+        ("wide", 0.02, 0.2, False),  # both are lost: then the one near the start
+        ("wide", 0.02, 0.4, True),
+    ],
+)
+def test_what_is_found_far_away_must_be_likely(scope, before, found, taken):
+    assert is_taken(found, before, scope) == taken
 
 
 def test_the_limits_are_those_of_both_searches(demo):
