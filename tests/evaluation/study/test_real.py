@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from poseviewer.evaluation.study.real import real_tasks, run_real_trial
 from poseviewer.evaluation.study.real_cases import load_cases
 from poseviewer.fit.pose_fit import Limits
 from poseviewer.registration import FitSettings
+from tests.evaluation.study.real_folder import write_real_folder
 
 WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
           "evaluations", "seconds", "verdict")  # fmt: skip
@@ -20,26 +20,7 @@ WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_per
 
 @pytest.fixture
 def folder(scene):
-    """The tests' scene as a folder of two cases, each with two starts at 5 degrees."""
-    pose, start = (json.loads(path.read_text()) for path in (scene.truth, scene.start))
-    case = {
-        "set": "scene",
-        "photo": scene.photo.name,
-        "mesh": scene.model.name,
-        "camera": pose["camera"],
-        "camera_from_model": pose["camera_from_model"],
-        "accuracy": "1-2 px",
-        "image_diagonal_px": 100.0,
-    }
-    cases = [{"id": name, **case} for name in ("ball-a", "ball-b")]
-    starts = [
-        {"case": case["id"], "degrees": 5, "draw": draw,
-         "camera_from_model": start["camera_from_model"]}
-        for case in cases for draw in range(2)
-    ]  # fmt: skip
-    (scene.photo.parent / "cases.json").write_text(json.dumps({"cases": cases}))
-    (scene.photo.parent / "starts.json").write_text(json.dumps(starts))
-    return scene.photo.parent
+    return write_real_folder(scene)
 
 
 def run(folder, out, *more) -> int:
