@@ -8,7 +8,9 @@
 prints how well the verdict tells right from wrong, on the half of the cases that it is made from
 and on the other half; with ``--write`` the weights go to ``fit/verdict_weights.py``. Where only the
 evidence has changed, ``--anew FOLDER`` gathers it again at the ends that the table holds, in a
-fourth of the time of the fits, into a table beside it.
+fourth of the time of the fits, into a table beside it. Truths that are farther off than their
+source says make right fits wrong: ``--accuracy SET=PERCENT`` says how far (``evaluation.agreement``
+shows such sets).
 """
 
 from __future__ import annotations
@@ -38,16 +40,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
     parser.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV", help="of studies")
     parser.add_argument("--anew", type=Path, metavar="FOLDER", help="gather the evidence again")
+    parser.add_argument(
+        *("--accuracy", "-a"),
+        type=_accuracy,
+        action="append",
+        default=[],
+        metavar="SET=PERCENT",
+        help="how far off the truths of a set are, instead of what the table says",
+    )
     parser.add_argument("--write", action="store_true", help="keep the weights in the program")
     options = parser.parse_args(arguments)
     try:
         tables = options.trials
         if options.anew:
             tables = [gather_anew(path, options.anew, sys.stderr.write) for path in tables]
-        return _calibrate(load_judged(tables), options.write)
+        return _calibrate(load_judged(tables, dict(options.accuracy)), options.write)
     except PoseViewerError as error:
         sys.stderr.write(f"poseviewer: {error}\n")
         return EXIT_MENDABLE
+
+
+def _accuracy(text: str) -> tuple[str, float]:
+    name, _, percent = text.rpartition("=")
+    try:
+        value = float(percent)
+    except ValueError:
+        value = -1.0
+    if not name or not 0.0 <= value <= 100.0:
+        raise argparse.ArgumentTypeError(f"{text!r}; wanted SET=PERCENT, such as lmo=6")
+    return name, value
 
 
 def _calibrate(trials: list[JudgedTrial], write: bool) -> int:

@@ -37,7 +37,7 @@ COARSE_CLOUD = EvolutionRules(least_width=0.04)
 """Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
 WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
-"""For a second search, where the first one ended in a pose that is not to be trusted."""
+"""For another search, where the first ones ended in a pose that is not ``found``."""
 FINE_CLOUD = EvolutionRules(width=0.06, generations=24, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
 without it, one in ten runs away to where the model fills the photo. Along a flat valley, a black

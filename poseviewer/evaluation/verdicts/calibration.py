@@ -19,7 +19,7 @@ NAMES = ("light_margin", "spread_percent", "outline")
 """The numbers of the evidence that are weighed; few, as trials are."""
 PENALTY = 1.0
 """Half of it times the squared length of the weights is what they cost."""
-RIGHT_OF_FOUND, RIGHT_OF_LOST = 0.9, 0.1
+RIGHT_OF_FOUND, RIGHT_OF_LOST = 0.98, 0.3
 FALLBACK = 0.9
 """Where no probability separates them so well, it has to be at least so sure itself."""
 """``found`` are to be right at least so often, ``lost`` at most so often, in the tuning half."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +31,8 @@ class JudgedTrial:
     evidence: dict[str, float]
     verdict: str
     """As the trial's own program gave it."""
+    set: str = ""
+    """Of real photos; empty for others."""
 
     @property
     def tunes(self) -> bool:
@@ -38,17 +40,21 @@ class JudgedTrial:
         return hashlib.sha256(self.case.encode()).digest()[0] % 2 == 0
 
 
-def load_judged(tables: Sequence[Path]) -> list[JudgedTrial]:
-    """The trials of studies' ``trials.csv`` that have evidence.
+def load_judged(
+    tables: Sequence[Path], accuracies: Mapping[str, float] | None = None
+) -> list[JudgedTrial]:
+    """The trials of studies' ``trials.csv`` that have evidence. ``accuracies``, of sets of real
+    photos by name, %: how far off their truths are, where that is more than their source says.
 
     Raises:
         SettingsError: a table cannot be read, or is not one of trials.
     """
-    found = []
+    found, known = [], dict(accuracies or {})
     for path in tables:
         try:
             with path.open(newline="", encoding="utf-8") as file:
-                found += [_judged(row) for row in csv.DictReader(file) if row["evidence"]]
+                rows = [row for row in csv.DictReader(file) if row["evidence"]]
+            found += [_judged(row, known) for row in rows]
         except OSError as error:
             raise SettingsError(
                 f"{path}: cannot be read ({error.strerror}); name a trials.csv of poseviewer study"
@@ -58,15 +64,20 @@ def load_judged(tables: Sequence[Path]) -> list[JudgedTrial]:
                 f"{path}: is not a table of trials with evidence ({error}); "
                 "make one with poseviewer study"
             ) from None
+    unknown = set(known) - {trial.set for trial in found}
+    if unknown:
+        sets = ", ".join(sorted({trial.set for trial in found} - {""})) or "none"
+        raise SettingsError(f"no trial of set {min(unknown)!r}; the tables' sets: {sets}")
     return found
 
 
-def _judged(row: dict[str, str]) -> JudgedTrial:
+def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial:
     evidence, verdict = evidence_from_text(row["evidence"]), row["verdict"]
     if "case" in row:
-        most = float(row["accuracy_percent"]) + BEYOND_TRUTH_PERCENT
+        name = row["set"]
+        most = accuracies.get(name, float(row["accuracy_percent"])) + BEYOND_TRUTH_PERCENT
         right = float(row["error_percent_end"]) < most
-        return JudgedTrial(row["case"], f"{row['method']}, {row['set']}", right, evidence, verdict)
+        return JudgedTrial(row["case"], f"{row['method']}, {name}", right, evidence, verdict, name)
     case = f"{row['kind']}-{row['photo']}"
     right = row["found"] == "True"
     return JudgedTrial(case, f"{row['method']}, {row['kind']}", right, evidence, verdict)

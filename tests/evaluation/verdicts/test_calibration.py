@@ -55,6 +55,25 @@ def test_rows_without_information_are_not_told_apart(tmp_path):
     assert 0.2 < area < 0.8
 
 
+def test_a_truth_that_is_known_to_be_worse_makes_more_of_them_right(tmp_path, capsys):
+    table = write_table(tmp_path / "trials.csv", informative=True)
+    assert sum(trial.right for trial in load_judged([table])) == 20
+    assert sum(trial.right for trial in load_judged([table], {"s": 8.5})) == 40
+    with pytest.raises(SettingsError, match="no trial of set 'other'; the tables' sets: s"):
+        load_judged([table], {"other": 8.5})
+    assert calibrate_verdict.main([str(table), "--accuracy", "s=3"]) == 0
+    assert calibrate_verdict.main([str(table), "--accuracy", "s=8.5"]) == 2  # all are right
+    assert "are right: there must be some of both" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["s", "s=much", "=3", "s=-1", "s=nan"])
+def test_an_accuracy_that_is_none_is_refused(tmp_path, capsys, text):
+    with pytest.raises(SystemExit) as stopped:
+        calibrate_verdict.main([str(tmp_path / "trials.csv"), "--accuracy", text])
+    assert stopped.value.code == 2
+    assert "wanted SET=PERCENT" in capsys.readouterr().err
+
+
 def test_all_trials_of_a_case_are_in_one_half(tmp_path):
     trials = load_judged([write_table(tmp_path / "trials.csv", informative=True)])
     halves = {trial.case: {t.tunes for t in trials if t.case == trial.case} for trial in trials}
