@@ -3,7 +3,8 @@
 ``python -m poseviewer.evaluation.agreement FOLDER OUT`` reads the trials that ``study --real
 FOLDER --out OUT`` has left. The middle of a case is the end of least summed distance to all its
 other ends. Where the ends lie closer about it than it lies to the truth, the search does what it
-can: either the least loss is beside the truth, or the truth is.
+can: either the least loss is beside the truth, or the truth is. For that, the model's outline at
+both is held against the photo's edges.
 """
 
 from __future__ import annotations
@@ -18,16 +19,19 @@ import numpy as np
 
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.pose_error import pose_error
-from poseviewer.evaluation.study.real import RealTrial
-from poseviewer.evaluation.study.real_cases import RealCase, load_cases, load_starts
+from poseviewer.evaluation.study.real import RealTask, RealTrial, open_real_task
+from poseviewer.evaluation.study.real_cases import load_cases, load_starts
 from poseviewer.evaluation.study.run import TRIALS
 from poseviewer.evaluation.trial_table import print_trials
 from poseviewer.files.mesh_file import load_mesh
 from poseviewer.files.table_file import RowTable
+from poseviewer.fit.outline_support import outline_support
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.registration import FitSettings, make_problem
+from poseviewer.render.level_pose import level_pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,10 @@ class Agreement:
     """How far the middle is from the truth, in the same unit."""
     accuracy_percent: float
     """How far the truth itself may be off, as its source says."""
+    middle_outline: float
+    """Share of the outline at the middle that has an edge of the photo on it, in [0, 1] ..."""
+    truth_outline: float
+    """... and at the truth."""
 
 
 def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator[Agreement]:
@@ -63,22 +71,35 @@ def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator
         own = [trial for trial in fitted if trial.case == case.name]
         if len(own) < 2:
             continue
-        mesh, ends = load_mesh(case.mesh), list[Pose]()
-        for trial in own:
-            start = starts[trial.case, trial.degrees, trial.draw]
-            chart = FreeBodyChart.near(mesh, Pose(case.truth.camera, start.camera_from_model))
-            ends.append(chart.to_pose(np.array(trial.end.split(), float)))
-        yield _agreement(case, mesh, ends)
+        own_starts = [starts[trial.case, trial.degrees, trial.draw] for trial in own]
+        task = RealTask(case, own_starts[0], FitSettings())
+        mesh = load_mesh(case.mesh)
+        ends = [
+            FreeBodyChart.near(mesh, Pose(case.truth.camera, start.camera_from_model)).to_pose(
+                np.array(trial.end.split(), float)
+            )
+            for trial, start in zip(own, own_starts, strict=True)
+        ]
+        yield _agreement(task, mesh, ends)
 
 
-def _agreement(case: RealCase, mesh: Mesh, ends: Sequence[Pose]) -> Agreement:
+def _agreement(task: RealTask, mesh: Mesh, ends: Sequence[Pose]) -> Agreement:
+    case = task.case
     apart = distances(mesh, ends, case.truth)
     middle = int(np.argmin(apart.sum(axis=1)))
     others = np.delete(apart[middle], middle)
     off = pose_error(mesh, ends[middle], case.truth).percent
-    return Agreement(
-        case.set, case.name, len(ends), float(np.median(others)), off, case.accuracy_percent
-    )
+    outlines = _outline_shares(task, [ends[middle], case.truth])
+    fits, between = len(ends), float(np.median(others))
+    return Agreement(case.set, case.name, fits, between, off, case.accuracy_percent, *outlines)
+
+
+def _outline_shares(task: RealTask, poses: Sequence[Pose]) -> list[float]:
+    """Of the outline at each pose: the share that has an edge of the photo on it."""
+    registration, renderer = open_real_task(task)
+    photo = make_problem(registration, task.settings)[0].photo
+    pictures = [renderer.covers(level_pose(pose, photo.factor)) for pose in poses]
+    return [outline_support(photo.channels, photo.weights, seen).share for seen in pictures]
 
 
 def distances(mesh: Mesh, poses: Sequence[Pose], truth: Pose) -> FloatArray:
@@ -94,14 +115,23 @@ def distances(mesh: Mesh, poses: Sequence[Pose], truth: Pose) -> FloatArray:
 
 def summary(found: Sequence[Agreement]) -> str:
     """A line for each set: medians over its cases."""
-    lines = [f"{'set':14}{'cases':>7}{'fits':>7}{'apart %':>9}{'truth, %':>10}{'beyond':>8}"]
+    lines = [
+        f"{'set':14}{'cases':>7}{'fits':>7}{'apart %':>9}{'truth, %':>10}{'beyond':>8}"
+        f"{'outline on edges':>18}{'at truth':>10}{'better':>8}"
+    ]
     for name in dict.fromkeys(one.set for one in found):
         some = [one for one in found if one.set == name]
-        apart = np.median([one.apart_percent for one in some])
-        off = np.median([one.middle_percent for one in some])
+        apart, off, middle, truth = (
+            np.median([getattr(one, name) for one in some])
+            for name in ("apart_percent", "middle_percent", "middle_outline", "truth_outline")
+        )
         beyond = sum(one.middle_percent > one.accuracy_percent for one in some)
+        better = sum(one.middle_outline > one.truth_outline for one in some)
         fits = sum(one.fits for one in some)
-        lines.append(f"{name:14}{len(some):7}{fits:7}{apart:9.2f}{off:10.2f}{beyond:8}")
+        lines.append(
+            f"{name:14}{len(some):7}{fits:7}{apart:9.2f}{off:10.2f}{beyond:8}"
+            f"{middle:18.0%}{truth:10.0%}{better:8}"
+        )
     return "\n".join(lines)
 
 

@@ -51,8 +51,12 @@ def test_how_far_ends_are_apart_and_from_the_truth(folder, tmp_path):
     assert other.middle_percent == pytest.approx(one.apart_percent, rel=0.1)
     apart = np.median([one.apart_percent, other.apart_percent])
     middle = other.middle_percent / 2.0
+    shares = np.array([[x.middle_outline, x.truth_outline] for x in (one, other)])
+    assert np.all(shares[:, 1] > 0.9)  # the photo is drawn at the truth
+    assert shares[0, 0] == shares[0, 1] > shares[1, 0] + 0.3
+    outlines = [f"{share:.0%}" for share in np.median(shares, axis=0)] + ["0"]
     line = summary([one, other]).splitlines()[1]
-    assert line.split() == ["scene", "2", "4", f"{apart:.2f}", f"{middle:.2f}", "1"]
+    assert line.split() == ["scene", "2", "4", f"{apart:.2f}", f"{middle:.2f}", "1", *outlines]
 
 
 def test_the_middle_is_where_most_ends_are(scene, folder):
