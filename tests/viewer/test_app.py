@@ -248,7 +248,8 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
 def test_panels_are_narrow_on_the_page_with_a_small_window_alone(running: RunningApp) -> None:
     with running.page() as page, running.page() as other:
         wide = sorted([PANEL_WIDTHS[0], MAPS_WIDTHS[0]])
-        assert sorted(page.shown.widths) == sorted(other.shown.widths) == wide
+        for one in (page, other):
+            one.wait_until(lambda one=one: sorted(one.shown.widths) == wide)
         page.report(kind="narrow")
         page.wait_until(lambda: page.shown.widths[2:] == [PANEL_WIDTHS[1], MAPS_WIDTHS[1]])
         page.key("KeyB")
@@ -362,8 +363,7 @@ def test_page_that_comes_back_gets_what_is_there(running: RunningApp) -> None:
         page.wait_until(lambda: running.app.session.document.settings.seed == 7)
     with running.page() as page:
         page.wait_until(lambda: np.array_equal(page.outline(), now))
-        assert page.value("Seed") == 7
-        assert page.text_with("● unsaved")
+        page.wait_until(lambda: page.value("Seed") == 7 and page.text_with("● unsaved"))
 
 
 def test_nonsense_changes_nothing(running: RunningApp) -> None:

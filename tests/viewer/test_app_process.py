@@ -67,8 +67,8 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
         assert page.value("Seed") == 0
         page.click("Open it again")
         page.wait_until(lambda: page.value("Seed") == SEED)
-        assert page.value("Pixels") == "whole photo"
-        assert not page.shown.modals
+        page.wait_until(lambda: page.value("Pixels") == "whole photo")
+        page.wait_until(lambda: not page.shown.modals)
         page.wait_until(lambda: page.text_with("● unsaved"))
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))
