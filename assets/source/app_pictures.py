@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "readme"
 SIZE = (1500, 860)
 PHOTO = (960, 720)
 QUALITY = 84
-SEARCHING_MS = 1200
+SEARCHING_MS = 900
 """So long after its start a search is looked at."""
 
 

@@ -61,6 +61,7 @@ class FitPanel:
                 axes=(_axis(), _axis()),
                 legend=uplot.Legend(show=False),
                 height=150,
+                padding=(10, 12, 0, 0),
                 visible=False,
             )
             with gui.add_folder("Settings", expand_by_default=False):
@@ -83,7 +84,8 @@ class FitPanel:
             set_property(handle, "visible", ended)
         set_property(self._status, "content", status_text(session))
         news = None if search is None else search.news
-        set_property(self._curve, "visible", news is not None)
+        # Of a single loss the plot would make an axis from 0 to twice as much.
+        set_property(self._curve, "visible", news is not None and len(news.improvements) > 1)
         if news is not None and self._shown.get("curve") is not news.improvements:
             self._shown["curve"] = news.improvements
             found = news.improvements[-CURVE_POINTS:]

@@ -233,6 +233,12 @@ class SocketPage:
         """The first text of the panels that has these words; "" for none."""
         return next((text for text in self.texts() if words in text), "")
 
+    def curve(self) -> NDArray[np.float64]:
+        """(2, N): evaluations and losses of the search's plot; empty where it is hidden."""
+        found = (p for _, p in self._fields() if p.get("kind") == "GuiUplotMessage")
+        plot = next((p for p in found if p["visible"]), None)
+        return np.zeros((2, 0)) if plot is None else np.array(plot["data"], np.float64)
+
     def maps(self) -> int:
         """How many maps of the loss are shown."""
         return max(text.count("<image ") for text in self.texts())

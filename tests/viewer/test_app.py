@@ -161,10 +161,14 @@ def test_search_ends_at_the_command_lines_pose(running: RunningApp, tmp_path: Pa
     scene = running.scene
     saved = scene.photo.with_name("p.pose.json")
     with running.page() as page:
+        assert not page.curve().size
         search_to_the_end(page)
         page.key("KeyS")
         page.wait_until(lambda: ("Saved p.pose.json", str(saved)) in page.shown.notices)
         status = page.text_with("Converged")
+        _, losses = page.curve()
+    assert losses.size > 2
+    assert np.all(np.diff(losses) <= 0.0)
     files = [scene.photo, scene.model, "--pose", scene.start]
     assert main(["fit", *map(str, files), "--out", str(tmp_path / "fit.json"), "--quiet"]) == 0
     wanted = load_pose(tmp_path / "fit.json", WIDTH, HEIGHT)
