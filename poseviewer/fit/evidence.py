@@ -30,6 +30,9 @@ class Evidence:
     """The same of the agreement of edges alone."""
     light_margin: float
     """The same of what light and classes of colour leave unexplained."""
+    turn_margin: float
+    """How much less it costs than the model turned by 15 to 45 degrees about an axis of its own;
+    below 0 where such a turn is better."""
     rival_margin: float
     """How much less it costs than the best place that descents from wrong poses came to; below 0
     where they found a better one."""

@@ -14,11 +14,11 @@ from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import EDGE_WEIGHT
 from poseviewer.fit.outline_support import outline_support
 from poseviewer.fit.pose_fit import FitProblem
-from poseviewer.fit.probing import Cost, Descent, Probe, compared_photo, free_motions
+from poseviewer.fit.probing import Cost, Descent, Probe, compared_photo, probe_about
+from poseviewer.fit.turns import turning_steps
 from poseviewer.fit.weak_directions import curvature, weak_directions
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
-from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.kernel_correlations import whiten
@@ -68,18 +68,16 @@ def gather_evidence(
         PoseViewerError: the pose has no numbers in the problem's chart.
     """
     photo = compared_photo(problem, mesh, pose)
-    focal = any(problem.chart.names[i] in _FOCAL for i in problem.free_indices)
-    chart = FreeBodyChart.near(mesh, pose, focal and not isinstance(pose.camera, Parallel))
-    motions = free_motions(problem, problem.chart.from_pose(pose), chart)
     covered = renderer.covers(level_pose(pose, photo.factor))
     if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST:
         return None
-    with closing(Probe(photo, mesh, renderer, chart, motions, threads)) as probe:
-        return _evidence(probe, photo, renderer, pose, covered)
+    with closing(probe_about(problem, mesh, renderer, pose, threads)) as probe:
+        return _evidence(probe, mesh, photo, renderer, pose, covered)
 
 
 def _evidence(
     probe: Probe,
+    mesh: Mesh,
     photo: PhotoAttributes,
     renderer: Renderer,
     pose: Pose,
@@ -96,6 +94,8 @@ def _evidence(
     around = _look_around(probe, wrong[np.argsort(losses)[:RIVALS]])
     directions = curvature(probe, around.minimum, around.least)
     contrast = max(float(np.median(losses)) - here.loss, 0.0)
+    turned = probe.losses(list(turning_steps(probe, mesh))) - here.loss
+    turn = float(np.min(turned[np.isfinite(turned)], initial=np.inf))
     outline = outline_support(photo.channels, photo.weights, covered)
     size = math.sqrt(np.count_nonzero(covered))
     explained, share = _explained(photo, renderer, pose)
@@ -103,6 +103,7 @@ def _evidence(
         loss_margin=(float(np.median(losses)) - here.loss) / scale,
         edge_margin=(here.edge_cosine - float(np.median(cosines))) / _spread(cosines),
         light_margin=(float(np.median(light)) - _light(here)) / _spread(light),
+        turn_margin=(turn if math.isfinite(turn) else contrast) / scale,
         rival_margin=min(around.rival, contrast) / scale,
         rival_percent=100.0 * around.rival_way,
         agreement=around.agreement,
@@ -120,7 +121,6 @@ def _evidence(
     )
 
 
-_FOCAL = ("log_focal", "focal")
 FEWEST = 50
 """Pixels of the model, below which nothing is said."""
 

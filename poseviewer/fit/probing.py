@@ -13,16 +13,19 @@ from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.fit.simplex import axis_simplex, downhill_simplex
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.level_pose import level_pose
 from poseviewer.render.levels import Level, coarsest_level, structured
 from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import PhotoAttributes
 
+FOCAL = ("log_focal", "focal")
+"""What charts call the number of the focal length."""
 SMALL_STEP = 1e-4
 """For the derivative of one chart's numbers by another's, in units of their spans."""
 
@@ -119,6 +122,29 @@ class Probe:
         diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
+
+    def overlap(self, one: FloatArray, other: FloatArray) -> float:
+        """Intersection over union of what two poses cover, in [0, 1]."""
+        level = self.level
+        poses = [level_pose(self.pose(step), level.photo.factor) for step in (one, other)]
+        masks = [level.renderer.covers(pose) for pose in poses]
+        either = np.count_nonzero(masks[0] | masks[1])
+        return np.count_nonzero(masks[0] & masks[1]) / either if either else 0.0
+
+
+def probe_about(
+    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
+) -> Probe:
+    """The surroundings of a pose of the problem.
+
+    Raises:
+        PoseViewerError: the pose has no numbers in the problem's chart, or in any.
+    """
+    is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
+    has_focal = not isinstance(pose.camera, Parallel)
+    chart = FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
+    motions = free_motions(problem, problem.chart.from_pose(pose), chart)
+    return Probe(compared_photo(problem, mesh, pose), mesh, renderer, chart, motions, threads)
 
 
 def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttributes:

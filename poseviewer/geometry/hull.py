@@ -1,9 +1,10 @@
-"""The corners of a model's convex hull: all that its box in a photo depends on."""
+"""The corners of a model's convex hull: all that its box in a photo depends on; its axes."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
+import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
@@ -27,3 +28,11 @@ def hull_points(mesh: Mesh) -> FloatArray:
     except QhullError:
         return mesh.vertices
     return frozen_array(mesh.vertices[corners], (-1, 3))
+
+
+def principal_axes(mesh: Mesh) -> FloatArray:
+    """(3, 3): unit axes in the model's frame, a row each, the shortest way through it first: those
+    of the scatter of its hull's corners. Where it is as long one way as another, any of these.
+    """
+    points = hull_points(mesh)
+    return np.linalg.eigh(np.cov(points.T))[1].T

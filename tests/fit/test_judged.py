@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.demo import demo_case
 from poseviewer.fit.judged import (
-    SCOPES,
+    WAYS,
     further_search,
     is_taken,
     judged_fit,
@@ -82,22 +82,25 @@ def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farth
     problem = start_off_by(registration, 0.35, 2)
     *_, alone = fit_pose(problem, renderer, 2)
     alone = with_verdict(alone, problem, registration.mesh, renderer)
-    near, wide = (further_search(problem, alone, scope, 0.0) for scope in ("near", "wide"))
+    near = further_search(problem, alone, "on", 0.0)
+    wide = further_search(problem, alone, "wide", 0.0)
     assert near is not None
     assert wide is not None
     assert np.array_equal(near.start, alone.numbers)
     assert np.array_equal(wide.start, problem.start)
     stages = [stages_of(one, renderer, alone.pose) for one in (problem, near, wide)]
     assert [len(each) for each in stages] == [len(stages[0]), len(stages[0]) - 1, len(stages[0])]
-    assert further_search(replace(problem, method="paper"), alone, "near", 0.0) is None
-    assert SCOPES.index("near") < SCOPES.index("wide")
+    assert further_search(replace(problem, method="paper"), alone, "on", 0.0) is None
+    assert WAYS.index("on") < WAYS.index("turned") < WAYS.index("wide")
 
 
 @pytest.mark.parametrize(
-    ("scope", "before", "found", "taken"),
+    ("way", "before", "found", "taken"),
     [
-        ("near", 0.5, 0.45, True),  # it went on from there, and has less loss
-        ("near", 0.5, 0.3, False),
+        ("on", 0.5, 0.45, True),  # it went on from there, and has less loss
+        ("on", 0.5, 0.3, False),
+        ("turned", 0.5, 0.55, False),
+        ("turned", 0.5, 0.8, True),
         ("wide", 0.5, 0.55, False),
         ("wide", 0.75, 0.8, False),
         ("wide", 0.5, 0.8, True),
@@ -105,8 +108,8 @@ def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farth
         ("wide", 0.02, 0.8, True),
     ],
 )
-def test_what_is_found_far_away_must_be_likely(scope, before, found, taken):
-    assert is_taken(found, before, scope) == taken
+def test_what_is_found_far_away_must_be_likely(way, before, found, taken):
+    assert is_taken(found, before, way) == taken
 
 
 def test_the_limits_are_those_of_both_searches(demo):

@@ -15,7 +15,7 @@ from poseviewer.evaluation.verdicts.rows import JudgedTrial, answers_of, numbers
 from poseviewer.fit.verdict import LARGEST_SCORE, tamed
 from poseviewer.geometry.arrays import FloatArray
 
-NAMES = ("light_margin", "spread_percent", "outline")
+NAMES = ("turn_margin", "spread_percent", "outline")
 """The numbers of the evidence that are weighed; few, as trials are."""
 PENALTY = 1.0
 """Half of it times the squared length of the weights is what they cost."""

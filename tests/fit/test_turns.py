@@ -1,0 +1,122 @@
+"""A can that stands right but is turned about its axis: told from one that is right, and mended."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.evaluation.pose_error import pose_error
+from poseviewer.evaluation.synthetic import PhotoQuality, make_photo
+from poseviewer.files.photo_file import Photo
+from poseviewer.files.pose_file import PoseRecord
+from poseviewer.fit.gathering import gather_evidence
+from poseviewer.fit.judged import judged_fit
+from poseviewer.fit.pose_fit import FitProblem
+from poseviewer.fit.probing import probe_about
+from poseviewer.fit.turns import TURNS_DEG, better_turn, turning_steps
+from poseviewer.fit.verdict import judge
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.hull import principal_axes
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.registration import FitSettings, Registration, make_problem, make_renderer
+from tests.meshes import make_mesh
+from tests.opengl import require_opengl
+
+AXIS = np.array([0.0, 0.0, 1.0])
+
+
+def make_can() -> Mesh:
+    """A cylinder along z, with a print of coloured spots."""
+    can = trimesh.creation.cylinder(radius=0.5, height=1.4, sections=90)
+    vertices, faces, *_ = trimesh.remesh.subdivide_to_size(can.vertices, can.faces, 0.08)
+    spots = np.random.default_rng(5).uniform(-0.7, 0.7, (60, 3))
+    spots[:, :2] *= 0.5 / np.linalg.norm(spots[:, :2], axis=1, keepdims=True)
+    nearest = np.argmin(np.linalg.norm(vertices[:, None] - spots, axis=2), axis=1)
+    colours = np.random.default_rng(6).uniform(0.1, 0.9, (len(spots), 3))[nearest]
+    return make_mesh(vertices, faces, colours=colours)
+
+
+CAN = make_can()
+TRUTH = Pose(
+    Perspective(400.0, 400.0, 160.0, 120.0, 320, 240),
+    RigidTransform.from_rotation_vector([1.25, 0.5, -0.4], [0.05, 0.02, 4.0]),
+)
+
+
+def turned(pose: Pose, degrees: float) -> Pose:
+    """The can turned about its own axis."""
+    turn = RigidTransform.from_rotation_vector(np.radians(degrees) * AXIS, [0.0, 0.0, 0.0])
+    return replace(pose, camera_from_model=pose.camera_from_model @ turn)
+
+
+def fitted_from(start: Pose) -> FitProblem:
+    """A photo of the can, drawn by OpenGL, and a start beside its pose."""
+    require_opengl()
+    quality = PhotoQuality(blur_px=0.7, noise=2.0)
+    pixels = make_photo(CAN, TRUTH, background=(0.45, 0.5, 0.4), quality=quality, seed=3)
+    photo = Photo(pixels, "can.png", "0" * 64)
+    registration = Registration(photo, CAN, "", "", None, PoseRecord(start), ())
+    return make_problem(registration, FitSettings(chart="free-body"))[0]
+
+
+def test_a_can_is_turned_about_its_axis_and_across():
+    axes = principal_axes(CAN)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
+    assert abs(axes[2] @ AXIS) == pytest.approx(1.0, abs=1e-3)  # it is longer than it is wide
+    problem = fitted_from(TRUTH)
+    with closing(probe_about(problem, CAN, make_renderer(CAN), TRUTH)) as probe:
+        steps = turning_steps(probe, CAN)
+        poses = [probe.pose(step) for step in steps]
+    assert len(poses) == 3 * 2 * len(TURNS_DEG)
+    centre = TRUTH.camera_from_model.apply(CAN.centre)
+    for pose in poses:
+        np.testing.assert_allclose(pose.camera_from_model.apply(CAN.centre), centre, atol=1e-9)
+    for degrees in (*TURNS_DEG, *(-angle for angle in TURNS_DEG)):
+        wanted = turned(TRUTH, degrees).camera_from_model.rotation
+        apart = [np.abs(pose.camera_from_model.rotation - wanted).max() for pose in poses]
+        assert min(apart) < 2e-3
+
+
+def test_what_a_search_may_not_turn_is_not_turned():
+    problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
+    renderer = make_renderer(CAN)
+    with closing(probe_about(problem, CAN, renderer, TRUTH)) as probe:
+        assert turning_steps(probe, CAN).shape == (0, 3)
+    assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
+
+
+@pytest.mark.parametrize("degrees", [-38.0, 25.0])
+def test_the_right_turn_is_found(degrees):
+    start = turned(TRUTH, degrees)
+    problem, renderer = fitted_from(start), make_renderer(CAN)
+    numbers = better_turn(problem, CAN, renderer, start, 2)
+    assert numbers is not None
+    assert pose_error(CAN, problem.chart.to_pose(numbers), TRUTH).rotation_deg < 4.0
+    assert better_turn(problem, CAN, renderer, TRUTH) is None
+
+
+def test_a_fit_that_would_end_turned_ends_right():
+    start = turned(TRUTH, -35.0)  # without the turns: 31.6 degrees off, and `lost`
+    problem = fitted_from(start)
+    *_, end = judged_fit(problem, CAN, make_renderer(CAN), 2)
+    assert end.verdict is not None
+    assert end.verdict.word == "found"
+    assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0
+
+
+def test_the_verdict_tells_a_turned_can_from_a_right_one():
+    problem, renderer = fitted_from(TRUTH), make_renderer(CAN)
+    poses = TRUTH, turned(TRUTH, 30.0)
+    right, wrong = (judge(gather_evidence(problem, CAN, renderer, pose)) for pose in poses)
+    assert right.evidence is not None
+    assert wrong.evidence is not None
+    assert right.evidence.turn_margin > 1.0 > wrong.evidence.turn_margin
+    assert right.word == "found"
+    assert wrong.word != "found"
+    assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)
+    assert not any("Turned" in reason for reason in right.reasons)
