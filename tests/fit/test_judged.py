@@ -9,6 +9,7 @@ import pytest
 
 from poseviewer.demo import demo_case
 from poseviewer.fit.judged import (
+    SURE,
     WAYS,
     further_search,
     is_taken,
@@ -110,6 +111,20 @@ def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farth
 )
 def test_what_is_found_far_away_must_be_likely(way, before, found, taken):
     assert is_taken(found, before, way) == taken
+
+
+def test_a_found_pose_that_is_not_sure_is_only_gone_on_from(demo):
+    registration, renderer = demo
+    problem = start_off_by(registration, 0.0, 0)
+    *_, end = fit_pose(problem, renderer, 2)
+    sure = with_verdict(end, problem, registration.mesh, renderer)
+    assert sure.verdict is not None
+    assert sure.verdict.probability >= SURE
+    less = replace(sure, verdict=replace(sure.verdict, probability=SURE - 0.01))
+    lost = replace(sure, verdict=replace(sure.verdict, word="lost", probability=0.1))
+    for end, ways in ((sure, []), (less, ["on"]), (lost, ["on", "turned", "wide"])):
+        given = [w for w in dict.fromkeys(WAYS) if further_search(problem, end, w, 0.0)]
+        assert given == ways
 
 
 def test_the_limits_are_those_of_both_searches(demo):
