@@ -65,5 +65,6 @@ def better_turn(
             if loss > own - LEAST_GAIN:
                 break
             if it.overlap(starts[0], step) >= SAME_OUTLINE:
-                return problem.chart.from_pose(it.pose(step))
+                numbers = problem.chart.from_pose(it.pose(step))
+                return problem.complete(numbers[problem.free_indices])
     return None

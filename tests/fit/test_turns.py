@@ -90,6 +90,15 @@ def test_what_a_search_may_not_turn_is_not_turned():
     assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
 
 
+def test_what_is_held_stays_to_the_last_digit():
+    start = turned(TRUTH, 25.0)
+    problem = replace(fitted_from(start), free=(False,) + (True,) * 5)
+    off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
+    numbers = better_turn(problem, CAN, make_renderer(CAN), problem.chart.to_pose(off))
+    assert numbers is not None
+    assert numbers[0] == problem.start[0]
+
+
 @pytest.mark.parametrize("degrees", [-38.0, 25.0])
 def test_the_right_turn_is_found(degrees):
     start = turned(TRUTH, degrees)
