@@ -71,7 +71,7 @@ def gather_evidence(
     covered = renderer.covers(level_pose(pose, photo.factor))
     if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST:
         return None
-    with closing(probe_about(problem, mesh, renderer, pose, threads)) as probe:
+    with closing(probe_about(problem, photo, mesh, renderer, pose, threads)) as probe:
         return _evidence(probe, mesh, photo, renderer, pose, covered)
 
 

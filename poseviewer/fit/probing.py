@@ -133,9 +133,14 @@ class Probe:
 
 
 def probe_about(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
+    problem: FitProblem,
+    photo: PhotoAttributes,
+    mesh: Mesh,
+    renderer: Renderer,
+    pose: Pose,
+    threads: int = 1,
 ) -> Probe:
-    """The surroundings of a pose of the problem.
+    """The surroundings of a pose of the problem, on the ``compared_photo`` of both.
 
     Raises:
         PoseViewerError: the pose has no numbers in the problem's chart, or in any.
@@ -144,7 +149,7 @@ def probe_about(
     has_focal = not isinstance(pose.camera, Parallel)
     chart = FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
     motions = free_motions(problem, problem.chart.from_pose(pose), chart)
-    return Probe(compared_photo(problem, mesh, pose), mesh, renderer, chart, motions, threads)
+    return Probe(photo, mesh, renderer, chart, motions, threads)
 
 
 def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttributes:

@@ -69,7 +69,7 @@ def test_a_can_is_turned_about_its_axis_and_across():
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
     assert abs(axes[2] @ AXIS) == pytest.approx(1.0, abs=1e-3)  # it is longer than it is wide
     problem = fitted_from(TRUTH)
-    with closing(probe_about(problem, CAN, make_renderer(CAN), TRUTH)) as probe:
+    with closing(probe_about(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
         steps = turning_steps(probe, CAN)
         poses = [probe.pose(step) for step in steps]
     assert len(poses) == 3 * 2 * len(TURNS_DEG)
@@ -85,7 +85,7 @@ def test_a_can_is_turned_about_its_axis_and_across():
 def test_what_a_search_may_not_turn_is_not_turned():
     problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
     renderer = make_renderer(CAN)
-    with closing(probe_about(problem, CAN, renderer, TRUTH)) as probe:
+    with closing(probe_about(problem, problem.photo, CAN, renderer, TRUTH)) as probe:
         assert turning_steps(probe, CAN).shape == (0, 3)
     assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
 
