@@ -22,42 +22,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.auto_start import AUTOMATIC, AutoStart
+from poseviewer.confidence.model import judge_end
 from poseviewer.errors import PoseViewerError, SettingsError
-from poseviewer.files.calibrated_photo import photo_text
-from poseviewer.files.calibration_file import Calibration
-from poseviewer.files.photo_file import load_mask, save_image
-from poseviewer.files.pose_file import PoseRecord, save_pose
-from poseviewer.fit.judged import judged_fit, with_verdict
+from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.files.camera.calibration import Calibration
+from poseviewer.files.photo.calibrated import photo_text
+from poseviewer.files.photo.load import load_mask, save_image
+from poseviewer.files.pose.file import PoseRecord, save_pose
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.pose_fit import (
+from poseviewer.fit.problem import (
     FitProblem,
     FitProgress,
-    Limits,
     Status,
+    make_problem,
     pose_loss,
+    shown_attributes,
     stages_of,
 )
+from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.fit.search import judged_fit, with_verdict
+from poseviewer.fit.settings import FitSettings, Limits, settings_as_json
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.loss_maps import LossMaps
-from poseviewer.quick_start import Material, Start, StartCamera, load_unplaced
-from poseviewer.registration import (
-    FitSettings,
-    LoadedModel,
-    Registration,
-    load_registration,
-    make_problem,
-    make_record,
-    make_renderer,
-    shown_attributes,
-)
-from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.many import RendererPool
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay import LOOKS, SOLID_OPACITY, Picture, View, draw_look
+from poseviewer.render.overlay.looks import LOOKS, SOLID_OPACITY, Picture, View, draw_look
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.renderers import make_renderer
+from poseviewer.render.types import AttributeImage, Renderer
+from poseviewer.starts.automatic import AUTOMATIC, AutoStart
+from poseviewer.starts.marks import Material, Start, StartCamera, load_unplaced
+from poseviewer.starts.registration import load_registration
 
 __all__ = [
     "Case",
@@ -68,6 +64,17 @@ __all__ = [
     "StartCamera",
     "load",
 ]
+
+
+from dataclasses import asdict
+from importlib.metadata import version
+
+from poseviewer.files.pose.file import (
+    ChartNumbers,
+    ModelReference,
+    PhotoReference,
+)
+from poseviewer.files.pose.verdict import RecordedVerdict
 
 Watch = Callable[[FitProgress], Any]
 Find = Callable[[Material], Start]
@@ -180,7 +187,7 @@ class Case:
     @property
     def start(self) -> FitResult:
         """The start pose, as if it had been found: to be drawn, mapped, saved."""
-        return self.at(self.registration.start.pose)
+        return self.at(self.registration.start)
 
     def at(self, pose: Pose) -> FitResult:
         """The same of any pose."""
@@ -190,7 +197,7 @@ class Case:
         """Make the models of fewer triangles that a search begins with. They are kept for other
         cases of the model; without this the first search makes them, which takes a second or two.
         """
-        stages_of(self.problem, self.renderer, self.registration.start.pose)
+        stages_of(self.problem, self.renderer, self.registration.start)
 
     def search(self, *, threads: int = 1) -> Iterator[FitProgress]:
         """The search from the start as it goes: the best pose so far after every evaluation, and
@@ -199,7 +206,7 @@ class Case:
         With more ``threads`` the same search takes less time, where poses can be judged side by
         side.
         """
-        return judged_fit(self.problem, self.registration.mesh, self.renderer, threads)
+        return judged_fit(self.problem, self.registration.mesh, self.renderer, judge_end, threads)
 
     def fit(
         self,
@@ -232,7 +239,7 @@ class Case:
                 raise
             stopped = replace(progress, status=Status.STOPPED)
             mesh = self.registration.mesh
-            progress = with_verdict(stopped, problem, mesh, self.renderer, threads)
+            progress = with_verdict(stopped, problem, mesh, self.renderer, judge_end, threads)
         assert progress is not None  # a fit yields at least once
         return FitResult(self, progress.pose, progress)
 
@@ -373,3 +380,34 @@ def _changed(settings: FitSettings, changes: dict[str, Any]) -> FitSettings:
         names = ", ".join(FitSettings.__slots__)
         raise SettingsError(f"there is no setting {unknown[0]!r}; there are {names}")
     return replace(settings, **changes)
+
+
+def make_record(
+    registration: Registration,
+    settings: FitSettings,
+    problem: FitProblem,
+    pose: Pose,
+    loss: float,
+    verdict: Verdict | None = None,
+) -> PoseRecord:
+    """All that the pose file of a fit says."""
+    photo, chart = registration.photo, problem.chart
+    numbers = tuple(float(number) for number in chart.from_pose(pose))
+    return PoseRecord(
+        pose,
+        PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
+        ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
+        ChartNumbers(chart.name, chart.names, numbers),
+        loss,
+        {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
+        {"name": "poseviewer", "version": version("poseviewer")},
+        photo.undistortion,
+        None if verdict is None else as_recorded(verdict),
+    )
+
+
+def as_recorded(verdict: Verdict) -> RecordedVerdict:
+    """The verdict as a pose file says it."""
+    evidence = {} if verdict.evidence is None else asdict(verdict.evidence)
+    numbers = {name: value for name, value in evidence.items() if name != "weak"}
+    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, numbers)

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import trimesh
 
-from poseviewer.files.photo_file import save_image
-from poseviewer.files.pose_file import PoseRecord, save_pose
+from poseviewer.files.photo.load import save_image
+from poseviewer.files.pose.file import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software import SoftwareRenderer
+from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.meshes import make_bumpy
 
 LIGHT = np.array([0.4, -0.7, -0.6])  # unit length and never a shadow: the lit part stays positive

@@ -15,21 +15,22 @@ import numpy as np
 import pytest
 
 import poseviewer
-from poseviewer.demo import demo_case
-from poseviewer.evaluation.pose_error import pose_error
-from poseviewer.files.keypoints_file import keypoints_path
-from poseviewer.files.photo_file import load_photo, save_image
-from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
-from poseviewer.fit.pose_fit import FitProgress, Limits, Status, pose_loss
+from poseviewer.bench.subdivided import subdivide
+from poseviewer.files.demo import demo_case
+from poseviewer.files.keypoints import keypoints_path
+from poseviewer.files.photo.load import load_photo, save_image
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.problem import FitProgress, Status, pose_loss
+from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.subdivided import subdivide
-from poseviewer.quick_start import Material, Start
-from poseviewer.registration import load_model
-from poseviewer.render import levels
-from poseviewer.render.moments import Moments, PhotoAttributes
-from poseviewer.render.simplified import simplify
-from poseviewer.render.software import SoftwareRenderer
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.pyramid import levels
+from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import Moments, PhotoAttributes
+from poseviewer.starts.marks import Material, Start
+from poseviewer.starts.registration import load_model
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -77,7 +78,7 @@ def test_every_public_name_is_there_and_no_other():
 
 
 def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_path):
-    from poseviewer import cli
+    from poseviewer.cli import main as cli
 
     found = poseviewer.load(scene.photo, scene.model, scene.start).fit(evaluations=200)
     assert found.loss < found.case.start.loss

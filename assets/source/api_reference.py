@@ -14,8 +14,9 @@ from types import ModuleType
 from typing import Any
 
 from poseviewer import api, errors, registration
-from poseviewer.files import pose_file
-from poseviewer.fit import landscape, pose_fit
+from poseviewer.files.pose import file as pose_file
+from poseviewer.fit import landscape
+from poseviewer.fit import problem as pose_fit
 from poseviewer.geometry import camera, transform
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
@@ -31,11 +32,11 @@ unit, angles in radians unless a name ends in `_deg`.
 CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer", api, ("load", "make_case", "Case", "FitResult", "LossMaps")),
     ("poseviewer.registration", registration, ("FitSettings", "load_model", "Registration")),
-    ("poseviewer.fit.pose_fit", pose_fit, ("FitProgress", "Status", "Limits")),
+    ("poseviewer.fit.problem", pose_fit, ("FitProgress", "Status", "Limits")),
     ("poseviewer.fit.landscape", landscape, ("Slice",)),
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
-    ("poseviewer.files.pose_file", pose_file, ("PoseRecord", "load_pose", "save_pose")),
+    ("poseviewer.files.pose.file", pose_file, ("PoseRecord", "load_pose", "save_pose")),
     ("poseviewer.errors", errors, ("PoseViewerError",)),
 )
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.viewer.app_process import AppProcess
-from tests.viewer.browser import AppPage, open_browser
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, open_browser
 
 FOLDER = Path(__file__).resolve().parent.parent / "readme"
 SIZE = (1500, 860)

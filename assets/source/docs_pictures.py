@@ -19,16 +19,16 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from poseviewer.cli import main as poseviewer
-from poseviewer.demo import demo_case
-from poseviewer.files.marks_file import PointPairs
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import load_photo
-from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.cli.main import main as poseviewer
+from poseviewer.files.demo import demo_case
+from poseviewer.files.marks import PointPairs
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.geometry.placing import surface_point
-from poseviewer.quick_start import Material, StartCamera, start_from_pairs
+from poseviewer.starts.marks import Material, StartCamera, start_from_pairs
+from poseviewer.starts.placing import surface_point
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
@@ -141,7 +141,7 @@ def looks(folder: Path) -> None:
 
 def report(folder: Path) -> None:
     """The report of a batch of two rows, one of which fails, as a browser shows it."""
-    from tests.viewer.browser import open_browser
+    from tests.app.browser import open_browser
 
     case = demo_case()
     with (folder / "jobs.csv").open("w", newline="") as file:
@@ -165,8 +165,8 @@ def report(folder: Path) -> None:
 
 def quick_start(folder: Path) -> None:
     """Wheels that the app found in a region, in a real browser."""
-    from tests.viewer.app_process import AppProcess
-    from tests.viewer.browser import AppPage, open_browser
+    from tests.app.app_process import AppProcess
+    from tests.app.browser import AppPage, open_browser
 
     case, photo = demo_case(), (960, 720)
     with open_browser() as browser, AppProcess(folder, case.photo, case.model) as process:
@@ -184,8 +184,8 @@ def quick_start(folder: Path) -> None:
 
 def which_model(folder: Path) -> None:
     """The demo's car told from two that it is not, in a real browser."""
-    from tests.viewer.app_process import AppProcess
-    from tests.viewer.browser import AppPage, open_browser
+    from tests.app.app_process import AppProcess
+    from tests.app.browser import AppPage, open_browser
 
     case = demo_case()
     others = [folder / "longer.glb", folder / "higher.glb"]

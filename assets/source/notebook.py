@@ -25,7 +25,7 @@ poseviewer and Jupyter are installed.""",
         """from PIL import Image
 
 import poseviewer
-from poseviewer.demo import demo_case
+from poseviewer.files.demo import demo_case
 
 demo = demo_case()
 case = poseviewer.load(demo.photo, demo.model, demo.start)

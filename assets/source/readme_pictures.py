@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from poseviewer import load
-from poseviewer.cli import main
+from poseviewer.cli.main import main
 
 ASSETS = Path(__file__).resolve().parent.parent
 PHOTO, MODEL = ASSETS / "demo_photo.jpg", ASSETS / "demo_car.glb"

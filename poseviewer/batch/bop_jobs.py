@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.auto_start import AUTOMATIC
 from poseviewer.batch.jobs import LAST, Job, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop_images import BopImage, BopObject, load_bop_images
-from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.registration import FitSettings
+from poseviewer.starts.automatic import AUTOMATIC
 
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""

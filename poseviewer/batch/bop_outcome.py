@@ -18,7 +18,7 @@ from poseviewer.files.formats.bop_images import (
     save_bop_images,
 )
 from poseviewer.files.formats.bop_scene import MODEL_NAME, PHOTO_NAME, load_scene_file
-from poseviewer.files.pose_file import PoseRecord, load_pose
+from poseviewer.files.pose.file import PoseRecord, load_pose
 from poseviewer.geometry.camera import Camera, Perspective
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import BatchError
-from poseviewer.registration import FitSettings, settings_as_json
+from poseviewer.fit.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
 BOX = "box"

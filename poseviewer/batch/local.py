@@ -11,9 +11,9 @@ from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 
 from poseviewer.batch.jobs import Job
+from poseviewer.batch.parent import end_with_parent
 from poseviewer.batch.results import JobResult, failed_result
 from poseviewer.batch.work import Plan, StoppedError, run_job
-from poseviewer.worker import end_with_parent
 
 _SPAWN = get_context("spawn")  # a fork would copy threads' locks in whatever state they are
 

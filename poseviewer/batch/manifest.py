@@ -10,7 +10,7 @@ from typing import Any
 from poseviewer.batch.jobs import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
-from poseviewer.registration import FitSettings, settings_as_json, settings_from_json
+from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 
 MANIFEST = "batch.json"
 FORMAT, VERSION = "poseviewer-batch", 1

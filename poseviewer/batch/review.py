@@ -26,9 +26,9 @@ from poseviewer.batch.results import (
 )
 from poseviewer.batch.work import result_files, smaller
 from poseviewer.errors import BatchError
-from poseviewer.files.photo_file import save_image
-from poseviewer.files.pose_file import PoseRecord, save_pose
-from poseviewer.render.overlay import Picture
+from poseviewer.files.photo.load import save_image
+from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.render.overlay.looks import Picture
 
 DRAFTS = "review"
 BY_HAND = "Set by hand."

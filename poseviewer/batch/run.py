@@ -12,8 +12,8 @@ from poseviewer.batch.manifest import Manifest, save_manifest
 from poseviewer.batch.outcome import known_results, save_outcome_files
 from poseviewer.batch.results import JobResult, load_result, make_folders
 from poseviewer.batch.work import Plan
-from poseviewer.registration import FitSettings
-from poseviewer.render.many import processors
+from poseviewer.fit.settings import FitSettings
+from poseviewer.render.pool import processors
 
 
 @dataclass(frozen=True, slots=True)

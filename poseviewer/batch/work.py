@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult, load
-from poseviewer.auto_start import AUTOMATIC
 from poseviewer.batch.jobs import COLUMNS, LAST, Job
 from poseviewer.batch.results import (
     PICTURES,
@@ -24,11 +23,15 @@ from poseviewer.batch.results import (
     save_result,
 )
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
-from poseviewer.files.photo_file import save_image
-from poseviewer.registration import FitSettings, LoadedModel, load_model, make_renderer
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.many import Cloneable
-from poseviewer.render.overlay import Picture
+from poseviewer.files.photo.load import save_image
+from poseviewer.fit.registration import LoadedModel
+from poseviewer.fit.settings import FitSettings
+from poseviewer.render.overlay.looks import Picture
+from poseviewer.render.pool import Cloneable
+from poseviewer.render.renderers import make_renderer
+from poseviewer.render.types import Renderer
+from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.registration import load_model
 
 _log = logging.getLogger(__name__)
 

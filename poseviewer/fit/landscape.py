@@ -10,10 +10,12 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.pose_fit import FitProblem, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.many import RendererPool
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import Level, coarsest_level
+from poseviewer.render.types import Renderer
 
 COARSEST = 4
 """The first grid of a slice has at least so many steps along each side."""
@@ -184,3 +186,16 @@ def strides(size: int) -> list[int]:
     while (size - 1) % (2 * found[0]) == 0 and (size - 1) // (2 * found[0]) >= COARSEST:
         found.insert(0, 2 * found[0])
     return found
+
+
+QUICK_SIZES = (3, 9)
+"""Points along a side of the first maps, which are all there are while the pose moves."""
+
+QUICK_PIXELS = 1000
+"""For the first maps the photo is brought down until the model covers fewer than four times so
+many pixels: they are to be there at once."""
+
+
+def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:
+    """The level of the photo that the first maps about ``centre`` are made from."""
+    return coarsest_level(problem.photo, renderer, centre, QUICK_PIXELS)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.kernel_correlations import whiten
-from poseviewer.render.moments import Moments
+from poseviewer.render.software.kernel_correlations import whiten
+from poseviewer.render.types import Moments
 
 
 @dataclass(frozen=True, slots=True, eq=False)

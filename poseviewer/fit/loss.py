@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.kernel_correlations import squared_correlations
-from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.software.kernel_correlations import squared_correlations
+from poseviewer.render.types import Moments, PhotoAttributes
 
 EDGE_WEIGHT = 2.5
 """Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred

@@ -16,11 +16,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.restarts import RestartRules
 from poseviewer.fit.stages import Stage
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import Level
-from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.optimise.restarts import RestartRules
+from poseviewer.render.pyramid.levels import Level
+from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 
 WHOLE_STEP = 0.3
 """Edge of the simplex over the whole photo, in units of each number's span."""

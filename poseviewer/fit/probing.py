@@ -9,8 +9,7 @@ import numpy as np
 
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.near import box_near, inside, working_factor
-from poseviewer.fit.pose_fit import FitProblem
-from poseviewer.fit.simplex import axis_simplex, downhill_simplex
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
@@ -18,11 +17,11 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.level_pose import level_pose
-from poseviewer.render.levels import Level, coarsest_level, structured
-from poseviewer.render.many import RendererPool
-from poseviewer.render.moments import PhotoAttributes
+from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.level_pose import level_pose
+from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
+from poseviewer.render.types import PhotoAttributes, Renderer
 
 FOCAL = ("log_focal", "focal")
 """What charts call the number of the focal length."""

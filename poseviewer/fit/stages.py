@@ -14,13 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from poseviewer.fit.evolution import EvolutionRules
-from poseviewer.fit.quadratic import QuadraticRules
-from poseviewer.fit.restarts import RestartRules
 from poseviewer.geometry.camera import Pose
-from poseviewer.render.attributes import Renderer
-from poseviewer.render.levels import Level, coarsest_level, lighter_level
-from poseviewer.render.moments import PhotoAttributes
+from poseviewer.optimise.cma_es import EvolutionRules
+from poseviewer.optimise.quadratic import QuadraticRules
+from poseviewer.optimise.restarts import RestartRules
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level
+from poseviewer.render.types import PhotoAttributes, Renderer
 
 FEWEST_PIXELS = 5000
 """The coarsest level still shows the model at the start in so many pixels: 70 along each side.

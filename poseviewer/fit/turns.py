@@ -12,13 +12,13 @@ from contextlib import closing, suppress
 import numpy as np
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.pose_fit import FitProblem
 from poseviewer.fit.probing import Descent, Probe, compared_photo, probe_about
+from poseviewer.fit.problem import FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.hull import principal_axes
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.attributes import Renderer
+from poseviewer.render.types import Renderer
 
 TURNS_DEG = (15.0, 30.0, 45.0)
 """To each side. A start is seldom farther off, and a descent finds the right turn from half of the

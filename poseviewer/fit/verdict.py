@@ -1,21 +1,73 @@
-"""The verdict on a pose: found, doubtful or lost, and why."""
+"""What a search says of the pose that it ended in."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
-from poseviewer.fit.evidence import Evidence
-from poseviewer.fit.verdict_reasons import reasons_for
-from poseviewer.fit.verdict_weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
-
 Word = Literal["found", "doubtful", "lost"]
+
 WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
 """From bad to good."""
-LARGEST_SCORE = 4.0
-"""So many standard deviations from the mean of the trials it was made from, a number says no more
-than that."""
+
+
+@dataclass(frozen=True, slots=True)
+class WeakDirection:
+    """A way in which the pose can move without the photo minding."""
+
+    words: str
+    """Such as ``turning about the picture's vertical``."""
+    degrees: float
+    """How far it can turn on the way, to each side."""
+    percent: float
+    """How far else: shift in per cent of the model's size, or change of distance or focal length.
+    """
+    motion: tuple[float, ...]
+    """The unit motion, in the numbers of the free-body chart about the pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """All finite. Margins are in standard deviations (robust ones) of what wrong poses cost."""
+
+    loss_margin: float
+    """How much less the pose costs than wrong poses of this model on this photo typically do."""
+    edge_margin: float
+    """The same of the agreement of edges alone."""
+    light_margin: float
+    """The same of what light and classes of colour leave unexplained."""
+    turn_margin: float
+    """How much less it costs than the model turned by 15 to 45 degrees about an axis of its own;
+    below 0 where such a turn is better."""
+    rival_margin: float
+    """How much less it costs than the best place that descents from wrong poses came to; below 0
+    where they found a better one."""
+    rival_percent: float
+    """How far that place is off: mean distance in the photo in per cent of the model's size."""
+    agreement: float
+    """Share of the descents from poses near by that came back to it, in [0, 1]."""
+    spread_percent: float
+    """How far apart these descents ended from it, their median, in per cent of the size."""
+    drift_percent: float
+    """How far off the coarse level's own minimum is, in per cent of the size."""
+    edges: float
+    """Cosine between the edges of photo and model, in [-1, 1]."""
+    explained: float
+    """Share of the model's pixels that light explains, in [0, 1]."""
+    light: float
+    """Share of the photo's variance on the model that light explains, in [0, 1]."""
+    outline: float
+    """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
+    outline_excess: float
+    """How much more edge there is on the outline than beside it, in [-1, 1]."""
+    outline_shift_percent: float
+    """How far beside the outline the photo's edges are strongest, in per cent of the size."""
+    seen: float
+    """Share of the model's picture that lies on pixels that count, in [0, 1]."""
+    pixels: float
+    """Logarithm to base 10 of how many pixels the model covers where it was compared."""
+    weak: tuple[WeakDirection, ...] = ()
+    """Directions that the photo hardly tells, the weakest first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,30 +84,3 @@ class Verdict:
 
     def __str__(self) -> str:
         return self.word
-
-
-def judge(evidence: Evidence | None) -> Verdict:
-    """The verdict that the evidence comes to; None: the model is not to be seen at the pose."""
-    if evidence is None:
-        return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
-    probability = probability_of(evidence)
-    word: Word = "doubtful"
-    if probability >= FOUND_FROM:
-        word = "found"
-    elif probability < LOST_BELOW:
-        word = "lost"
-    return Verdict(word, probability, reasons_for(evidence), evidence)
-
-
-def probability_of(evidence: Evidence) -> float:
-    """By logistic regression on the evidence's numbers."""
-    score = OFFSET
-    for name, (mean, deviation, weight) in FEATURES.items():
-        away = (tamed(name, getattr(evidence, name)) - mean) / deviation
-        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
-    return 1.0 / (1.0 + math.exp(-score))
-
-
-def tamed(name: str, value: float) -> float:
-    """What has no bounds, by the inverse hyperbolic sine: a logarithm that can be 0 or less."""
-    return math.asinh(value) if name.endswith(("_margin", "_percent")) else value

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.texture import TexturePyramid, mip_levels
+from poseviewer.render.types import AttributeImage
 
 
 class AttributeInterpolator:

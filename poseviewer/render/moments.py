@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.colour import GREY_WEIGHTS
-from poseviewer.render.kernel_correlations import whiten
 from poseviewer.render.structure import (
     MARGIN_PX,
     MODEL_NOISE,
@@ -20,160 +14,7 @@ from poseviewer.render.structure import (
     edge_agreement,
     orientation_field,
 )
-
-if TYPE_CHECKING:
-    from poseviewer.render.attributes import AttributeImage
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RegionSums:
-    """Sums over the whole region, of the photo's attributes alone, about ``origin``."""
-
-    weight: float
-    first: FloatArray
-    """(n,): sum of ``w (F - origin)``."""
-    second: FloatArray
-    """(n, n): sum of ``w (F - origin)(F - origin)^T``."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FixedPart:
-    """What no pose alters, where classes and edges are compared: F is summed over all of P."""
-
-    weight: float
-    mean: FloatArray
-    """(n,): of F."""
-    covariance: FloatArray
-    """(n, n): of F."""
-    whitening: FloatArray
-    """(rank, n): see ``kernel_correlations.whiten``."""
-    edges: NDArray[np.float32]
-    """(2, height, width): the photo's orientation field times the weights."""
-
-
-@dataclass(frozen=True, eq=False)
-class PhotoAttributes:
-    """The photo's side of the loss: attributes F, pixel weights, and what the region P is."""
-
-    channels: NDArray[np.float32]
-    """(height, width, n): F, grey (n = 1) or RGB (n = 3)."""
-    weights: NDArray[np.float32]
-    """(height, width): weight of each pixel, 0 outside the region."""
-    clipped: bool = True
-    """True: P is the part of the region that the model covers. False: the whole region. Beside
-    the model all its attributes are 0, and one more tells the two apart: 1 on the model. Without
-    it, the surroundings would have to look like a black part of the model."""
-    colour_reflectance: bool = False
-    """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12). Where
-    there is a ``structure``, False is in between: the three colours and k n of their grey (6)."""
-    structure: PhotoStructure | None = None
-    """Where there is one, F has the memberships in its K classes beside ``channels``, and edges are
-    compared too. It is over the whole region: such photos are not clipped."""
-    factor: int = 1
-    """The photo that poses are of is so many times larger along each side than ``channels``."""
-
-    def __post_init__(self) -> None:
-        values = np.asarray(self.channels)
-        if values.ndim != 3:
-            raise ValueError(
-                f"channels of shape {values.shape} where (height, width, n) was wanted"
-            )
-        # One channel after the other in memory, as the kernels read them.
-        planar = frozen_array(np.moveaxis(values, 2, 0), (-1, -1, -1), np.float32)
-        _, height, width = planar.shape
-        object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
-        object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
-
-    @cached_property
-    def planar(self) -> NDArray[np.float32]:
-        """(n, height, width): F, one channel after the other, as it lies in memory."""
-        return np.moveaxis(self.channels, 2, 0)
-
-    @cached_property
-    def origin(self) -> FloatArray:
-        """(n,): the mean of F over the region; sums are taken about it."""
-        total = float(self.weights.sum(dtype=float))
-        sums = np.einsum("vu,vun->n", self.weights, self.channels, dtype=float)
-        return sums / total if total > 0.0 else np.zeros_like(sums)
-
-    @cached_property
-    def region_sums(self) -> RegionSums:
-        """What the photo alone adds to the moments of the whole region; made once."""
-        first, n = [], self.channels.shape[2]
-        second = np.zeros((n, n))
-        for weights, rows in zip(self.weights, self.channels, strict=True):
-            centred = rows.astype(float) - self.origin
-            weighted = weights[:, None] * centred
-            first.append(weighted.sum(axis=0))
-            second += weighted.T @ centred
-        return RegionSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
-
-    @cached_property
-    def fixed_part(self) -> FixedPart:
-        """What the ``structure`` adds to the moments of all poses; made once."""
-        assert self.structure is not None
-        weight = float(self.structure.shares.sum())
-        share = 1.0 / weight if weight > 0.0 else 0.0
-        mean = share * self.structure.first
-        covariance = share * self.structure.second - np.outer(mean, mean)
-        weighted = self.weights[..., None] * self.structure.field
-        target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
-        return FixedPart(weight, mean, covariance, whiten(covariance, mean), target)
-
-    @property
-    def photo_channels(self) -> int:
-        """n, the number of attributes of the photo."""
-        classes = 0 if self.structure is None else len(self.structure.shares)
-        return self.channels.shape[2] + classes
-
-    @property
-    def model_channels(self) -> int:
-        """m, the number of attributes of the model: 4, 6 or 12, and 1 more where not clipped."""
-        grey = 4 if self.structure is None else 6
-        return (12 if self.colour_reflectance else grey) + (not self.clipped)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moments:
-    """First and second moments of the attributes (F, M) over the pixels P."""
-
-    pixels: int
-    """How many pixels of weight > 0 the model covers; the loss needs more than a few."""
-    weight: float
-    """Sum of the weights over P."""
-    mean: FloatArray
-    """(n + m,): weighted means, F first."""
-    covariance: FloatArray
-    """(n + m, n + m): weighted covariances, normalised by ``weight``; symmetric."""
-    photo_channels: int
-    """n, where F ends and M begins."""
-    edge_cosine: float | None = None
-    """In [-1, 1]: how well the edges of model and photo agree; None where they are not compared."""
-    photo_whitening: FloatArray | None = None
-    """(rank, n): of F alone, where it is known; the same for all poses if P is fixed."""
-
-    def __post_init__(self) -> None:
-        size = np.shape(self.mean)[0]
-        object.__setattr__(self, "mean", frozen_array(self.mean, (size,)))
-        object.__setattr__(self, "covariance", frozen_array(self.covariance, (size, size)))
-
-    @classmethod
-    def from_sums(
-        cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, origin: FloatArray
-    ) -> Moments:
-        """From sums of ``w``, ``w x`` and ``w x x^T``, where x = (F - ``origin`` (n,), M).
-
-        With an origin near the photo's mean the subtraction here costs no digits.
-        """
-        if weight <= 0.0:
-            return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), len(origin))
-        mean = first / weight
-        covariance = second / weight - mean[:, None] * mean
-        mean[: len(origin)] += origin
-        covariance = 0.5 * (covariance + covariance.T)
-        # They are ours alone: to freeze them here saves two copies for every pose.
-        mean.flags.writeable = covariance.flags.writeable = False
-        return cls(pixels, weight, mean, covariance, len(origin))
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
 
 
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:

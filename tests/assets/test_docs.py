@@ -14,7 +14,7 @@ import pytest
 
 from assets.source.api_reference import CONTENT, api_as_markdown
 from assets.source.notebook import CELLS, CODE
-from poseviewer import cli
+from poseviewer.cli import main as cli
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"

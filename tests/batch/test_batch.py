@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer import cli
 from poseviewer.batch.jobs import load_jobs
+from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
-from poseviewer.evaluation.pose_error import pose_error
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.pose_file import load_pose
-from poseviewer.registration import FitSettings
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.pose_error import pose_error
 from tests.ctrl_c import ctrl_c_ends_them
 
 QUICK = ("--evaluations", "40")
@@ -33,7 +33,7 @@ def run(*arguments: object) -> int:
 
 
 def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "poseviewer.cli", *(str(argument) for argument in arguments)]
+    return [sys.executable, "-m", "poseviewer.cli.main", *(str(argument) for argument in arguments)]
 
 
 def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:

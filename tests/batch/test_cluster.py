@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer import cli
-from poseviewer.files.pose_file import load_pose
+from poseviewer.cli import main as cli
+from poseviewer.files.pose.file import load_pose
 from tests.batch.test_batch import command, kept, read_results, wait_until, write_table
 
 needs_dask = pytest.mark.skipif(

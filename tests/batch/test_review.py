@@ -20,11 +20,10 @@ from poseviewer.batch.work import run_job
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop_scene import read_bop
 from poseviewer.files.formats.request import Request
-from poseviewer.files.pose_file import load_pose
-from poseviewer.fit.pose_fit import Limits
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.registration import FitSettings
 
 QUICK = FitSettings(limits=Limits(40, 600.0))
 IMAGES = (0, 3, 12)

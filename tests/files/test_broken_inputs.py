@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import load_mask, load_photo
-from poseviewer.files.pose_file import load_pose
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_mask, load_photo
+from poseviewer.files.pose.file import load_pose
 
 LOADERS: dict[str, Any] = {
     "model": (load_mesh, MeshFileError),

@@ -7,12 +7,12 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.landscape import Slice, landscape, slice_minimum, strides
-from poseviewer.fit.pose_fit import FitProblem, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.many import RendererPool
-from poseviewer.render.moments import Moments, PhotoAttributes
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.types import Moments, PhotoAttributes
 
 WORST = 1.0
 

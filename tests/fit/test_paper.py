@@ -9,13 +9,14 @@ import pytest
 
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.paper import PATIENCE, paper_loss, paper_stages
-from poseviewer.fit.pose_fit import FitProblem, Status, fit_pose, pose_loss
-from poseviewer.fit.restarts import RestartRules
+from poseviewer.fit.problem import FitProblem, Status, fit_pose, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.moments import PhotoAttributes, model_attributes
-from poseviewer.render.software import SoftwareRenderer
+from poseviewer.optimise.restarts import RestartRules
+from poseviewer.render.moments import model_attributes
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
 MESH = make_bumpy(4)

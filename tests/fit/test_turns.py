@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from poseviewer.evaluation.pose_error import pose_error
-from poseviewer.evaluation.synthetic import PhotoQuality, make_photo
-from poseviewer.files.photo_file import Photo
-from poseviewer.files.pose_file import PoseRecord
-from poseviewer.fit.gathering import gather_evidence
-from poseviewer.fit.judged import judged_fit
-from poseviewer.fit.pose_fit import FitProblem
+from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.model import judge, judge_end
 from poseviewer.fit.probing import probe_about
+from poseviewer.fit.problem import FitProblem, make_problem
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.search import judged_fit
+from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.turns import TURNS_DEG, better_turn, turning_steps
-from poseviewer.fit.verdict import judge
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.hull import principal_axes
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.registration import FitSettings, Registration, make_problem, make_renderer
+from poseviewer.render.renderers import make_renderer
+from poseviewer.study.synthetic import PhotoQuality, make_photo
 from tests.meshes import make_mesh
 from tests.opengl import require_opengl
 
@@ -60,7 +61,7 @@ def fitted_from(start: Pose) -> FitProblem:
     quality = PhotoQuality(blur_px=0.7, noise=2.0)
     pixels = make_photo(CAN, TRUTH, background=(0.45, 0.5, 0.4), quality=quality, seed=3)
     photo = Photo(pixels, "can.png", "0" * 64)
-    registration = Registration(photo, CAN, "", "", None, PoseRecord(start), ())
+    registration = Registration(photo, CAN, "", "", None, start, ())
     return make_problem(registration, FitSettings(chart="free-body"))[0]
 
 
@@ -112,7 +113,7 @@ def test_the_right_turn_is_found(degrees):
 def test_a_fit_that_would_end_turned_ends_right():
     start = turned(TRUTH, -35.0)  # without the turns: 31.6 degrees off, and `lost`
     problem = fitted_from(start)
-    *_, end = judged_fit(problem, CAN, make_renderer(CAN), 2)
+    *_, end = judged_fit(problem, CAN, make_renderer(CAN), judge_end, 2)
     assert end.verdict is not None
     assert end.verdict.word == "found"
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0

@@ -15,8 +15,8 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
-from poseviewer.geometry.vehicle import SideKeypoints, VehicleKeypoints
-from poseviewer.geometry.vehicle_chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 
 SEEDS = st.integers(0, 2**32 - 1)
 PARALLEL = Parallel(150.0, 310.0, 255.0, 640, 480)

@@ -22,8 +22,8 @@ from poseviewer.files.formats.request import (
     require_file,
 )
 from poseviewer.files.formats.view_depths import in_front, view_depths
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import BLENDER_FROM_GLTF, OPENGL_FROM_OPENCV

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras.bop import bop_cameras
+from poseviewer.files.camera.bop import bop_cameras
 from poseviewer.files.formats.bop_scene import (
     entry_of,
     load_scene_file,
     scene_text,
     transform_of,
 )
-from poseviewer.files.pose_checks import Reading
+from poseviewer.files.pose.checks import Reading
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform

@@ -27,8 +27,8 @@ from poseviewer.files.formats.request import (
     size_of,
     unit_of,
 )
-from poseviewer.files.pose_checks import Reading, checked_rotation, read_json
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import Reading, checked_rotation, read_json
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres

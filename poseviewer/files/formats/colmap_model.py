@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras.colmap import MODELS
+from poseviewer.files.camera.colmap import MODELS
 from poseviewer.files.formats.lens_models import colmap_lens, seen_as_taken
 from poseviewer.files.formats.request import (
     Request,
@@ -25,8 +25,8 @@ from poseviewer.files.formats.request import (
     refuse_existing,
     size_of,
 )
-from poseviewer.files.pose_checks import Reading
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import Reading
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.files.mesh_file import linear_from_srgb
+from poseviewer.files.mesh.load import linear_from_srgb
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 

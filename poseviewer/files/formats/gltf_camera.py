@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.matrix import from_4x4
 from poseviewer.files.formats.request import Request, make_record, metres_per_unit, size_of
-from poseviewer.files.pose_checks import Reading
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import Reading
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV

@@ -27,9 +27,9 @@ from poseviewer.files.formats.request import (
     unit_of,
 )
 from poseviewer.files.formats.view_depths import ViewDepths, in_front, view_depths
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.photo_file import load_photo
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose

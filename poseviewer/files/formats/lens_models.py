@@ -12,7 +12,7 @@ from dataclasses import astuple
 import numpy as np
 
 from poseviewer.files.formats.request import require_perspective
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.distortion_block import distortion_as_json, distortion_from_json
+from poseviewer.files.camera.distortion_block import distortion_as_json, distortion_from_json
 from poseviewer.files.formats.matrix import as_4x4, from_4x4
 from poseviewer.files.formats.request import (
     Request,
@@ -18,8 +18,8 @@ from poseviewer.files.formats.request import (
     size_of,
     unit_of,
 )
-from poseviewer.files.pose_checks import Reading, read_json
-from poseviewer.files.pose_file import PoseRecord, camera_as_json, camera_from_json
+from poseviewer.files.pose.checks import Reading, read_json
+from poseviewer.files.pose.file import PoseRecord, camera_as_json, camera_from_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.files.pose_checks import Reading, checked_rotation, kind_of
+from poseviewer.files.pose.checks import Reading, checked_rotation, kind_of
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform

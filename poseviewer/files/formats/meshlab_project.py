@@ -25,8 +25,8 @@ from poseviewer.files.formats.request import (
     require_perspective,
     size_of,
 )
-from poseviewer.files.pose_checks import LARGEST_FILE, Reading
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import LARGEST_FILE, Reading
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose

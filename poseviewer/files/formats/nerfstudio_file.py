@@ -23,8 +23,8 @@ from poseviewer.files.formats.request import (
     refuse_existing,
     size_of,
 )
-from poseviewer.files.pose_checks import Reading, read_json
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import Reading, read_json
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

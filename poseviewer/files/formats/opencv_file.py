@@ -22,8 +22,8 @@ from poseviewer.files.formats.request import (
     refuse_existing,
     size_of,
 )
-from poseviewer.files.pose_checks import LARGEST_FILE, Reading, checked_rotation, read_json
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.checks import LARGEST_FILE, Reading, checked_rotation, read_json
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray

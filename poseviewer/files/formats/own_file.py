@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.files.formats.request import Request, Written, refuse_existing, size_of
-from poseviewer.files.pose_checks import Reading, read_json
-from poseviewer.files.pose_file import PhotoReference, PoseRecord, record_from_json, save_pose
+from poseviewer.files.pose.checks import Reading, read_json
+from poseviewer.files.pose.file import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
 def write_own(record: PoseRecord, out: Path, request: Request) -> Written:

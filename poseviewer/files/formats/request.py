@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.pose_checks import Reading
-from poseviewer.files.pose_file import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose.checks import Reading
+from poseviewer.files.pose.file import ModelReference, PhotoReference, PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 

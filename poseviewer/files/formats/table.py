@@ -24,7 +24,7 @@ from poseviewer.files.formats.nerfstudio_file import read_nerfstudio, write_nerf
 from poseviewer.files.formats.opencv_file import read_opencv, write_opencv
 from poseviewer.files.formats.own_file import read_own, write_own
 from poseviewer.files.formats.request import Request, Written
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.file import PoseRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, PoseViewerError
-from poseviewer.files.calibrated_photo import photo_text, pixels_for, undistorted
 from poseviewer.files.formats.request import Request
-from poseviewer.files.photo_file import Photo, load_photo, save_image
-from poseviewer.files.pose_file import PhotoReference, PoseRecord
+from poseviewer.files.photo.calibrated import photo_text, pixels_for, undistorted
+from poseviewer.files.photo.load import load_photo, save_image
+from poseviewer.files.pose.file import PhotoReference, PoseRecord
 from poseviewer.files.writing import sha256_of
+from poseviewer.geometry.photo import Photo
 
 
 @dataclass(frozen=True, slots=True)

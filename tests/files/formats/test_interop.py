@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.demo import demo_case
+from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.blender_script import write_blender
 from poseviewer.files.formats.colmap_model import write_colmap
 from poseviewer.files.formats.gltf_file import write_gltf
@@ -20,10 +20,10 @@ from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
 from poseviewer.files.formats.opencv_file import write_opencv
 from poseviewer.files.formats.own_file import read_own
 from poseviewer.files.formats.request import Request
-from poseviewer.files.mesh_file import load_mesh
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective
-from poseviewer.render.software import SoftwareRenderer
+from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.files.formats.cases import (
     HEIGHT,
     WIDTH,

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer import converting
+from poseviewer.cli import convert as converting
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.request import METRES, Request
 from poseviewer.files.formats.table import FORMATS, formats_as_markdown
-from poseviewer.files.pose_file import PoseRecord
+from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import (

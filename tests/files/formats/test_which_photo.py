@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer import cli
+from poseviewer.cli import main as cli
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.colmap_model import read_colmap, write_colmap
 from poseviewer.files.formats.lens_models import colmap_lens, nerfstudio_lens
@@ -18,8 +18,8 @@ from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
 from poseviewer.files.formats.opencv_file import write_opencv
 from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import FORMATS
-from poseviewer.files.photo_file import load_photo
-from poseviewer.files.pose_file import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files

@@ -1,0 +1,216 @@
+"""A viser server that answers only those whom the AccessPolicy lets pass.
+
+viser 1.1.1 checks neither Host nor Origin and has no login. Its web server is made deep inside its
+constructor, in its own thread, by ``websockets.asyncio.server.serve``; that call alone is
+intercepted, so that the check is in place before the first connection. Of what viser keeps private
+poseviewer uses this, in ``client_script`` what runs a script, and in ``upload_limits`` what takes
+uploads; their tests fail when viser changes it.
+"""
+
+from __future__ import annotations
+
+import errno
+import http
+import io
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+from viser import _messages
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from poseviewer.app.below_viser.access import AccessPolicy, Asked
+from poseviewer.errors import SettingsError
+from poseviewer.files.state.token import forget_token
+
+VISERS_OWN = "viser.infra._infra"
+"""The module whose call of ``serve`` is intercepted."""
+DEFAULT_PORT, PORTS_TRIED = 8080, 100
+SECURITY_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "connect-src 'self' data: blob:; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+Answer = Callable[[ServerConnection, Request], Response | None]
+
+
+@dataclass(frozen=True, slots=True)
+class GuardedServer:
+    """A running viser server and the policy it is guarded by."""
+
+    server: viser.ViserServer
+    policy: AccessPolicy
+    state: Path | None = None
+    """Where the token is kept."""
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token where one is needed."""
+        return self.policy.url
+
+    def stop(self) -> None:
+        """Close all connections and the port."""
+        with redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+            self.server.stop()
+
+    def end(self) -> None:
+        """Stop for good: pages that are open are not to come back."""
+        self.stop()
+        if self.state is not None and self.policy.token is not None:
+            forget_token(self.state, self.policy.host, self.policy.port)
+
+
+def serve(
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    label: str | None = None,
+    state: Path | None = None,
+) -> GuardedServer:
+    """Start a viser server that answers only its own page and programs of this machine.
+
+    Without a ``port`` the first free one from 8080 on is taken; 0 lets the system choose.
+    In a ``state`` folder the token is kept until ``end``, so that pages outlive a crash.
+
+    Raises:
+        SettingsError: the port is taken or not allowed, or the host is no address of this machine.
+    """
+    listening = _listen(host, port)
+    policy = AccessPolicy.for_address(host, listening.getsockname()[1], state)
+    try:
+        # viser prints its address, without the token, to the standard output.
+        with _guarded_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
+            # Where viser itself would listen, if it ever came past the guard.
+            server = viser.ViserServer("127.0.0.1", 0, label, verbose=False)
+    except BaseException:
+        listening.close()
+        raise
+    if len(calls) != 1:
+        server.stop()
+        listening.close()
+        raise RuntimeError(
+            f"viser {viser.__version__} starts its server in another way than 1.1.1, unguarded; "
+            "install viser 1.1.1."
+        )
+    _forbid_sharing(server)
+    return GuardedServer(server, policy, state)
+
+
+@contextmanager
+def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
+    """While open, viser's server listens on our socket and asks the policy; gives the calls."""
+    calls: list[str] = []
+    original = websockets.asyncio.server.serve
+
+    def guarded(handler: Any, *args: Any, **settings: Any) -> Any:
+        if getattr(handler, "__module__", "") != VISERS_OWN:
+            return original(handler, *args, **settings)  # somebody else's server
+        calls.append(handler.__qualname__)
+        answer = settings.pop("process_request", None)
+        settings.pop("host", None)
+        settings.pop("port", None)
+        settings |= {"process_request": _checked(policy, answer), "logger": _quiet_logger()}
+        return original(handler, sock=listening, **settings)
+
+    websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
+    try:
+        yield calls
+    finally:
+        websockets.asyncio.server.serve = original  # type: ignore[misc]
+
+
+def _quiet_logger() -> logging.Logger:
+    """Without the traceback that every connection closed before its first line would print."""
+    logger = logging.getLogger("poseviewer.app.below_viser.guard")
+    logger.addFilter(_is_worth_logging)
+    return logger
+
+
+def _is_worth_logging(record: logging.LogRecord) -> bool:
+    return record.getMessage() != "opening handshake failed"
+
+
+def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
+    """An answer to requests, HTTP and websocket alike, that asks the policy first."""
+
+    def process_request(connection: ServerConnection, request: Request) -> Response | None:
+        headers = request.headers
+        asked = Asked(
+            request.path,
+            headers.get_all("Host"),
+            headers.get_all("Origin"),
+            headers.get_all("Cookie"),
+        )
+        refusal = policy.refusal(asked)
+        if refusal is not None:
+            response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        else:
+            response = None if answer is None else answer(connection, request)
+        if response is not None:
+            for name, value in SECURITY_HEADERS.items():
+                response.headers[name] = value
+            cookie = None if refusal is not None else policy.cookie_to_set(asked)
+            if cookie is not None:
+                response.headers["Set-Cookie"] = cookie
+        return response
+
+    return process_request
+
+
+def _forbid_sharing(server: viser.ViserServer) -> None:
+    """A page could ask viser to open a public tunnel to this server; no more."""
+    for kind in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(kind)
+
+
+def _listen(host: str, port: int | None) -> socket.socket:
+    """A listening socket. viser would silently take the next port where one is busy."""
+    if port is not None and not 0 <= port <= 65535:
+        raise SettingsError(f"Port {port}: wanted a number from 0 to 65535; choose another one.")
+    family, address = _resolve(host)
+    ports = range(DEFAULT_PORT, DEFAULT_PORT + PORTS_TRIED) if port is None else [port]
+    problem: OSError | None = None
+    for candidate in ports:
+        try:
+            listening = socket.create_server((address, candidate), family=family)
+        except OSError as error:
+            if error.errno == errno.EADDRNOTAVAIL:
+                raise SettingsError(
+                    f"Host {host!r}: not an address of this machine; wanted 127.0.0.1, or one that "
+                    "is."
+                ) from error
+            problem = error
+        else:
+            # asyncio sets this only on sockets that say they are TCP; what is accepted here does
+            # not. Without it the end of a message waits until the page has something to send.
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return listening
+    where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
+    why = "" if problem is None or problem.errno is None else os.strerror(problem.errno)
+    raise SettingsError(
+        f"{where} of {host!r}: cannot be listened on ({why}); "
+        "stop the other program, or choose another port (0 for any free one)."
+    ) from problem
+
+
+def _resolve(host: str) -> tuple[socket.AddressFamily, str]:
+    """Family and numeric address; IPv4 first, as localhost has both."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        raise SettingsError(
+            f"Host {host!r}: no address is known for it ({error}); wanted 127.0.0.1, or an address "
+            "of this machine."
+        ) from error
+    family, *_, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, str(address[0])

@@ -1,0 +1,1 @@
+"""What a person sees: panels, the scene over the photo, maps."""

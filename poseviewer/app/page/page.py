@@ -1,0 +1,198 @@
+"""The page: panels left and right, the photo in the middle, notices; brought to each session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import viser
+
+from poseviewer.app.below_viser.client_script import ClientScript
+from poseviewer.app.below_viser.upload_limits import bound_uploads
+from poseviewer.app.page.fields import Post
+from poseviewer.app.page.files_panel import OpenPanel, SavePanel
+from poseviewer.app.page.fit_panel import FitPanel
+from poseviewer.app.page.keys import HELP
+from poseviewer.app.page.landscape_panel import LandscapePanel
+from poseviewer.app.page.look_panel import LookPanel
+from poseviewer.app.page.place_panel import PlacePanel
+from poseviewer.app.page.quick_start import hint_of
+from poseviewer.app.page.requests import Greet, Report, Restore
+from poseviewer.app.page.review_panel import ReviewPanel
+from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
+from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.identifying import LineupPanel
+from poseviewer.app.workers.tasks import Exported
+from poseviewer.files.state.autosave import AutosavedSession
+
+PANELS_S = 0.1
+"""Panels are brought up to date no oftener than this; the photo always is."""
+PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
+"""CSS px: at the left and at the right, in a wide and in a small window."""
+
+
+class Page:
+    """All that pages show; what is shown is shared by all of them."""
+
+    def __init__(self, server: viser.ViserServer, post: Post, reviewing: bool = False) -> None:
+        self._server = server
+        self._post = post
+        gui = server.gui
+        gui.configure_theme(
+            dark_mode=True,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(23, 162, 184),
+        )
+        gui.set_panel_label("poseviewer")
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(PANEL_WIDTHS[0])
+        self.scene = PhotoScene(server)
+        self._script = ClientScript(
+            server, (DEPTH, SIDE), lambda content, client: post(Report(content, client))
+        )
+        self._review = ReviewPanel(gui, post) if reviewing else None
+        self._open = OpenPanel(gui, post, fixed=reviewing)
+        self._place = PlacePanel(gui, post)
+        self._fit = FitPanel(gui, post)
+        self._lineup = None if reviewing else LineupPanel(gui, post)
+        self._look = LookPanel(gui, post)
+        self._save = SavePanel(gui, post)
+        right = gui.add_panel()
+        tab = right.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
+        with tab:
+            self._landscape = LandscapePanel(gui, post, tab)
+        right.dock_right()
+        right.set_width(MAPS_WIDTHS[0])
+        self._script.narrow_in_small_windows(gui.main_panel, PANEL_WIDTHS[1])
+        self._script.narrow_in_small_windows(right, MAPS_WIDTHS[1])
+        self._next_panels = 0.0
+        self._shown: Session | None = None
+        self._late = False
+        self._working: list[viser.NotificationHandle] = []
+        self._offers: list[Any] = []
+
+        bound_uploads(server, self.complain_to)
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            post(Greet(client.client_id))
+
+    def show(self, session: Session, where: str, review: ReviewState | None = None) -> None:
+        """Bring the page to the session; cheap where nothing has changed."""
+        if self._review is not None and review is not None:
+            self._review.show(review)
+        if session is self._shown and not self._late:
+            return
+        if self._shown is None or session.searching is not self._shown.searching:
+            self._next_panels = 0.0  # that a search stopped is seen at once
+        if session is not self._shown:
+            photo = session.document.registration.photo
+            self._script.show_photo(photo.width, photo.height)
+            self._script.show_hint(hint_of(session))
+            self.scene.show(session)
+        self._shown, self._late = session, True
+        now = time.monotonic()
+        if now < self._next_panels:
+            return
+        self._late = False
+        # Together: who answers to one field must not find the next one still to be written.
+        with self._server.atomic():
+            self._open.show(session)
+            self._place.show(session)
+            self._fit.show(session)
+            if self._lineup is not None:
+                self._lineup.show(session)
+            self._look.show(session)
+            self._save.show(session, where)
+        self._late = not self._landscape.show(session)
+        self._next_panels = time.monotonic() + PANELS_S
+
+    def complain(self, sentence: str) -> None:
+        """Tell all pages what could not be done, and why."""
+        for client in self._server.get_clients():
+            self.complain_to(client, sentence)
+
+    def complain_to(self, client: int, sentence: str) -> None:
+        """Tell one page what could not be done, and why; from any thread."""
+        handle = self._server.get_clients().get(client)
+        if handle is not None:
+            handle.add_notification(
+                "That did not work", sentence, color="orange", auto_close_seconds=12.0
+            )
+
+    def tell(self, title: str, text: str) -> None:
+        """Tell all pages that something is done."""
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, color="cyan", auto_close_seconds=5.0)
+
+    def tell_all(self, notes: Sequence[str]) -> None:
+        """Notes on files that were opened."""
+        for note in notes:
+            self.tell("Note", note)
+
+    def working(self, what: str) -> None:
+        """Say that something is being done that takes a moment; "" when it is over."""
+        for notice in self._working:
+            notice.remove()
+        self._working = []
+        if what:
+            self._working = [
+                client.add_notification(what, "", loading=True, with_close_button=False)
+                for client in self._server.get_clients().values()
+            ]
+
+    def maps_note(self, text: str) -> None:
+        """Why there are no maps."""
+        self._landscape.note(text)
+
+    def send(self, file: Exported) -> None:
+        """Give a file to the page that asked for it."""
+        client = self._server.get_clients().get(file.client)
+        if client is not None:
+            client.send_file_download(file.name, file.content, save_immediately=True)
+
+    def show_help(self, client: int) -> None:
+        """Open the panel with the keys."""
+        handle = self._server.get_clients().get(client)
+        if handle is None:
+            return
+        modal = handle.gui.add_modal("Keys and mouse")
+        with modal:
+            handle.gui.add_markdown(HELP)
+            close = handle.gui.add_button("Close")
+
+            @close.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                modal.close()
+
+    def greet(self, client: int, offer: AutosavedSession | None) -> None:
+        """Offer a page that has just connected what an earlier session left."""
+        handle = self._server.get_clients().get(client)
+        if handle is None or offer is None:
+            return
+        modal = handle.gui.add_modal("An earlier session ended without saving")
+        self._offers.append(modal)
+        when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
+        with modal:
+            handle.gui.add_markdown(
+                f"**{offer.photo_name}** with **{offer.model_name}**, last kept on {when}."
+            )
+            again = handle.gui.add_button("Open it again", color="cyan")
+            forget = handle.gui.add_button("Forget it", color="gray")
+
+            @again.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                self._post(Restore(True))
+
+            @forget.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                self._post(Restore(False))
+
+    def close_offer(self) -> None:
+        """Take the offer off all pages."""
+        for modal in self._offers:
+            modal.close()
+        self._offers = []

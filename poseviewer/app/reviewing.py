@@ -1,0 +1,318 @@
+"""A batch's rows in the app, one after the other; keeps what is unsaved instead of the autosaver.
+
+All but ``open_beside``, which the tasks' thread runs, is the main loop's.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.app.page.requests import Annotate, Request, Review, SavePose, Upload
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import PERIOD_S
+from poseviewer.app.workers.jobs import case_at
+from poseviewer.app.workers.opening import Opened, open_files
+from poseviewer.app.workers.tasks import Reviewed, Task
+from poseviewer.app.workers.worker import Worker
+from poseviewer.batch import review as r
+from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.registration import LoadedModel
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_model, load_registration
+
+MODELS_KEPT = 4
+MOST_SKIPPED_SAID = 3
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewState:
+    """What the page shows of a review."""
+
+    place: int
+    """Of the row at hand in the queue, from 1."""
+    queue: r.ReviewQueue
+    mended: bool
+    """Whether the pose at hand is another than the row's."""
+    trouble: str = ""
+    """Why table and report are not up to date."""
+
+    @property
+    def row(self) -> r.ReviewRow:
+        """The row at hand."""
+        return self.queue.rows[self.place - 1]
+
+
+class Reviewer:
+    """Which row is open, and what is kept of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._queue = r.load_queue(folder)
+        self._at = self._wanted = 0
+        self._found: Pose | None = None
+        self._kept: Document | None = None
+        self._next = time.monotonic() + PERIOD_S
+        self._models: dict[tuple[Path, int], tuple[LoadedModel, SoftwareRenderer]] = {}
+        self._gatherer: Worker[None] = Worker("gatherer")
+        self._stale = True
+        self._trouble = ""
+
+    # --- what the autosaver does otherwise ------------------------------------------------------
+
+    def offer(self) -> None:
+        """Nothing is offered: what was being mended opens with its row."""
+
+    def take_offer(self, wanted: bool) -> None:
+        """Nothing was offered."""
+
+    def adopt(self, session: Session) -> None:
+        """The draft that was opened is kept where it is."""
+        self._kept = session.document
+
+    def tick(self, session: Session) -> None:
+        """Keep what is being mended every few seconds; bring table and report up to date."""
+        if time.monotonic() >= self._next:
+            self.save_now(session)
+        self._gather()
+
+    def save_now(self, session: Session) -> None:
+        """Keep the pose at hand as a draft, where it is not the row's own."""
+        self._next = time.monotonic() + PERIOD_S
+        document = session.document
+        if document is self._kept:
+            return
+        try:
+            if self.mended(session):
+                undistortion = document.registration.photo.undistortion
+                save_pose(
+                    self._queue.draft(self.row),
+                    PoseRecord(document.pose, undistortion=undistortion),
+                )
+            else:
+                r.drop_draft(self._queue, self.row)
+            self._kept = document
+        except PoseViewerError as error:
+            _log.warning("the draft was not kept: %s", error)
+            self._next = time.monotonic() + 60.0  # a full disk will not be mended in seconds
+
+    def close(self, session: Session) -> None:
+        """At a clean end: keep the draft, and finish table and report."""
+        self.save_now(session)
+        self._gatherer.close()
+        try:
+            r.save_reviewed(self._queue)
+        except PoseViewerError as error:
+            _log.warning("table and report are not up to date: %s", error)
+
+    def where(self, session: Session) -> str:
+        """The row's pose file, as it is shown."""
+        del session
+        return self.row.result.pose or "a new file in poses/"
+
+    # --- the queue ------------------------------------------------------------------------------
+
+    @property
+    def row(self) -> r.ReviewRow:
+        """The row at hand."""
+        return self._queue.rows[self._at]
+
+    def state(self, session: Session) -> ReviewState:
+        """What the page shows."""
+        return ReviewState(self._at + 1, self._queue, self.mended(session), self._trouble)
+
+    def mended(self, session: Session) -> bool:
+        """Whether the pose at hand is another than the one that the row has."""
+        pose = session.document.pose
+        return self._found is None or not _same(pose, self._found)
+
+    def takes(self, request: Request) -> bool:
+        """Whether a request is for the review."""
+        return isinstance(request, Review | Annotate | SavePose) or (
+            isinstance(request, Upload) and request.kind != "pose"
+        )
+
+    def task_for(
+        self, request: Request, session: Session, renderer: SoftwareRenderer, record: PoseRecord
+    ) -> Task | None:
+        """What a request asks for; None where it is done at once. ``record`` is of the session.
+
+        Raises:
+            PoseViewerError: it cannot be done.
+        """
+        match request:
+            case Upload():
+                raise BatchError(
+                    "In a review, photo and model are the row's; start poseviewer without `review` "
+                    "to open others. A pose file can be opened here."
+                )
+            case Annotate():
+                row = next(row for row in self._queue.rows if row.job.key == request.key)
+                self._renew(row, r.annotate(self._queue, row, request.note))
+                return None
+            case Review(what="take back"):
+                self._renew(self.row, r.take_back(self._queue, self.row))
+                return None
+            case Review(what="next" | "previous"):
+                return self.step(1 if request.what == "next" else -1, session)
+        leave = isinstance(request, Review)
+        if not self.mended(session):
+            result = r.accept(self._queue, self.row)
+            return self.finish(Reviewed(self.row, result, leave), session)
+        return self._accepting(session, renderer, record, leave)
+
+    def step(self, by: int, session: Session) -> Task:
+        """To the next row, or the one before; what was being mended is kept as a draft.
+
+        Raises:
+            BatchError: there is none.
+        """
+        self.save_now(session)
+        wanted = self._wanted + by
+        if not 0 <= wanted < len(self._queue.rows):
+            raise BatchError(
+                f"This is the {'last' if by > 0 else 'first'} of {len(self._queue.rows)} rows; "
+                f"{self._queue.accepted} are accepted."
+            )
+        self._wanted = wanted
+        return lambda *_: self.open_beside(wanted, by)
+
+    def finish(self, done: Reviewed, session: Session) -> Task | None:
+        """Take what was kept of a row; gives the way to the next one not accepted, if wanted."""
+        self._renew(done.row, done.result)
+        if done.row.job.key == self.row.job.key and done.pose is not None:
+            self._found, self._kept = done.pose, None
+        if not done.leave or done.row.job.key != self.row.job.key or self._wanted != self._at:
+            return None
+        rows = self._queue.rows
+        left = [i for i in range(self._at + 1, len(rows)) if not rows[i].result.review]
+        return self.step(left[0] - self._wanted, session) if left else None
+
+    def opened(self, opened: Opened) -> None:
+        """A row has been opened: it is the one at hand now."""
+        self._at = self._wanted = next(
+            i for i, row in enumerate(self._queue.rows) if row.job.key == opened.row
+        )
+        start = opened.document.registration.start
+        self._found = start if self.row.result.pose else None
+        self._kept = opened.document
+
+    def gave_up(self) -> None:
+        """No row could be opened where one was wanted."""
+        self._wanted = self._at
+
+    def open_beside(self, index: int, step: int) -> Iterator[Opened]:
+        """Open a row; one whose files cannot be used is skipped, with a word.
+
+        Raises:
+            BatchError: there is none that way that can be opened.
+        """
+        skipped: list[str] = []
+        step = 1 if step > 0 else -1
+        while 0 <= index < len(self._queue.rows):
+            row = self._queue.rows[index]
+            try:
+                opened = self._open(row)
+            except PoseViewerError as error:
+                skipped.append(f"Row {row.job.row} cannot be opened: {error}")
+                index += step
+                continue
+            more = len(skipped) - MOST_SKIPPED_SAID
+            said = (*skipped[:MOST_SKIPPED_SAID], *([f"... and {more} more"] if more > 0 else []))
+            yield replace(opened, warnings=(*said, *opened.warnings))
+            return
+        raise BatchError(" ".join(skipped[:MOST_SKIPPED_SAID]))
+
+    # --- its own ---------------------------------------------------------------------------------
+
+    def _open(self, row: r.ReviewRow) -> Opened:
+        job = row.job
+        model, renderer = self._model(job.path(job.model))
+        photo, start = job.path(job.photo), self._queue.start(row)
+        try:
+            registration = load_registration(photo, model, start)
+        except PoseViewerError:
+            if row.result.pose:
+                raise
+            # It failed for want of a start, maybe: a person can place the model.
+            registration = open_files(photo, job.path(job.model), None).document.registration
+            registration = replace(registration, mesh=model.mesh, keypoints=model.keypoints)
+        document = Document(
+            registration,
+            registration.start,
+            self._queue.manifest.settings,
+            photo_path=photo,
+            model_path=job.path(job.model),
+        )
+        draft = self._queue.draft(row)
+        if draft.is_file():
+            shown = registration.photo
+            pose = load_pose(draft, shown.width, shown.height).pose
+            document = replace(document, pose=pose)
+        return Opened(document, renderer, registration.warnings, row=job.key,
+                      restored=draft.is_file())  # fmt: skip
+
+    def _model(self, path: Path) -> tuple[LoadedModel, SoftwareRenderer]:
+        """A model and its renderer, once for the rows that share it."""
+        try:
+            key = path, path.stat().st_mtime_ns
+        except OSError:
+            key = path, 0  # the reader says what is wrong
+        if key not in self._models:
+            model = load_model(path)
+            while len(self._models) >= MODELS_KEPT:
+                self._models.pop(next(iter(self._models)))
+            self._models[key] = model, SoftwareRenderer(model.mesh)
+        return self._models[key]
+
+    def _accepting(
+        self, session: Session, renderer: SoftwareRenderer, record: PoseRecord, leave: bool
+    ) -> Task:
+        """Draw and keep the pose at hand, away from the main loop."""
+        queue, row, document = self._queue, self.row, session.document
+        brush = renderer.clone()
+
+        def run(*_: object) -> Iterator[Reviewed]:
+            case = case_at(document.registration, record.pose, document.settings, brush)
+            picture = case.start.picture()
+            result = r.accept_mended(queue, row, record, picture)
+            yield Reviewed(row, result, leave, record.pose)
+
+        return run
+
+    def _renew(self, row: r.ReviewRow, result: r.JobResult) -> None:
+        self._queue = self._queue.renewed(row, result)
+        self._stale = True
+
+    def _gather(self) -> None:
+        """Write table and report anew, in a thread, when something has changed."""
+        news = self._gatherer.take()
+        if news is not None and news.finished:
+            self._trouble = "" if news.error is None else str(news.error)
+        if self._stale and not self._gatherer.busy:
+            self._stale = False
+            queue = self._queue
+            self._gatherer.start(lambda: _gathered(queue))
+
+
+def _gathered(queue: r.ReviewQueue) -> Iterator[None]:
+    r.save_reviewed(queue)
+    yield None
+
+
+def _same(one: Pose, other: Pose) -> bool:
+    a, b = one.camera_from_model, other.camera_from_model
+    return (
+        one.camera == other.camera
+        and np.array_equal(a.rotation, b.rotation)
+        and np.array_equal(a.translation, b.translation)
+    )

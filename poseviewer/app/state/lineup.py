@@ -1,0 +1,163 @@
+"""The models of which the photo may show one, and how far they are told apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.marks import Marks
+from poseviewer.confidence.identify import Identification, Ranked, rank
+from poseviewer.errors import SettingsError
+from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.geometry.camera import Pose
+
+MOST_CANDIDATES = 30
+"""All of them are kept in memory."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateModel:
+    """A model that the photo may show."""
+
+    model: LoadedModel
+    path: Path | None
+
+    def is_same(self, other: CandidateModel) -> bool:
+        """Whether both are of the same file's content."""
+        return self.model.sha256 == other.model.sha256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Models that are, or were, fitted to a photo from one pose."""
+
+    number: int
+    document: Document
+    """What was at hand: photo, settings, and the pose that all start from."""
+    models: tuple[CandidateModel, ...]
+    """In the order of ``news``' indices."""
+    running: bool = True
+    news: Identification | None = None
+
+    @property
+    def registrations(self) -> list[Registration]:
+        """One for each model, in the frame that all share."""
+        photo = self.document.registration.photo
+        start = self.document.pose
+        return [
+            Registration(photo, m.mesh, m.name, m.sha256, m.keypoints, start, ())
+            for m in (candidate.model for candidate in self.models)
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """A model, and what is known of it."""
+
+    index: int
+    """Among the models of the line-up."""
+    candidate: CandidateModel
+    ranked: Ranked | None = None
+    is_being_fitted: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lineup:
+    """All of it."""
+
+    models: tuple[CandidateModel, ...] = ()
+    comparison: Comparison | None = None
+    shown: Document | None = None
+    """What the row that was shown last brought to hand."""
+
+    def with_candidate(self, new: CandidateModel) -> Lineup:
+        """One model more, the last one.
+
+        Raises:
+            SettingsError: it is among them, or there are too many.
+        """
+        name = new.model.name
+        if any(new.is_same(one) for one in self.models):
+            raise SettingsError(f"{name}: is among the models already; choose another file")
+        if len(self.models) >= MOST_CANDIDATES:
+            raise SettingsError(
+                f"{name}: {MOST_CANDIDATES} models are the most that are compared; leave one out"
+            )
+        return replace(self, models=(*self.models, new))
+
+    def with_model_of(self, document: Document) -> Lineup:
+        """With the document's own model, the first one where it is new."""
+        own = at_hand(document)
+        if any(own.is_same(one) for one in self.models):
+            return self
+        return replace(self, models=(own, *self.models))
+
+    @property
+    def paths(self) -> frozenset[Path]:
+        """The models' files."""
+        return frozenset(one.path for one in self.models if one.path is not None)
+
+    def comparison_about(self, document: Document) -> Comparison | None:
+        """The comparison, if it is of the document's photo."""
+        found = self.comparison
+        if found is None:
+            return None
+        same = found.document.registration.photo is document.registration.photo
+        return found if same else None
+
+    def rows(self, document: Document) -> tuple[Row, ...]:
+        """The models ranked by what is known of them on the document's photo, then the others."""
+        found = self.comparison_about(document)
+        news = None if found is None else found.news
+        if found is None or news is None:
+            return tuple(Row(index, one) for index, one in enumerate(self.models))
+        place = {id(one): index for index, one in enumerate(self.models)}
+        left = [
+            one.candidate for one in news.ranked if id(found.models[one.candidate.index]) in place
+        ]
+        rows = []
+        for ranked in rank(left):
+            candidate = found.models[ranked.candidate.index]
+            rows.append(Row(place.pop(id(candidate)), candidate, ranked))
+        at = found.models[news.at] if found.running and news.at is not None else None
+        for index in place.values():
+            candidate = self.models[index]
+            rows.append(Row(index, candidate, is_being_fitted=candidate is at))
+        return tuple(rows)
+
+    def pose_of(self, index: int, document: Document) -> Pose | None:
+        """The pose that was found for a model; None where none is known."""
+        row = next(row for row in self.rows(document) if row.index == index)
+        return None if row.ranked is None else row.ranked.candidate.pose
+
+
+def at_hand(document: Document) -> CandidateModel:
+    """The document's own model."""
+    own = document.registration
+    model = LoadedModel(own.mesh, own.mesh_name, own.mesh_sha256, own.keypoints)
+    return CandidateModel(model, document.model_path)
+
+
+def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Document:
+    """The document with another model, at a pose; what was marked on the model before is gone."""
+    own, model = document.registration, candidate.model
+    if own.mesh_sha256 == model.sha256:
+        return replace(document, pose=pose)
+    registration = replace(
+        own,
+        mesh=model.mesh,
+        mesh_name=model.name,
+        mesh_sha256=model.sha256,
+        keypoints=model.keypoints,
+        start=own.start,
+        warnings=(),
+    )
+    return replace(
+        document,
+        registration=registration,
+        pose=pose,
+        pins=(),
+        model_path=candidate.path,
+        marks=Marks(box=document.marks.box),
+    )

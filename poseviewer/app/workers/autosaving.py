@@ -1,0 +1,143 @@
+"""Where the app writes: poses beside their photos, and the session every few seconds."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import Session
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.state.autosave import (
+    AutosavedSession,
+    discard,
+    left_behind,
+    load_autosave,
+    save_autosave,
+)
+from poseviewer.fit.settings import settings_as_json
+
+PERIOD_S = 5.0
+
+
+class Autosaver:
+    """Keeps the session on disk, and finds what an earlier one left."""
+
+    def __init__(self, state: Path) -> None:
+        self._folder = state / "sessions"
+        self._uploads = state / "uploads"
+        self._saved: Document | None = None
+        self._next = time.monotonic() + PERIOD_S
+        self._file: Path | None = None
+        self._own: set[Path] = set()
+        self._offer, self._offered = self._find()
+
+    def offer(self) -> AutosavedSession | None:
+        """What an earlier session left unsaved, until it is taken or refused."""
+        return self._offer
+
+    def take_offer(self, wanted: bool) -> AutosavedSession | None:
+        """The offer, for the last time. One that is ``wanted`` stays on disk until ``adopt``: it
+        may turn out that it cannot be opened.
+        """
+        offer, self._offer = self._offer, None
+        if not wanted:
+            self._discard_offered()
+        return offer
+
+    def adopt(self, session: Session) -> None:
+        """The offer has been opened: keep it as this session's own."""
+        self.save_now(session)
+        if self._saved is session.document:
+            self._discard_offered()
+
+    def tick(self, session: Session) -> None:
+        """Write the session, if it changed, every few seconds."""
+        if time.monotonic() >= self._next:
+            self.save_now(session)
+
+    def save_now(self, session: Session) -> None:
+        """Write the session, if it changed since."""
+        self._next = time.monotonic() + PERIOD_S
+        document = session.document
+        if document is self._saved or not session.unsaved:
+            return
+        registration = document.registration
+        kept = AutosavedSession(
+            photo=_absolute(document.photo_path),
+            photo_name=registration.photo.name,
+            photo_sha256=registration.photo.sha256,
+            model=_absolute(document.model_path),
+            model_name=registration.mesh_name,
+            model_sha256=registration.mesh_sha256,
+            pose=PoseRecord(document.pose, undistortion=registration.photo.undistortion),
+            start=PoseRecord(registration.start, undistortion=registration.photo.undistortion),
+            settings=settings_as_json(document.settings),
+            unsaved=session.unsaved,
+            saved_at=time.time(),
+            process=os.getpid(),
+        )
+        try:
+            self._file = save_autosave(self._folder, kept)
+            self._saved = document
+        except PoseViewerError:
+            self._next = time.monotonic() + 60.0  # a full disk will not be mended in seconds
+
+    def close(self, session: Session) -> None:
+        """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
+        self.save_now(session)
+        if self._file is not None and not session.unsaved:
+            discard(self._file)
+
+    def where(self, session: Session) -> str:
+        """The pose file's name, as it is shown; its folder is told when it is written."""
+        return self._pose_path(session).name
+
+    def save_pose(self, session: Session, record: PoseRecord) -> Path:
+        """Write the pose beside its photo. A file that another session wrote is kept as ``.bak``.
+
+        Raises:
+            PoseFileError: it cannot be written there.
+        """
+        path = self._pose_path(session)
+        if path.exists() and path not in self._own:
+            path.replace(path.with_suffix(".json.bak"))
+        save_pose(path, record)
+        self._own.add(path)
+        if self._file is not None:
+            discard(self._file)
+            self._saved = None
+        return path
+
+    def _pose_path(self, session: Session) -> Path:
+        """Beside the photo; for uploads and the demo, which lie in folders of ours, where the
+        program was started.
+        """
+        path = session.document.photo_path
+        photo = session.document.registration.photo
+        if path is None or self._uploads in path.parents:
+            # An uploaded name never becomes a path.
+            return Path.cwd() / f"photo-{photo.sha256[:8]}.pose.json"
+        folder = path.resolve().parent
+        if not os.access(folder, os.W_OK) or folder.name in ("demo_files", "assets"):
+            folder = Path.cwd()
+        return folder / f"{path.stem}.pose.json"
+
+    def _discard_offered(self) -> None:
+        if self._offered is not None:
+            discard(self._offered)
+            self._offered = None
+
+    def _find(self) -> tuple[AutosavedSession | None, Path | None]:
+        for path in left_behind(self._folder):
+            try:
+                return load_autosave(path), path
+            except PoseViewerError:
+                continue  # another crash may have left half a file: nothing to offer
+        return None, None
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.resolve()

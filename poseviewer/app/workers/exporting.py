@@ -1,0 +1,87 @@
+"""What the app gives away: pose records, pictures, maps."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from poseviewer.api import FitResult
+from poseviewer.app.page.requests import Export
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.jobs import case_at
+from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.files.photo.calibrated import photo_text
+from poseviewer.files.photo.picture_text import described
+from poseviewer.files.pose.file import (
+    ChartNumbers,
+    ModelReference,
+    PhotoReference,
+    PoseRecord,
+    record_as_json,
+)
+from poseviewer.fit.settings import settings_as_json
+from poseviewer.render.software.renderer import SoftwareRenderer
+
+
+def record_of(session: Session, renderer: SoftwareRenderer) -> PoseRecord:
+    """All that the pose file of the session says."""
+    document, search, painting = session.document, session.search, session.painting
+    if search is not None and search.news is not None:
+        return FitResult(search.news.case, document.pose, search.news.progress).record
+    is_weighed = painting is not None and painting.weighed and painting.loss is not None
+    if painting is None or not is_weighed or painting.request.pose is not document.pose:
+        return _plain_record(session)
+    try:
+        case = case_at(document.registration, document.pose, document.settings, renderer)
+    except PoseViewerError:
+        return _plain_record(session)  # a pose where nothing can be compared is a pose, too
+    return FitResult(case, document.pose, weighed=painting.loss).record
+
+
+def _plain_record(session: Session) -> PoseRecord:
+    document = session.document
+    registration, chart = document.registration, document.chart
+    photo = registration.photo
+    return PoseRecord(
+        document.pose,
+        PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
+        ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
+        ChartNumbers(chart.name, chart.names, tuple(float(v) for v in document.numbers)),
+        None,
+        settings_as_json(document.settings),
+        {"name": "poseviewer", "version": version("poseviewer")},
+        photo.undistortion,
+    )
+
+
+def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[str, bytes]:
+    """A file's name and content.
+
+    Raises:
+        PoseViewerError: there is nothing of that kind yet.
+    """
+    photo = session.document.registration.photo
+    stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
+    if what == "pose":
+        record = record_as_json(record_of(session, renderer))
+        text = json.dumps(record, indent=2, ensure_ascii=False)
+        return f"{stem}.pose.json", (text + "\n").encode()
+    if what == "overlay":
+        return f"{stem}.overlay.png", _overlay(session, renderer)
+    if session.landscape is None or not session.landscape.slices:
+        raise SettingsError("there are no maps yet; wait for the first ones")
+    kind = "png" if what == "sheet" else what.removeprefix("maps-")
+    return f"{stem}.landscape.{kind}", session.landscape.maps.as_bytes(kind)
+
+
+def _overlay(session: Session, renderer: SoftwareRenderer) -> bytes:
+    """The photo, in its own size, with the model in the look that is shown; PNG."""
+    document, look = session.document, session.look
+    case = case_at(document.registration, document.pose, document.settings, renderer)
+    picture = case.start.picture(look.name, opacity=look.opacity)
+    data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
+    return described(data, photo_text(document.registration.photo))

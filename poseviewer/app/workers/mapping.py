@@ -1,0 +1,122 @@
+"""Which maps of the loss are wanted now, and the job that makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from poseviewer.api import Case
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.jobs import LandscapeNews, case_at, maps
+from poseviewer.app.workers.worker import yield_to_others
+from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.pool import RendererPool, processors
+from poseviewer.render.software.renderer import SoftwareRenderer
+
+SIZE = 41
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapJob:
+    """Maps about a pose."""
+
+    registration: Registration
+    settings: FitSettings
+    centre: Pose
+    anchor: Pose
+    case: Case | None
+    """A search's; None: the one about ``anchor``."""
+    half_width: float
+    moving: bool
+
+    @classmethod
+    def wanted(cls, session: Session, moving: bool) -> MapJob:
+        """The maps that the session asks for; coarse ones while the pose moves."""
+        document, search = session.document, session.search
+        news = None if search is None else search.news
+        return cls(
+            document.registration,
+            document.settings,
+            document.pose,
+            session.anchor or document.pose,
+            None if news is None else news.case,
+            session.maps.half_width,
+            moving,
+        )
+
+    def replaces(self, other: MapJob | None, busy: bool) -> bool:
+        """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
+        if other is None or not self._same_loss(other):
+            return True
+        if self.moving and other.moving and busy:
+            return False  # coarse maps are soon done; a new start for every step shows none
+        return self.centre is not other.centre or (other.moving and not self.moving)
+
+    def _same_loss(self, other: MapJob) -> bool:
+        return (
+            self.registration.photo is other.registration.photo
+            and self.registration.mesh is other.registration.mesh
+            and self.settings == other.settings
+            and self.half_width == other.half_width
+        )
+
+
+class Mapper:
+    """Makes maps, one job after another, for one thread; others of low priority help it."""
+
+    def __init__(self, renderer: SoftwareRenderer) -> None:
+        self._renderer = renderer
+        self._fine = RendererPool(renderer, threads=_spare(), begin=yield_to_others)
+        self._quick: tuple[Case, Case, RendererPool] | None = None
+        self._anchor: Pose | None = None
+        self._settings: FitSettings | None = None
+        self._case: Case | None = None
+        self._prepared: Mesh | None = None
+
+    def run(self, job: MapJob) -> Iterator[LandscapeNews]:
+        """News of the maps, coarse to fine.
+
+        Raises:
+            PoseViewerError: there are none with these settings at this pose.
+        """
+        case = job.case or self._case_about(job)
+        quick, level = self._quick_case(case, job.centre)
+        shown: tuple[Slice, ...] = ()
+        for size in QUICK_SIZES:
+            before = shown
+            for news in maps(quick, job.centre, level, job.half_width, size, before):
+                shown = news.slices
+                yield replace(news, case=case, known=0.0)
+        if not job.moving:
+            if self._prepared is not job.registration.mesh:  # now, and not when it is waited for
+                self._prepared = job.registration.mesh
+                case.prepare()
+            yield from maps(case, job.centre, self._fine, job.half_width, SIZE, shown)
+
+    def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
+        """The case on a coarser level of the photo, and what draws it; made once."""
+        if self._quick is None or self._quick[0] is not case:
+            level = quick_level(case.problem, pose, self._renderer)
+            pool = RendererPool(level.renderer, threads=_spare(), begin=yield_to_others)
+            if self._quick is not None:
+                self._quick[2].close()
+            problem = replace(case.problem, photo=level.photo)
+            quick = replace(case, problem=problem, renderer=level.renderer)
+            self._quick = case, quick, pool
+        return self._quick[1:]
+
+    def _case_about(self, job: MapJob) -> Case:
+        same = job.anchor is self._anchor and job.settings == self._settings
+        if self._case is None or not same:
+            self._case = case_at(job.registration, job.anchor, job.settings, self._renderer)
+            self._anchor, self._settings = job.anchor, job.settings
+        return self._case
+
+
+def _spare() -> int:
+    """Threads for the maps: one processor is left to drawing and to the page."""
+    return max(processors() - 1, 1)

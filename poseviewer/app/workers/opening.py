@@ -1,0 +1,197 @@
+"""Opening files for the app: read, check and make ready, away from the main loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.lineup import CandidateModel, Lineup
+from poseviewer.app.state.marks import Marks
+from poseviewer.errors import PoseFileError
+from poseviewer.files.camera.calibration import Calibration
+from poseviewer.files.photo.calibrated import (
+    load_calibrated_photo,
+    matched,
+    same_undistortion,
+    undistorted,
+)
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import check_against, load_pose
+from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings, settings_from_json
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.photo import Photo
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.placing import look_from
+from poseviewer.starts.registration import load_model, load_registration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opened:
+    """A document that is ready, and the renderer of its model."""
+
+    document: Document
+    renderer: SoftwareRenderer
+    warnings: tuple[str, ...]
+    pose_alone: bool = False
+    """A pose file was read; photo and model are the ones at hand."""
+    restored: bool = False
+    """It is what an earlier session left, unsaved."""
+    lineup: Lineup = field(default_factory=Lineup)
+    """Models that the photo may show."""
+    row: str = ""
+    """In a review: the key of the row that it is."""
+
+
+def open_files(
+    photo: Path,
+    model: Path,
+    pose: Path | None,
+    calibration: Calibration | None = None,
+    others: Sequence[Path] = (),
+) -> Opened:
+    """Photo and model from their files, with a start pose from one, or seen from a corner; the
+    photo undistorted, where there is a calibration; ``others``: models that the photo may show.
+
+    Raises:
+        PoseViewerError: one of them cannot be used.
+    """
+    if pose is not None:
+        registration = load_registration(photo, model, pose, calibration)
+    else:
+        registration = _unplaced(load_calibrated_photo(photo, calibration), model)
+    document = Document(registration, registration.start, photo_path=photo, model_path=model)
+    lineup, warnings = Lineup(), registration.warnings
+    for path in others:
+        candidate, notes = open_candidate(path, path.name)
+        lineup = lineup.with_model_of(document).with_candidate(candidate)
+        warnings = (*warnings, *notes)
+    return Opened(document, SoftwareRenderer(registration.mesh), warnings, lineup=lineup)
+
+
+def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ...]]:
+    """A model that the photo may show, called by a name; and what is to be said of it.
+
+    Raises:
+        PoseViewerError: it cannot be used.
+    """
+    model = replace(load_model(path), name=name)
+    notes = tuple(f"{path.name}: {note}" for note in model.mesh.notes)
+    return CandidateModel(model, path), notes
+
+
+def open_photo(
+    now: Document, renderer: SoftwareRenderer, path: Path, name: str
+) -> Iterator[Opened]:
+    """Another photo under the model at hand, which keeps its view.
+
+    Raises:
+        PoseViewerError: the photo cannot be used.
+    """
+    photo = replace(load_photo(path), name=name)
+    camera = photo.default_camera()
+    placed = look_from("three-quarter", now.registration.mesh, now.registration.keypoints, camera)
+    turned = replace(
+        placed,
+        camera_from_model=replace(
+            placed.camera_from_model,
+            rotation=now.pose.camera_from_model.rotation,
+        ),
+    )
+    centre = now.registration.mesh.centre
+    shift = placed.camera_from_model.apply(centre) - turned.camera_from_model.apply(centre)
+    transform = turned.camera_from_model
+    transform = replace(transform, translation=transform.translation + shift)
+    pose = Pose(camera, transform)
+    registration = replace(now.registration, photo=photo, start=pose, warnings=())
+    settings = replace(now.settings, region=None)
+    document = replace(
+        now, registration=registration, pose=pose, photo_path=path, settings=settings, marks=Marks()
+    )
+    warnings = [f"{photo.name}: {note}" for note in photo.notes]
+    if now.registration.photo.undistortion is not None:
+        warnings.append(f"{photo.name}: shown as taken, with its distortion; restart to calibrate.")
+    yield Opened(document, renderer, tuple(warnings))
+
+
+def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
+    """Another model on the photo at hand, seen from a corner.
+
+    Raises:
+        PoseViewerError: the model cannot be used.
+    """
+    registration = _unplaced(now.registration.photo, path, now.pose)
+    registration = replace(registration, mesh_name=name)
+    settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
+    document = Document(registration, registration.start, settings, (), now.photo_path, path)
+    yield Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
+
+
+def open_pose(now: Document, renderer: SoftwareRenderer, path: Path) -> Iterator[Opened]:
+    """A pose file for the photo and the model at hand: the start from now on.
+
+    Raises:
+        PoseFileError: it holds no pose.
+    """
+    photo = now.registration.photo
+    read = load_pose(path, photo.width, photo.height)
+    checks = check_against(read, photo.sha256, now.registration.mesh_sha256)
+    other = read.undistortion and not same_undistortion(read.undistortion, photo.undistortion)
+    if other and now.photo_path is not None:
+        photo = replace(load_photo(now.photo_path), name=photo.name)
+    photo, record, notes = matched(photo, read)
+    same = photo is now.registration.photo
+    now = replace(now, registration=replace(now.registration, photo=photo))
+    document = now.started_from(record.pose)
+    yield Opened(document, renderer, (*record.warnings, *checks, *notes), pose_alone=same)
+
+
+def restore(kept: AutosavedSession) -> Iterator[Opened]:
+    """What an earlier session left behind.
+
+    Raises:
+        PoseViewerError: its photo or its model is not there any more.
+    """
+    for path, name in ((kept.photo, kept.photo_name), (kept.model, kept.model_name)):
+        if path is None or not path.is_file():
+            raise PoseFileError(
+                f"{name}: is not where the earlier session had it; open it, and its pose by hand"
+            )
+    assert kept.photo is not None  # both were just looked at
+    assert kept.model is not None
+    opened = open_files(kept.photo, kept.model, None)
+    photo = opened.document.registration.photo
+    if kept.pose.undistortion is not None:
+        photo = undistorted(photo, kept.pose.undistortion)
+    registration = replace(
+        opened.document.registration,
+        photo=replace(photo, name=kept.photo_name),
+        mesh_name=kept.model_name,
+        start=kept.start.pose,
+    )
+    settings = settings_from_json(kept.settings)
+    document = replace(
+        opened.document, registration=registration, pose=kept.pose.pose, settings=settings
+    )
+    yield replace(opened, document=document, restored=True)
+
+
+def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
+    loaded = load_model(model)
+    mesh, keypoints = loaded.mesh, loaded.keypoints
+    camera = photo.default_camera() if seen is None else seen.camera
+    pose = look_from("three-quarter", mesh, keypoints, camera)
+    notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
+    notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
+    return Registration(
+        photo,
+        mesh,
+        loaded.name,
+        loaded.sha256,
+        keypoints,
+        pose,
+        notes,
+    )

@@ -1,0 +1,180 @@
+"""The background threads, and the mailbox that the main loop reads. Nothing else knows of threads.
+
+A worker runs one job at a time, an iterator, and publishes its newest item by one assignment. A new
+job displaces the old one between two items; nobody waits for anybody.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+_log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class News(Generic[T]):
+    """The newest item of a job, or why it failed."""
+
+    ticket: int
+    item: T | None
+    error: Exception | None = None
+    finished: bool = False
+
+
+class Mailbox(Generic[T]):
+    """What others ask of the main loop, in the order in which they asked."""
+
+    def __init__(self) -> None:
+        self._items: deque[T] = deque()
+        self._rings = threading.Event()
+
+    def post(self, item: T) -> None:
+        """Put an item in; from any thread, at once."""
+        self._items.append(item)
+        self._rings.set()
+
+    def ring(self) -> None:
+        """Wake the reader without an item."""
+        self._rings.set()
+
+    def take(self, timeout: float) -> list[T]:
+        """All items, at once if there are any; else after a ring, or ``timeout`` seconds."""
+        self._rings.wait(timeout)
+        self._rings.clear()
+        found = []
+        while self._items:
+            found.append(self._items.popleft())
+        return found
+
+
+class Worker(Generic[T]):
+    """One background thread for jobs of one kind; the newest job wins."""
+
+    def __init__(
+        self, name: str, ring: Callable[[], None] | None = None, patient: bool = False
+    ) -> None:
+        """``ring`` is called at every item; a ``patient`` worker leaves the processor to others
+        where the system lets it.
+        """
+        self._ring = ring
+        self._patient = patient
+        self._change = threading.Condition()
+        self._job: tuple[int, Callable[[], Iterator[T]]] | None = None
+        self._wanted = 0
+        self._held = False
+        self._closed = False
+        self._latest: News[T] | None = None
+        self._busy = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job runs or waits to."""
+        return self._busy
+
+    def start(self, make: Callable[[], Iterator[T]]) -> int:
+        """Run the iterator that ``make`` gives, in the worker's thread, instead of what runs.
+
+        Returns the ticket that its news bear.
+        """
+        with self._change:
+            self._wanted += 1
+            self._job = (self._wanted, make)
+            self._busy = True
+            self._latest = None
+            self._change.notify_all()
+            return self._wanted
+
+    def stop(self) -> None:
+        """Let go of the job after the item it is at; its news are dropped."""
+        with self._change:
+            self._wanted += 1
+            self._job, self._busy, self._latest = None, False, None
+            self._change.notify_all()
+
+    def hold(self, held: bool) -> None:
+        """Pause the job between two items, or let it go on."""
+        if held is self._held:
+            return
+        with self._change:
+            self._held = held
+            self._change.notify_all()
+
+    def take(self) -> News[T] | None:
+        """The newest item, once; None if there is none since the last time."""
+        with self._change:
+            news, self._latest = self._latest, None
+            return news
+
+    def close(self) -> None:
+        """End the thread, after the item it is at."""
+        with self._change:
+            self._closed = True
+            self._wanted += 1
+            self._change.notify_all()
+        self._thread.join()
+
+    def _run(self) -> None:
+        if self._patient:
+            yield_to_others()
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._closed or self._job is not None)
+                if self._closed or self._job is None:
+                    return
+                ticket, make = self._job
+                self._job = None
+            self._work(ticket, make)
+
+    def _work(self, ticket: int, make: Callable[[], Iterator[T]]) -> None:
+        item: T | None = None
+        error: Exception | None = None
+        try:
+            for item in make():
+                if not self._publish(News(ticket, item)):
+                    return
+                self._wait_while_held(ticket)
+        except Exception as raised:  # noqa: BLE001 - whatever it is, the user is to be told
+            _log.debug("job %d of %s", ticket, self._thread.name, exc_info=raised)
+            error = raised
+        self._publish(News(ticket, item, error, finished=True))
+
+    def _wait_while_held(self, ticket: int) -> None:
+        if self._held:
+            with self._change:
+                self._change.wait_for(lambda: not self._held or ticket != self._wanted)
+        else:
+            time.sleep(0.0)  # let go of the interpreter: others may be waiting for it
+
+    def _publish(self, news: News[T]) -> bool:
+        """False if the job has been displaced."""
+        with self._change:
+            if news.ticket != self._wanted:
+                return False
+            self._latest = news
+            if news.finished:
+                self._busy = False
+        if self._ring is not None:
+            self._ring()
+        return True
+
+
+def beside(work: Callable[[], None]) -> None:
+    """Do something in a thread of its own that nobody waits for."""
+    threading.Thread(target=work, name="beside", daemon=True).start()
+
+
+def yield_to_others() -> None:
+    """Give this thread a lower priority: on Linux, threads have one of their own."""
+    if hasattr(os, "setpriority") and os.uname().sysname == "Linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

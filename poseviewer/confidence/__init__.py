@@ -1,0 +1,1 @@
+"""Whether a pose is right: found, doubtful or lost, and why."""

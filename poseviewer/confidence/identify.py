@@ -1,0 +1,171 @@
+"""Which of several models a photo shows: each is fitted, all are judged on the same pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.near import box_near
+from poseviewer.fit.problem import FitProgress, fit_pose, make_problem
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.pool import processors
+from poseviewer.render.renderers import make_renderer
+from poseviewer.render.types import Renderer
+
+Box = tuple[int, int, int, int]
+Watch = Callable[[str, FitProgress], Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A model, fitted to the photo."""
+
+    index: int
+    """Its place among the models as they were given, from 0."""
+    name: str
+    pose: Pose
+    loss: float
+    """Over the pixels that all candidates share, in [0, min(n, m)]."""
+    start_loss: float
+    status: str
+    evaluations: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """A candidate in its place."""
+
+    rank: int
+    """From 1: the least loss."""
+    candidate: Candidate
+    margin: float | None
+    """How much greater the next candidate's loss is; None for the last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """How far models are told apart."""
+
+    ranked: tuple[Ranked, ...]
+    """Those that are fitted, the likeliest first."""
+    at: int | None = None
+    """The model that is being fitted, by its index; None at the end."""
+    progress: FitProgress | None = None
+    """How far that one is."""
+
+
+def identify(
+    registrations: Sequence[Registration],
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
+    watch: Watch | None = None,
+) -> list[Ranked]:
+    """As ``identifying``, to its end; ``watch`` is called with the model's name at every
+    evaluation, and whatever it raises ends it.
+    """
+    found = Identification(())
+    for found in identifying(registrations, settings, mask):
+        if watch is not None and found.at is not None and found.progress is not None:
+            watch(registrations[found.at].mesh_name, found.progress)
+    return list(found.ranked)
+
+
+def identifying(
+    registrations: Sequence[Registration],
+    settings: FitSettings,
+    mask: NDArray[np.float32] | None = None,
+    renderer_of: Callable[[Mesh], Renderer] | None = None,
+) -> Iterator[Identification]:
+    """Fit each model from its start, one after the other, and rank them by their losses: how far
+    it is after every evaluation, and at last the whole. To stop it, stop asking.
+
+    The registrations are of one photo. The pixels P are the same for all: the box about all
+    models at their starts, within the settings' region. So a model is not the better for looking
+    at fewer pixels, and what it leaves of the photo beside it counts against it. ``mask`` (height,
+    width) weighs the photo's pixels; ``renderer_of`` gives what draws a model (by default it is
+    made).
+
+    Raises:
+        SettingsError: there are fewer than two models; the pixels are those that each model
+            covers, which no two share; the settings do not go with the photo.
+    """
+    if len(registrations) < 2:
+        raise SettingsError("one model alone: name two or more, to be told apart.")
+    shared = shared_settings(registrations, settings)
+    draw = renderer_of or (lambda mesh: make_renderer(mesh, settings.renderer))
+    ranked: tuple[Ranked, ...] = ()
+    for index, registration in enumerate(registrations):
+        problem, _ = make_problem(registration, shared, mask)
+        renderer = draw(registration.mesh)
+        progress: FitProgress | None = None
+        for progress in fit_pose(problem, renderer, processors()):
+            yield Identification(ranked, index, progress)
+        assert progress is not None  # a fit yields at least once
+        fitted = _fitted(index, registration.mesh_name, progress)
+        ranked = rank([*(one.candidate for one in ranked), fitted])
+    yield Identification(ranked)
+
+
+def shared_settings(registrations: Sequence[Registration], settings: FitSettings) -> FitSettings:
+    """The same settings over pixels that all models share.
+
+    Raises:
+        SettingsError: the settings want the pixels that each model covers.
+    """
+    if settings.pixels == "clip":
+        raise SettingsError(
+            "--pixels clip judges every model on pixels of its own, so their losses cannot be "
+            "compared; use near or whole."
+        )
+    if settings.pixels == "whole":
+        return settings
+    box = union_box([(found.mesh, found.start) for found in registrations])
+    region = box if settings.region is None else _intersection(box, settings.region)
+    return replace(settings, pixels="whole", region=region)
+
+
+def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:
+    """Left, top, width and height in px of the box about all models, with the margin of a fit."""
+    boxes = np.array([box_near(mesh, pose) for mesh, pose in placed])
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    left, top = (int(value) for value in low)
+    width, height = (int(value) for value in high - low)
+    return left, top, width, height
+
+
+def rank(candidates: Iterable[Candidate]) -> tuple[Ranked, ...]:
+    """In order of their losses, the least first."""
+    ordered = sorted(candidates, key=lambda candidate: candidate.loss)
+    margins = [after.loss - candidate.loss for candidate, after in pairwise(ordered)]
+    places = zip_longest(ordered, margins)  # the last one has no margin
+    return tuple(Ranked(place, *found) for place, found in enumerate(places, 1))
+
+
+def _fitted(index: int, name: str, progress: FitProgress) -> Candidate:
+    return Candidate(
+        index,
+        name,
+        progress.pose,
+        progress.loss,
+        progress.start_loss,
+        progress.status.value,
+        progress.evaluations,
+        progress.seconds,
+    )
+
+
+def _intersection(one: Box, other: Box) -> Box:
+    left, top = max(one[0], other[0]), max(one[1], other[1])
+    right = min(one[0] + one[2], other[0] + other[2])
+    bottom = min(one[1] + one[3], other[1] + other[3])
+    return left, top, max(right - left, 0), max(bottom - top, 0)

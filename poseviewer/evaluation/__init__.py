@@ -1,1 +1,0 @@
-"""Measures of truth: pose errors, synthetic photographs."""

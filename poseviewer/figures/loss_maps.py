@@ -1,0 +1,63 @@
+"""The loss about a pose, as maps that can be written to files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from poseviewer.errors import SettingsError
+from poseviewer.files.landscape import landscape_csv_bytes, landscape_npz_bytes
+from poseviewer.files.writing import write_whole
+from poseviewer.fit.landscape import Slice
+from poseviewer.geometry.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LossMaps:
+    """The loss about a pose: a slice for every two of its numbers."""
+
+    slices: Sequence[Slice]
+    names: tuple[str, ...]
+    centre: FloatArray
+    """(d,): the pose in the middle."""
+    spans: FloatArray
+    """(d,): what counts as 100 % of each number."""
+    title: str = ""
+    photo: str = ""
+    """Which photo it is, as files say it."""
+
+    def as_bytes(self, kind: str) -> bytes:
+        """The content of a file of that ``kind``: a sheet of maps (png, pdf, svg), or the numbers
+        (npz, csv; see ``files.landscape_file``).
+
+        Raises:
+            ValueError: the kind is unknown.
+        """
+        if kind == "npz":
+            about = self.names, self.centre, self.spans
+            return landscape_npz_bytes(*about, self.slices, self.photo)
+        if kind == "csv":
+            return landscape_csv_bytes(self.names, self.centre, self.spans, self.slices)
+        # Half a second of Matplotlib, which opening the app need not wait for.
+        from poseviewer.figures.landscape_sheet import make_landscape_sheet
+        from poseviewer.figures.save import figure_bytes
+
+        sheet = make_landscape_sheet(self.slices, self.names, self.centre, title=self.title)
+        return figure_bytes(sheet, kind)
+
+    def save(self, path: str | Path) -> None:
+        """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz, .csv).
+
+        Raises:
+            SettingsError: the format is unknown, or the file cannot be written.
+        """
+        path = Path(path)
+        try:
+            content = self.as_bytes(path.suffix[1:].lower() or "png")
+        except ValueError as error:
+            raise SettingsError(
+                f"{path.name}: maps cannot be written as {path.suffix!r}; use .png, .pdf or .svg "
+                "for a sheet, .npz or .csv for the numbers."
+            ) from error
+        write_whole(path, content, SettingsError)

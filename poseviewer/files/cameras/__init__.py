@@ -1,1 +1,0 @@
-"""Readers of camera files: one format a file."""

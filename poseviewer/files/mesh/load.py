@@ -1,0 +1,265 @@
+"""Load a model file as a Mesh. The only importer of trimesh."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.assimp import read_3ds
+from poseviewer.files.mesh.obj import read_obj
+from poseviewer.files.mesh.part import Part, moved_part, refuse_if_huge
+from poseviewer.files.mesh.ply import read_ply
+from poseviewer.files.mesh.size import (
+    refuse_huge_gltf,
+    refuse_large_file,
+    refuse_many_words,
+)
+from poseviewer.files.mesh.surface import as_mesh
+from poseviewer.files.mesh.texture import texture_from_image
+from poseviewer.files.quiet import quiet_libraries
+from poseviewer.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    import trimesh
+
+Read = tuple[list[Part], list[str]]
+
+STL_HEADER, STL_TRIANGLE = 84, 50
+"""Bytes of a binary STL file: before the triangles, and for each."""
+STL_SHORTEST_FACET = 60
+"""Bytes of a facet in a text STL file, at the least."""
+
+
+def load_mesh(path: str | Path) -> Mesh:
+    """The model in an OBJ, PLY, STL, OFF, GLB, glTF or 3DS file.
+
+    Reflectance comes from textures, vertex colours or material colours, whichever the file has.
+    Normals are the file's where they make sense, else computed. What had to be mended or left
+    out stands in ``notes``.
+
+    Raises:
+        MeshFileError: there is no such file, or it cannot be used as a surface mesh.
+    """
+    path = Path(path)
+    reader = _reader_for(path)
+    try:
+        with quiet_libraries():
+            parts, notes = reader(path)
+    except MeshFileError:
+        raise
+    except OSError as error:
+        raise MeshFileError(
+            f"{path.name}: cannot be read ({error.strerror or error}); check the file."
+        ) from error
+    except MemoryError as error:
+        raise MeshFileError(f"{path.name}: too large for this machine's memory.") from error
+    except Exception as error:  # third-party parsers raise anything on damaged files
+        raise MeshFileError(
+            f"{path.name}: not a readable {path.suffix.lower()[1:].upper()} file "
+            f"({_first_line(error)}); is it whole? Export it again."
+        ) from error
+    unit = "m" if path.suffix.lower() in (".glb", ".gltf") else None
+    return as_mesh(path.name, parts, notes, unit)
+
+
+def _reader_for(path: Path) -> Callable[[Path], Read]:
+    """The reader for a path that has been looked at: a file, not empty, of a known kind."""
+    known = ", ".join(READERS)
+    if path.is_dir():
+        raise MeshFileError(f"{path.name or path}: is a folder; wanted a model file ({known}).")
+    if not path.is_file():
+        raise MeshFileError(f"{path.name}: no such file in {path.parent}; check the path.")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise MeshFileError(
+            f"{path.name}: unknown kind of model file {path.suffix!r}; wanted one of {known}."
+        )
+    if path.stat().st_size == 0:
+        raise MeshFileError(f"{path.name}: an empty file; wanted a model, copy or export it again.")
+    refuse_large_file(path)
+    return reader
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0][:120] if lines else type(error).__name__
+
+
+def _read_stl(path: Path) -> Read:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(STL_HEADER)
+        file.seek(max(0, size - 1024))
+        tail = file.read()
+    count = struct.unpack("<I", head[80:84])[0] if len(head) == STL_HEADER else 0
+    if size != STL_HEADER + STL_TRIANGLE * count or len(head) < STL_HEADER:
+        if not head.lstrip().lower().startswith(b"solid"):
+            raise MeshFileError(
+                f"{path.name}: {size:,} bytes are not the {count:,} triangles that an STL header "
+                "would promise here; it is cut short or not an STL file, export it again."
+            )
+        if b"endsolid" not in tail.lower():
+            raise MeshFileError(
+                f"{path.name}: the text ends without 'endsolid'; it is cut short, export it again."
+            )
+        refuse_many_words(path, STL_SHORTEST_FACET, {b"endfacet": "faces"})
+    else:
+        refuse_if_huge(path.name, count)
+    return _read_scene(path)
+
+
+def _read_off(path: Path) -> Read:
+    with path.open("rb") as file:
+        words = b" ".join(line.split(b"#")[0] for line in file.read(4096).splitlines()).split()
+    if not words or words[0] not in (b"OFF", b"COFF"):
+        raise MeshFileError(f"{path.name}: no OFF header; is it an OFF file? Export it again.")
+    for word, what in zip(words[1:3], ("vertices", "faces"), strict=False):
+        if word.isdigit():
+            refuse_if_huge(path.name, int(word), what)
+    try:
+        return _read_scene(path)
+    except (ValueError, IndexError) as error:
+        raise MeshFileError(
+            f"{path.name}: its lines do not fit its header ({_first_line(error)}); it is damaged "
+            "or cut short, export it again."
+        ) from error
+
+
+def _read_gltf(path: Path) -> Read:
+    header = _gltf_header(path)
+    if not isinstance(header, dict):
+        raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
+    for name in _missing_files(path, header, "buffers"):
+        raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
+    refuse_huge_gltf(path.name, header)
+    compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
+    if used := compressed & set(header.get("extensionsRequired", [])):
+        raise MeshFileError(
+            f"{path.name}: compressed with {used.pop()}, which is not read here; "
+            "export it without compression."
+        )
+    # glTF's colours are linear by its specification; trimesh writes them as they are.
+    linear = "trimesh" not in str(header.get("asset", {}).get("generator", ""))
+    parts, notes = _read_scene(path, linear)
+    # trimesh leaves out pictures that are not there without a word.
+    gone = _missing_files(path, header, "images")
+    return parts, notes + [f"Texture left out: {name} is not there." for name in gone]
+
+
+def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
+    """Names of the files beside a glTF file that it asks for and that are not there."""
+    names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
+    named = [name[:80] for name in names if not name.startswith("data:")]
+    return [name for name in named if not (path.parent / name).is_file()]
+
+
+def _gltf_header(path: Path) -> dict[str, Any]:
+    data = path.read_bytes()
+    if path.suffix.lower() == ".gltf":
+        return json.loads(data)
+    if len(data) < 20 or data[:4] != b"glTF":
+        raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
+    length, json_length = struct.unpack("<II", data[8:16])
+    if length > len(data):
+        raise MeshFileError(
+            f"{path.name}: {len(data):,} bytes of {length:,}; it is cut short, "
+            "copy or export it again."
+        )
+    return json.loads(data[20 : 20 + json_length])
+
+
+def _read_scene(path: Path, linear: bool = False) -> Read:
+    """All that trimesh finds, each piece moved to its place in the scene."""
+    import trimesh  # only now: it takes a third of a second, and OBJ, PLY and 3DS do without
+
+    scene = trimesh.load_scene(path, process=False, maintain_order=True)
+    parts, notes = [], []
+    images: dict[int, NDArray | None] = {}
+    for node in scene.graph.nodes_geometry:
+        matrix, geometry_name = scene.graph[node]
+        geometry: Any = scene.geometry[geometry_name]
+        name = _node_name(scene, node) if path.suffix.lower() in (".glb", ".gltf") else ""
+        if not isinstance(geometry, trimesh.Trimesh):
+            parts.append(Part(name, np.asarray(geometry.vertices)[:, :3], np.zeros((0, 3), int)))
+            continue
+        part = _as_part(name, geometry, linear, images, notes)
+        parts.append(moved_part(part, np.asarray(matrix)))
+    return parts, notes
+
+
+def _node_name(scene: trimesh.Scene, node: str) -> str:
+    """The node's name; trimesh adds a random suffix where a node's mesh has several primitives."""
+    parent = scene.graph.transforms.parents.get(node)
+    return parent if parent is not None and node.startswith(f"{parent}_") else node
+
+
+def _as_part(
+    name: str,
+    geometry: trimesh.Trimesh,
+    linear: bool,
+    images: dict[int, NDArray | None],
+    notes: list[str],
+) -> Part:
+    # Asking for vertex_normals would compute them; only the cache tells whether the file had some.
+    has_normals = "vertex_normals" in geometry._cache
+    visual: Any = geometry.visual
+    colours, texture, uvs = None, None, None
+    if visual.kind == "vertex":
+        colours = np.asarray(visual.vertex_colors)[:, :3] / 255.0
+    elif visual.kind == "texture":
+        material = visual.material
+        factor = getattr(material, "baseColorFactor", None)
+        colours = np.ones(3) if factor is None else np.asarray(factor)[:3] / 255.0
+        extra = visual.vertex_attributes.get("color")
+        if extra is not None:
+            extra = np.asarray(extra)[:, :3]
+            top = np.iinfo(extra.dtype).max if extra.dtype.kind in "iu" else 1.0
+            colours = colours * (extra / top)
+        image = getattr(material, "baseColorTexture", None)
+        if image is not None and visual.uv is not None:
+            texture, uvs = _image_or_note(image, images, notes), visual.uv
+    if colours is not None and linear:
+        colours = srgb_from_linear(colours)
+    normals = geometry.vertex_normals if has_normals else None
+    return Part(name, geometry.vertices, geometry.faces, normals, colours, uvs, texture)
+
+
+def _image_or_note(image: Any, images: dict[int, NDArray | None], notes: list[str]) -> NDArray:
+    """A texture, once for all the parts that share it."""
+    if id(image) not in images:
+        try:
+            images[id(image)] = texture_from_image(image)
+        except OSError as error:
+            notes.append(f"Texture left out: {_first_line(error)}.")
+            images[id(image)] = None
+    return images[id(image)]  # type: ignore[return-value]
+
+
+def srgb_from_linear(linear: NDArray) -> NDArray:
+    """Display-encoded colours from linear ones, both in [0, 1] (IEC 61966-2-1)."""
+    linear = np.clip(linear, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def linear_from_srgb(colours: NDArray) -> NDArray:
+    """Linear colours from display-encoded ones, both in [0, 1]."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
+READERS: dict[str, Callable[[Path], Read]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": _read_stl,
+    ".off": _read_off,
+    ".glb": _read_gltf,
+    ".gltf": _read_gltf,
+    ".3ds": read_3ds,
+}

@@ -1,0 +1,262 @@
+"""Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``.
+
+Read here rather than by trimesh, which loses group names where materials change inside a group,
+and relative indices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.mtl import Material, read_materials
+from poseviewer.files.mesh.part import (
+    MAX_FACES,
+    Part,
+    colours_from_numbers,
+    fan_corners,
+    fan_size,
+    numbers_from_text,
+    refuse_if_huge,
+)
+from poseviewer.files.mesh.size import refuse_many_words
+
+SHORTEST_FACE = len("f 1 2 3\n")
+
+
+@dataclass
+class _Lines:
+    """The lines of an OBJ file, sorted by what they say."""
+
+    v: list[str] = field(default_factory=list)
+    vt: list[str] = field(default_factory=list)
+    vn: list[str] = field(default_factory=list)
+    f: list[str] = field(default_factory=list)
+    changes: list[tuple[int, str, str]] = field(default_factory=list)
+    """(faces so far, part name, material name)."""
+    libraries: list[str] = field(default_factory=list)
+
+
+def read_obj(path: Path) -> tuple[list[Part], list[str]]:
+    """The parts of an OBJ file, one for each part name and material, and notes for the user.
+
+    Raises:
+        MeshFileError: a line that makes no sense, an index that is out of range.
+    """
+    refuse_many_words(path, SHORTEST_FACE, {b"\nf ": "faces", b"\nv ": "vertices"})
+    lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
+    _refuse_many_corners(path.name, lines.f)
+    vertices, colours = _read_vertices(path.name, lines.v)
+    uvs = _read_table(path.name, "vt", lines.vt, 2)
+    normals = _read_table(path.name, "vn", lines.vn, 3)
+    notes: list[str] = []
+    counts, corners = _read_faces(path.name, lines.f)
+    refuse_if_huge(path.name, fan_size(counts))
+    _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
+    if len(counts) and counts[-1] < 3:
+        raise MeshFileError(
+            f"{path.name}: the last face has {counts[-1]} corners; the file is cut short, "
+            "copy or export it again."
+        )
+    if np.any(counts < 3):
+        notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
+    materials = read_materials(path, lines.libraries, notes)
+    which, keys = _part_of_face(lines)
+    triangles = fan_corners(counts)
+    part_of_triangle = np.repeat(which, np.maximum(counts - 2, 0))
+    parts = []
+    missing = sorted({m for _, m in keys if m and m not in materials})
+    if missing and materials:
+        notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
+    for i, (name, material) in enumerate(keys):
+        used = corners[triangles[part_of_triangle == i]]
+        if len(used):
+            found = materials.get(material, Material())
+            parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
+    return parts or [Part("", vertices, np.zeros((0, 3), int))], notes
+
+
+def _sort_lines(text: str) -> _Lines:
+    lines = _Lines()
+    # Bound methods: this loop sees every line of files of a million faces.
+    v, vt, vn, f = lines.v.append, lines.vt.append, lines.vn.append, lines.f.append
+    thing = group = material = ""
+    for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
+        word, _, rest = line.strip().partition(" ")
+        if word == "v":
+            v(rest)
+        elif word == "f":
+            f(_absolute(rest, lines) if "-" in rest else rest)
+        elif word == "vt":
+            vt(rest)
+        elif word == "vn":
+            vn(rest)
+        elif word in ("o", "g", "usemtl"):
+            rest = rest.strip()
+            thing, group = (rest, "") if word == "o" else (thing, rest if word == "g" else group)
+            material = rest if word == "usemtl" else material
+            name = " ".join(dict.fromkeys(n for n in (thing, group) if n))
+            lines.changes.append((len(lines.f), name, material))
+        elif word == "mtllib":
+            lines.libraries.append(rest.strip())
+    return lines
+
+
+def _refuse_many_corners(name: str, faces: list[str]) -> None:
+    """Before they are split: one line can hold a polygon that fills the memory."""
+    refuse_if_huge(name, len(faces))
+    if sum(map(len, faces)) // len("1 ") > MAX_FACES:
+        gaps = (face.strip().count(" ") + face.strip().count("\t") for face in faces)
+        refuse_if_huge(name, sum(max(gap - 1, 0) for gap in gaps))
+
+
+def _absolute(face: str, lines: _Lines) -> str:
+    """Indices that count backwards from the line they stand in, made to count from the start."""
+    ends = (len(lines.v), len(lines.vt), len(lines.vn))
+
+    def one(index: str, end: int) -> str:
+        return str(end + 1 + int(index)) if index.startswith("-") else index
+
+    try:
+        return " ".join(
+            "/".join(one(index, end) for index, end in zip(corner.split("/"), ends, strict=False))
+            for corner in face.split()
+        )
+    except ValueError:
+        return face  # not a number: refused where the faces are read
+
+
+def _read_table(name: str, kind: str, lines: list[str], columns: int) -> NDArray:
+    """(N, columns) of the first numbers of each line; further ones are dropped."""
+    if not lines:
+        return np.zeros((0, columns))
+    try:
+        table = numbers_from_text("\n".join(lines)).reshape(len(lines), -1)
+        widths = {len(lines[0].split()), len(lines[-1].split())}
+        if widths == {table.shape[1]} and table.shape[1] >= columns:
+            return table[:, :columns]
+    except (ValueError, DeprecationWarning):
+        pass
+    rows = []
+    for line in lines:
+        try:
+            rows.append([float(word) for word in line.split()[:columns]])
+        except ValueError:
+            rows.append([])
+        if kind == "vt" and len(rows[-1]) == 1:
+            rows[-1].append(0.0)
+        if len(rows[-1]) < columns:
+            raise MeshFileError(
+                f"{name}: the line {f'{kind} {line}'[:60]!r} does not hold {columns} numbers; "
+                "the file is damaged or cut short, export it again."
+            )
+    return np.array(rows)
+
+
+def _read_vertices(name: str, lines: list[str]) -> tuple[NDArray, NDArray | None]:
+    """Vertices (V, 3), and colours (V, 3) where every vertex line has them behind its place."""
+    has_colours = bool(lines) and len(lines[0].split()) >= 6
+    if has_colours and all(len(line.split()) >= 6 for line in lines):
+        table = _read_table(name, "v", lines, 6)
+        return table[:, :3], colours_from_numbers(table[:, 3:])
+    return _read_table(name, "v", lines, 3), None
+
+
+def _read_faces(name: str, lines: list[str]) -> tuple[NDArray, NDArray]:
+    """Corners of each face (N,), and (C, 3) their indices into v, vt, vn; from 0, -1 for none."""
+    words = [line.split() for line in lines]
+    counts = np.fromiter(map(len, words), dtype=np.int64, count=len(words))
+    joined = " ".join(lines)
+    total, slashes, empty = int(counts.sum()), joined.count("/"), joined.count("//")
+    columns = None
+    if slashes == 0:
+        columns = (0,)
+    elif slashes == total:
+        columns = (0, 1)
+    elif slashes == 2 * total and empty in (0, total):
+        columns = (0, 2) if empty else (0, 1, 2)
+    corners = np.full((total, 3), -1, dtype=np.int64)
+    if columns is not None:
+        try:
+            numbers = numbers_from_text(joined.replace("/", " "))
+            if len(numbers) == total * len(columns) and np.all(numbers == np.rint(numbers)):
+                corners[:, columns] = numbers.reshape(total, len(columns)).astype(np.int64) - 1
+                return counts, corners
+        except (ValueError, DeprecationWarning):
+            pass
+    at = 0
+    for line in words:
+        for word in line:
+            corners[at] = _read_corner(name, word)
+            at += 1
+    return counts, corners
+
+
+def _read_corner(name: str, word: str) -> list[int]:
+    try:
+        indices = [int(index) - 1 if index else -1 for index in word.split("/")]
+        if word[0] != "/" and len(indices) <= 3:
+            return indices + [-1] * (3 - len(indices))
+    except ValueError:
+        pass
+    raise MeshFileError(
+        f"{name}: a face has the corner {word[:40]!r}; wanted whole numbers such as 3/1/2, "
+        "the file is damaged, export it again."
+    )
+
+
+def _check_range(name: str, corners: NDArray, sizes: tuple[int, int, int]) -> None:
+    for column, (kind, size) in enumerate(zip(("v", "vt", "vn"), sizes, strict=True)):
+        least = 0 if column == 0 else -1
+        bad = (corners[:, column] < least) | (corners[:, column] >= size)
+        if np.any(bad):
+            raise MeshFileError(
+                f"{name}: a face asks for {kind} number {corners[bad, column][0] + 1}, but there "
+                f"are {size}; the file is damaged or cut short, export it again."
+            )
+
+
+def _part_of_face(lines: _Lines) -> tuple[NDArray, list[tuple[str, str]]]:
+    """(N,) which of the (part name, material) each face belongs to, in order of appearance."""
+    changes = [(0, "", ""), *lines.changes]
+    keys = list(dict.fromkeys((name, material) for _, name, material in changes))
+    number = {key: i for i, key in enumerate(keys)}
+    starts = np.array([start for start, _, _ in changes] + [len(lines.f)])
+    which = [number[name, material] for _, name, material in changes]
+    return np.repeat(which, np.diff(starts)), keys
+
+
+def _as_part(
+    name: str,
+    used: NDArray,
+    vertices: NDArray,
+    colours: NDArray | None,
+    uvs: NDArray,
+    normals: NDArray,
+    material: Material,
+) -> Part:
+    """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
+    texture = material.texture if np.all(used[:, :, 1] >= 0) and len(uvs) else None
+    has_normals = bool(np.all(used[:, :, 2] >= 0)) and len(normals) > 0
+    flat = used.reshape(-1, 3)
+    columns = [0, *([1] if texture is not None else []), *([2] if has_normals else [])]
+    key = np.zeros(len(flat), dtype=np.int64)
+    for column in columns:  # numbered anew each time, so that products of sizes fit in 64 bits
+        key = np.unique(key, return_inverse=True)[1] * (flat[:, column].max() + 1)
+        key += flat[:, column]
+    _, first, faces = np.unique(key, return_index=True, return_inverse=True)
+    v, vt, vn = flat[first].T
+    tint = material.diffuse if texture is None else None
+    return Part(
+        name,
+        vertices[v],
+        faces.reshape(-1, 3),
+        normals[vn] if has_normals else None,
+        tint if colours is None or texture is not None else colours[v],
+        uvs[vt] if texture is not None else None,
+        texture,
+    )

@@ -1,0 +1,102 @@
+"""What a user chooses for a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal, get_args
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.chart_choice import ChartName
+from poseviewer.optimise.restarts import RestartRules
+from poseviewer.render.renderers import RendererName
+
+Method = Literal["default", "paper"]
+
+
+PixelsName = Literal["near", "whole", "clip"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When to stop a search that still improves."""
+
+    evaluations: int = 20_000
+    seconds: float = 600.0
+
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "method": get_args(Method),
+    "chart": get_args(ChartName),
+    "pixels": get_args(PixelsName),
+    "renderer": get_args(RendererName),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """What a user chooses for a fit; the default is all of the photo's colour, near the start.
+
+    Of the method ``paper`` are grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
+    settings that say otherwise are set so.
+    """
+
+    method: Method = "default"
+    """Ours, or exactly the paper's (``fit.paper``), kept as a reference."""
+    chart: ChartName = "auto"
+    free_focal: bool = False
+    """Search for the focal length as well: a seventh number."""
+    lock: tuple[str, ...] = ()
+    """Names of the chart's numbers that stay as they are."""
+    grey: bool = False
+    """Photo attributes grey (n = 1) even where the photo has colour (n = 3). A photo without
+    colour to speak of, by ``LEAST_COLOUR``, is compared in grey in any case."""
+    colour_reflectance: bool = False
+    """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
+    pixels: PixelsName = "near"
+    """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
+    speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
+    region: tuple[int, int, int, int] | None = None
+    """Rectangle (left, top, width, height) in px that P lies in."""
+    mask: str | None = None
+    """File name of the mask, for the record."""
+    renderer: RendererName = "software"
+    rules: RestartRules = field(default_factory=RestartRules)
+    limits: Limits = field(default_factory=Limits)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raises ``SettingsError`` where there is no such choice."""
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise SettingsError(
+                    f"{name}={getattr(self, name)!r}: there is no such choice; "
+                    f"take one of {', '.join(choices)}."
+                )
+        if self.method == "paper":
+            object.__setattr__(self, "grey", True)
+            object.__setattr__(self, "colour_reflectance", False)
+            if self.pixels == "near":
+                object.__setattr__(self, "pixels", "clip")
+
+
+def settings_as_json(settings: FitSettings) -> dict[str, Any]:
+    """The settings as JSON holds them; what is not set is left out."""
+    return {key: value for key, value in asdict(settings).items() if value is not None}
+
+
+def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
+    """The settings from ``settings_as_json``; what is not known, or makes no sense, is left out."""
+    known = {field.name for field in fields(FitSettings)}
+    given = {key: value for key, value in data.items() if key in known}
+    try:
+        if "rules" in given:
+            given["rules"] = RestartRules(**given["rules"])
+        if "limits" in given:
+            given["limits"] = Limits(**given["limits"])
+        for key in ("lock", "region"):
+            if key in given:
+                given[key] = tuple(given[key])
+        return FitSettings(**given)
+    except TypeError:
+        return FitSettings()

@@ -1,0 +1,96 @@
+"""A photo in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Perspective
+from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.lens import Undistortion
+
+STRIP_PIXELS = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photo:
+    """A photo as its file has it, upright.
+
+    The file's own 8 or 16 bits are kept, for 100 megapixels as floats would fill the memory;
+    ``as_float`` and ``grey`` convert.
+    """
+
+    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+    """(height, width, channels): grey (1) or RGB (3), display-encoded, read-only."""
+    name: str
+    """The file's name, without its folder."""
+    sha256: str
+    """Of the file's bytes, hexadecimal."""
+    focal_length_35mm: float | None = None
+    """From EXIF: 35-mm-equivalent focal length, mm."""
+    notes: tuple[str, ...] = ()
+    """What the user should know about how the file was read."""
+    camera: Perspective | None = None
+    """The calibrated camera of these pixels; None where it is not known."""
+    undistortion: Undistortion | None = None
+    """How these pixels were made of those in the file; None: they are the file's."""
+    covered: NDArray[np.bool_] | None = None
+    """(height, width): where the undistorted photo shows anything; None: everywhere."""
+
+    @property
+    def label(self) -> str:
+        """Which photo it is, in words: that of the file, or the undistorted one."""
+        return self.name if self.undistortion is None else f"{self.name}, undistorted"
+
+    @property
+    def width(self) -> int:
+        """In px."""
+        return self.pixels.shape[1]
+
+    @property
+    def height(self) -> int:
+        """In px."""
+        return self.pixels.shape[0]
+
+    def as_float(self) -> NDArray[np.float32]:
+        """(height, width, 3) RGB in [0, 1]."""
+        scaled = self.pixels * np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
+        return scaled if scaled.shape[2] == 3 else np.repeat(scaled, 3, axis=2)
+
+    def as_rgb8(self, width: int, height: int) -> NDArray[np.uint8]:
+        """(height, width, 3) RGB of 8 bits, for the eye: shrunk to the size by averaging."""
+        pixels = self.pixels
+        if pixels.dtype == np.uint16:
+            pixels = np.right_shift(pixels, 8).astype(np.uint8)
+        if (width, height) != (self.width, self.height):
+            pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+        pixels = np.asarray(pixels, np.uint8).reshape(height, width, -1)
+        return pixels if pixels.shape[2] == 3 else np.repeat(pixels, 3, axis=2)
+
+    def grey(self) -> NDArray[np.float32]:
+        """(height, width) in [0, 1]."""
+        top = np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
+        if self.pixels.shape[2] == 1:
+            return self.pixels[..., 0] * top
+        weights = top * GREY_WEIGHTS[None].astype(np.float32)
+        grey = np.empty(self.pixels.shape[:2], np.float32)
+        # In strips: all colours of a large photo as floats at once would take gigabytes.
+        rows = max(1, STRIP_PIXELS // self.width)
+        for start in range(0, self.height, rows):
+            strip = self.pixels[start : start + rows].astype(np.float32)
+            grey[start : start + rows] = cv2.transform(strip, weights).reshape(-1, self.width)
+        return grey
+
+    def default_camera(self) -> Perspective:
+        """The calibrated one; else from EXIF's focal length; without one, 50 degrees along the
+        longer side.
+        """
+        if self.camera is not None:
+            return self.camera
+        if self.focal_length_35mm is not None:
+            focal = self.focal_length_35mm
+            return Perspective.from_focal_length_35mm(focal, self.width, self.height)
+        return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, self.width, self.height)

@@ -1,0 +1,1 @@
+"""pyrender as the second renderer, and the maker of synthetic photos."""

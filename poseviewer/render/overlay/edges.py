@@ -1,0 +1,190 @@
+"""Where a model has lines: its silhouette and its visible feature edges, as anti-aliased strokes.
+
+Lines are found in a picture of face ids, finer than the photo and cut to the model: hidden lines
+never come up, and no more lines are found than the picture can show. A feature edge lies between
+two neighbouring pixels that show different faces, where one of these holds:
+
+- the parts differ, or both faces have one colour each and these differ (material boundary);
+- the shading normals bend by more than ``CREASE_DEG`` (crease);
+- neither point is near the plane of the other's face (one surface ends in front of another).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.overlay.window import Window, model_window
+from poseviewer.render.types import AttributeImage, Renderer
+
+CREASE_DEG = 35.0
+MATERIAL_STEP = 0.08
+"""Flat colours that differ by more than this in a channel are two materials."""
+DEPTH_STEP = 0.006
+"""One surface is in front of another by more than this share of the model's diameter."""
+SHORTEST = 7.0
+"""Feature edges shorter than this, in line widths, are specks."""
+SMALLEST_HOLE = 16.0
+"""Holes in the silhouette shorter than this, in line widths, are not outlined (wheel spokes)."""
+REACH = 10.0
+"""What is near a line, in line widths."""
+CROWDED = 0.22
+"""Where feature edges would cover more than this share of what is near, they fade."""
+FINEST = 3
+"""Most samples a photo pixel is divided into, along each side."""
+MOST_SAMPLES = 4_000_000
+"""The picture of face ids has no more pixels than this; larger ones are coarser."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineDrawing:
+    """How far every sample of a window is from the model's lines, in photo px."""
+
+    window: Window
+    silhouette: NDArray[np.float32]
+    """(h, w): distance to the silhouette, at the samples of the window."""
+    features: NDArray[np.float32]
+    """(h, w): distance to the nearest feature edge."""
+    crowding: NDArray[np.float32]
+    """(h, w) in [0, 1]: how strongly feature edges are to be drawn."""
+    covered: NDArray[np.bool_]
+    """(h, w): the samples inside the silhouette, small holes among them."""
+
+    def outline(self, line_width: float) -> NDArray[np.float32]:
+        """Opacity (h, w) in [0, 1], at the samples, of the silhouette ``line_width`` px wide."""
+        return self._stroke(self.silhouette, line_width)
+
+    def edges(self, line_width: float) -> NDArray[np.float32]:
+        """Opacity (h, w) in [0, 1], at the samples, of the feature edges ``line_width`` px wide."""
+        return self._stroke(self.features, line_width) * self.crowding
+
+    def _stroke(self, distance: NDArray[np.float32], line_width: float) -> NDArray[np.float32]:
+        return np.clip((line_width / 2.0 - distance) * self.window.samples + 0.5, 0.0, 1.0)
+
+
+def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> LineDrawing | None:
+    """The model's lines, for strokes that are ``scale`` px wide; None if it is not in sight.
+
+    It takes a second or two at most, whatever the photo's size.
+    """
+    finest = max(1, round(FINEST / scale))
+    window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MOST_SAMPLES)
+    if window is None:
+        return None
+    close = window.pose(pose)
+    image = renderer.render(close)
+    if not image.mask.any():
+        return None
+    width = scale * window.samples
+    found = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
+    half = np.float32(0.5)
+    outside = _without_specks(~image.mask, SMALLEST_HOLE * width)
+    silhouette = np.where(outside, _distance(outside), _distance(~outside)) - half
+    # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
+    features = _distance(~found) + half
+    samples = np.float32(window.samples)
+    return LineDrawing(
+        window, silhouette / samples, features / samples, _crowding(found, width), ~outside
+    )
+
+
+def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:
+    """(h, w): the samples on both sides of a feature edge."""
+    found = np.zeros(image.face_ids.shape, bool)
+    flat_ids, flat_found = image.face_ids.ravel(), found.ravel()
+    index = np.arange(flat_ids.size).reshape(image.face_ids.shape)
+    planes = _face_planes(mesh, pose)
+    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+        one, other = one.ravel(), other.ravel()
+        differ = flat_ids[one] != flat_ids[other]
+        differ &= (flat_ids[one] >= 0) & (flat_ids[other] >= 0)
+        one, other = one[differ], other[differ]
+        lies = _are_boundaries(mesh, flat_ids[one], flat_ids[other])
+        lies |= _are_creases(image.normals.reshape(-1, 3), one, other)
+        lies |= _are_steps(mesh, pose.camera, planes, flat_ids, one, other)
+        flat_found[one[lies]] = True
+        flat_found[other[lies]] = True
+    return found
+
+
+def _are_boundaries(mesh: Mesh, one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray:
+    """(N,): whether faces ``one`` and ``other`` (N,) differ in part or in flat colour."""
+    corners = mesh.colours[mesh.faces]
+    plain = (np.ptp(corners, axis=1).max(axis=1) < 1e-3) & (mesh.face_texture < 0)
+    step = np.abs(corners[one, 0] - corners[other, 0]).max(axis=1) > MATERIAL_STEP
+    return (mesh.face_part[one] != mesh.face_part[other]) | (step & plain[one] & plain[other])
+
+
+def _are_creases(normals: NDArray[np.float32], one: NDArray, other: NDArray) -> NDArray:
+    bend = np.einsum("ij,ij->i", normals[one], normals[other])
+    return bend < math.cos(math.radians(CREASE_DEG))
+
+
+def _face_planes(mesh: Mesh, pose: Pose) -> FloatArray:
+    """(F, 4): unit normal n and offset d of each face, in the camera frame: ``n . x = d``."""
+    corners = pose.camera_from_model.apply(mesh.vertices)[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return np.column_stack([normal, np.einsum("ij,ij->i", normal, corners[:, 0])])
+
+
+def _are_steps(
+    mesh: Mesh, camera: Camera, planes: FloatArray, ids: NDArray, one: NDArray, other: NDArray
+) -> NDArray:
+    """(N,): whether neither sample's surface point is near the plane of the other's face."""
+    least = np.full(len(one), np.inf)
+    for here, there in ((one, other), (other, one)):
+        plane = planes[ids[there]]
+        point = _surface_points(camera, planes[ids[here]], here)
+        away = np.einsum("ij,ij->i", point, plane[:, :3]) - plane[:, 3]
+        least = np.minimum(least, np.abs(away))
+    return least > DEPTH_STEP * mesh.diameter
+
+
+def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> FloatArray:
+    """(N, 3) in the camera frame: where lines of sight through flat sample indices meet planes."""
+    uv = np.stack([samples % camera.width, samples // camera.width], axis=-1) + 0.5
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if isinstance(camera, Perspective):
+            rays = camera.rays(uv)
+            depth = planes[:, 3] / np.einsum("ij,ij->i", rays, planes[:, :3])
+            points = rays * depth[:, None]
+        else:
+            xy = (uv - np.array([camera.cx, camera.cy])) / camera.scale
+            along = planes[:, 3] - np.einsum("ij,ij->i", xy, planes[:, :2])
+            points = np.column_stack([xy, along / planes[:, 2]])
+    # A face seen exactly edge-on has no such point; the other face's test decides.
+    return np.nan_to_num(points, nan=1e30, posinf=1e30, neginf=-1e30)
+
+
+def _without_specks(found: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
+    """The connected pieces whose bounding box is at least ``shortest`` samples long."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
+    size = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    keep = size >= shortest
+    keep[0] = False  # the background
+    return keep[np.asarray(labels, np.int32)]
+
+
+def _distance(away: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(h, w): distance of each True sample to the nearest False one, in samples; 0 at False."""
+    if away.all():
+        return np.full(away.shape, 1e6, np.float32)
+    distance = cv2.distanceTransform(away.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(distance, np.float32)
+
+
+def _crowding(found: NDArray[np.bool_], line_width: float) -> NDArray[np.float32]:
+    """(h, w): 1 where lines are few, down towards 0 where they crowd; widths in samples."""
+    size = 2 * math.ceil(REACH * line_width / 2.0) + 1
+    # Lines are marked two samples wide; what counts is how much strokes will cover.
+    covered = cv2.blur(found.astype(np.float32), (size, size)) * max(line_width, 2.0) / 2.0
+    return np.minimum(1.0, CROWDED / np.maximum(covered, 1e-6)).astype(np.float32)

@@ -1,0 +1,197 @@
+"""Pictures for a person: the model over the photo, in one of several looks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.overlay.edges import LineDrawing, find_lines
+from poseviewer.render.overlay.residual import paint_residual
+from poseviewer.render.overlay.window import model_window
+from poseviewer.render.types import AttributeImage, Renderer
+
+Picture = NDArray[np.uint8]
+Relight = Callable[[AttributeImage], FloatArray]
+
+LINE_COLOUR = (0, 232, 255)
+"""RGB: a bright cyan, which few things in photos have, on a dark halo."""
+HALO_COLOUR = (10, 12, 16)
+REFERENCE_SIDE = 1000.0
+"""A photo whose longer side has so many px gets lines of the widths below; others in proportion."""
+OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
+"""Of lines, and of the halo on either side of them, in px of such a photo."""
+HALO_OPACITY = 0.55
+EDGE_STRENGTH = 0.6
+"""Opacity of the feature edges beside the silhouette."""
+SOLID_OPACITY = 0.8
+"""Of the look ``solid``, unless another is asked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A photo, and the model where a pose puts it."""
+
+    photo: Picture
+    """(H, W, 3), RGB."""
+    mesh: Mesh
+    renderer: Renderer
+    pose: Pose
+    """Its camera has the photo's size."""
+    relight: Relight | None = None
+    """From the model's attributes to the relit model ``A M + b`` (h, w, n), in [0, 1] from black to
+    white, n = 1 (grey) or 3 (RGB), pixel by pixel: it gets the part of the picture that the model
+    is in. The looks ``relit`` and ``residual`` need it."""
+    opacity: float = SOLID_OPACITY
+    """Of the look ``solid``, in [0, 1]."""
+
+    def __post_init__(self) -> None:
+        camera = self.pose.camera
+        if self.photo.shape != (camera.height, camera.width, 3):
+            raise ValueError(
+                f"a photo of shape {self.photo.shape} under a camera of "
+                f"{camera.width}x{camera.height} px"
+            )
+
+
+def draw_look(name: str, view: View) -> Picture:
+    """The photo (H, W, 3) with the model in the look ``name``, one of ``LOOKS``.
+
+    Raises:
+        KeyError: there is no such look.
+        ValueError: the look needs ``view.relight``.
+    """
+    return LOOKS[name](view)
+
+
+def draw_none(view: View) -> Picture:
+    """The photo alone."""
+    return view.photo.copy()
+
+
+def draw_outline(view: View) -> Picture:
+    """The model's silhouette, with its feature edges in fainter and thinner lines."""
+    return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
+
+
+def draw_edges(view: View) -> Picture:
+    """The feature edges in full strength, and the silhouette as one of them."""
+    return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
+
+
+def draw_relit(view: View) -> Picture:
+    """The model as the recovered lighting shows it, in place of what the photo shows there."""
+    return _painted(view, lambda image: _relit(view, image), opacity=1.0)
+
+
+def draw_residual(view: View) -> Picture:
+    """What the lighting leaves unexplained: photo minus relit model, blue to red about white."""
+    window = model_window(view.mesh, view.pose)
+    if window is None:
+        return view.photo.copy()
+    image = view.renderer.render(window.pose(view.pose))
+    relit = _relit(view, image)
+    grey = relit @ GREY_WEIGHTS if relit.shape[2] == 3 else relit[..., 0]
+    part = window.of_photo(view.pose.camera.width, view.pose.camera.height)
+    return paint_residual(
+        view.photo, part, view.photo[part] @ GREY_WEIGHTS - 255.0 * grey, image.mask
+    )
+
+
+def draw_normals(view: View) -> Picture:
+    """Normals as colours: red to the right, green upwards, blue towards the camera."""
+    towards = np.array([1.0, -1.0, -1.0], np.float32)
+    return _painted(view, lambda image: 0.5 + 0.5 * image.normals * towards, opacity=0.9)
+
+
+def draw_solid(view: View) -> Picture:
+    """The model in its own colours under a light at the camera, and the photo faintly through."""
+
+    def shade(image: AttributeImage) -> NDArray:
+        facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
+        colour = 0.3 + 0.7 * image.reflectance  # black paint must show its shape as well
+        return colour * (0.25 + 0.75 * facing)
+
+    return _painted(view, shade, view.opacity)
+
+
+LOOKS: Mapping[str, Callable[[View], Picture]] = MappingProxyType(
+    {
+        "outline": draw_outline,
+        "edges": draw_edges,
+        "relit": draw_relit,
+        "residual": draw_residual,
+        "normals": draw_normals,
+        "solid": draw_solid,
+        "none": draw_none,
+    }
+)
+"""Every look, by the name that the command line and the viewer call it; the first is the default.
+"""
+
+
+def line_scale(width: int, height: int) -> float:
+    """By how much lines are widened in a photo of this size; never below 1."""
+    return max(1.0, max(width, height) / REFERENCE_SIDE)
+
+
+def edge_layer(lines: LineDrawing, scale: float) -> Picture:
+    """(h, w, 4), RGBA: the feature edges of the look ``outline`` alone, at the window's samples."""
+    stroke = EDGE_STRENGTH * lines.edges(EDGE_WIDTH * scale)
+    halo = HALO_OPACITY * EDGE_STRENGTH * lines.edges((EDGE_WIDTH + 2.0 * HALO_WIDTH) * scale)
+    opacity = stroke + halo * (1.0 - stroke)
+    share = (stroke / np.maximum(opacity, 1e-6))[..., None]
+    colour = share * np.array(LINE_COLOUR) + (1.0 - share) * np.array(HALO_COLOUR)
+    return np.rint(np.dstack([colour, 255.0 * opacity])).astype(np.uint8)
+
+
+def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Picture:
+    """The silhouette, ``outline_width`` px wide, and the feature edges, in [0, 1] as strong."""
+    height, width = view.photo.shape[:2]
+    scale = line_scale(width, height)
+    lines = find_lines(view.mesh, view.renderer, view.pose, scale)
+    picture = view.photo.copy()
+    if lines is None:
+        return picture
+    part = lines.window.of_photo(width, height)
+    for colour, opacity, wider in (
+        (HALO_COLOUR, HALO_OPACITY, 2.0 * HALO_WIDTH),
+        (LINE_COLOUR, 1.0, 0.0),
+    ):
+        silhouette = lines.outline((outline_width + wider) * scale)
+        edges = edge_strength * lines.edges((EDGE_WIDTH + wider) * scale)
+        strokes = lines.window.resample(np.maximum(silhouette, edges), width, height)
+        picture[part] = _mixed(picture[part], np.array(colour) / 255.0, opacity * strokes)
+    return picture
+
+
+def _painted(view: View, paint: Callable[[AttributeImage], NDArray], opacity: float) -> Picture:
+    """The photo with ``paint`` (h, w, 1 or 3) in [0, 1] where the model is."""
+    picture = view.photo.copy()
+    window = model_window(view.mesh, view.pose)
+    if window is None:
+        return picture
+    image = view.renderer.render(window.pose(view.pose))
+    part = window.of_photo(view.pose.camera.width, view.pose.camera.height)
+    picture[part] = _mixed(picture[part], paint(image), opacity * image.mask)
+    return picture
+
+
+def _mixed(picture: Picture, colour: ArrayLike, opacity: NDArray) -> Picture:
+    """``picture`` (h, w, 3) with a colour in [0, 1] over it, of opacity (h, w) in [0, 1]."""
+    share = np.asarray(opacity, np.float32)[..., None]
+    mixed = picture * (1.0 - share) + np.asarray(colour, np.float32) * (255.0 * share)
+    return np.clip(np.rint(mixed), 0.0, 255.0).astype(np.uint8)
+
+
+def _relit(view: View, image: AttributeImage) -> FloatArray:
+    if view.relight is None:
+        raise ValueError("the looks `relit` and `residual` need the recovered lighting")
+    return np.clip(view.relight(image), 0.0, 1.0)

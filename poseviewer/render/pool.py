@@ -1,0 +1,143 @@
+"""Many poses at once: clones of a renderer on a few threads.
+
+The kernels let go of the interpreter while they run, so threads are enough: nothing is copied, and
+a pose costs no more than on one thread. Idle threads wait, and cost nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Protocol, TypeVar, runtime_checkable
+
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.types import Moments, PhotoAttributes, Renderer
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+CHUNK = 8
+"""Items are handed out so many at a time: enough that handing out does not count, few enough
+that whoever stops asking waits some ten milliseconds at most."""
+
+
+@runtime_checkable
+class Cloneable(Protocol):
+    """A renderer that can be had once for each thread."""
+
+    def clone(self) -> Renderer:
+        """Another renderer of the same model, with buffers of its own."""
+        ...
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class RendererPool:
+    """Renderers of one model, one for each of some threads.
+
+    A renderer that cannot be cloned (OpenGL) is used alone, in the thread that asks: the pool is
+    then of one, and gives the same.
+    """
+
+    def __init__(
+        self,
+        renderer: Renderer,
+        threads: int | None = None,
+        begin: Callable[[], None] | None = None,
+    ) -> None:
+        """``threads`` is the number of processors by default; each thread calls ``begin`` first
+        (to lower its priority, say).
+        """
+        count = processors() if threads is None else threads
+        self._renderer = renderer
+        self._free: deque[Renderer] = deque()
+        self._executor: ThreadPoolExecutor | None = None
+        self.threads = 1
+        if count > 1 and _can_be_cloned(renderer):
+            self.threads = count
+            self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
+            self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
+
+    def map(
+        self,
+        function: Callable[[Renderer, Item], Result],
+        items: Sequence[Item],
+        at_a_time: int = CHUNK,
+    ) -> Iterator[Result]:
+        """``function(renderer, item)`` of all items, in their order, as soon as they are known.
+        So many are handed out ``at_a_time``.
+
+        At most two chunks for each thread are under way: to stop, stop asking.
+
+        Raises:
+            Exception: whatever ``function`` raised, for the first item for which it did.
+        """
+        if self._executor is None:
+            for item in items:
+                yield function(self._renderer, item)
+            return
+        size = min(at_a_time, -(-len(items) // (2 * self.threads)) or 1)  # some for everyone
+        chunks = (items[at : at + size] for at in range(0, len(items), size))
+        waiting: deque[Future[list[Result]]] = deque()
+        try:
+            for chunk in chunks:
+                waiting.append(self._executor.submit(self._work, function, chunk))
+                if len(waiting) >= 2 * self.threads:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+    def moments_of(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
+        """The moments at every pose, in their order."""
+        return list(self.map(lambda renderer, pose: renderer.moments(pose, photo), poses))
+
+    def close(self) -> None:
+        """End the threads, after the chunks that they are at."""
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
+
+    def __enter__(self) -> RendererPool:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _work(
+        self, function: Callable[[Renderer, Item], Result], chunk: Sequence[Item]
+    ) -> list[Result]:
+        # There are as many renderers as threads: one is always free.
+        renderer = self._free.pop()
+        try:
+            return [function(renderer, item) for item in chunk]
+        finally:
+            self._free.append(renderer)
+
+
+def _can_be_cloned(renderer: Renderer) -> bool:
+    if not isinstance(renderer, Cloneable):
+        return False
+    try:
+        renderer.clone()
+    except AttributeError:  # a smaller picture of one that cannot
+        return False
+    return True
+
+
+def _nothing() -> None:
+    pass

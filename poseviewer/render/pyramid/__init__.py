@@ -1,0 +1,1 @@
+"""Smaller pictures and lighter models: the levels of a search."""

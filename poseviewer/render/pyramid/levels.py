@@ -1,0 +1,224 @@
+"""Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles.
+
+``replace(problem, photo=level.photo)`` with ``level.renderer`` is the same search over the same
+chart, at a fraction of the time. Level f has pixels of f x f px of the photo, exactly, so that a
+pose of the photo is one of the level: coordinates are divided by f. Its model has no more
+triangles than the level's pixels can show.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Protocol, runtime_checkable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.pyramid.level_pose import level_pose, reduced_size
+from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.structure import make_structure
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
+
+LARGEST_FACTOR = 16
+FACES_PER_PIXEL = 1.0
+"""Of what the model covers; half of a closed surface is seen, two pixels to each triangle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """A photo with pixels ``factor`` times larger along each side, and a model to match."""
+
+    factor: int
+    photo: PhotoAttributes
+    renderer: Renderer
+    """Takes poses of the full photo; not for two threads at once."""
+
+
+@runtime_checkable
+class Reducible(Protocol):
+    """A renderer that can be had with a simplified model."""
+
+    def reduced(self, faces: int) -> Renderer:
+        """A renderer of the same kind, of the model in no more than about so many ``faces``."""
+        ...
+
+
+def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
+    """The level of a photo in which the model covers about so many ``pixels``.
+
+    Level 1 is the photo with the renderer itself. The simplified model is kept: other levels of
+    as many triangles, or the next search with the same model, take it as it is.
+
+    Raises:
+        ValueError: ``factor`` is less than 1.
+    """
+    if factor == 1:
+        return Level(1, photo, renderer)
+    small = coarser(photo, factor)
+    return Level(factor, small, LevelRenderer(reduced(renderer, pixels / factor**2), factor))
+
+
+def sketch_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
+    """The same with a simplified model even where the ``factor`` is 1: for a quick look."""
+    if factor > 1:
+        return make_level(photo, renderer, factor, pixels)
+    return Level(1, photo, reduced(renderer, pixels))
+
+
+def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Level:
+    """The photo as it is, with a model of half as many triangles as it shows pixels of."""
+    return Level(1, photo, reduced(renderer, _pixels(photo, renderer, pose) / 2))
+
+
+def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
+    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px that count.
+
+    It is the photo itself where the model covers fewer than four times as many.
+    """
+    pixels = _pixels(photo, renderer, pose)
+    return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
+
+
+def _pixels(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> int:
+    covered = renderer.covers(level_pose(pose, photo.factor))
+    return int(np.count_nonzero(covered & (photo.weights > 0.0)))
+
+
+def coarsest_factor(pixels: float, fewest: float) -> int:
+    """The largest power of 2 at which a model of ``pixels`` still covers the ``fewest`` px."""
+    factor = 1
+    while factor < LARGEST_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
+        factor *= 2
+    return factor
+
+
+def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo reduced ``factor`` times along each side, each pixel the mean of those it covers.
+
+    Where the photo ends within a pixel, the rest of that pixel has weight 0. F is averaged by
+    weight, so that what does not count does not show; the weights are averaged plainly.
+
+    Raises:
+        ValueError: ``factor`` is less than 1.
+    """
+    if factor < 1:
+        raise ValueError(f"a photo is reduced 1 time or more, not {factor}")
+    if factor == 1:
+        return photo
+    height, width, n = photo.channels.shape
+    rows, columns = reduced_size(height, factor), reduced_size(width, factor)
+    weights = np.zeros((rows, columns), np.float32)
+    channels = np.zeros((rows, columns, n), np.float32)
+    # What does not count costs nothing: only the box of the pixels that do is looked at.
+    box = _box(photo.weights, factor)
+    counts = photo.weights[box.pixels]
+    seen = np.where(counts[..., None] > 0.0, photo.channels[box.pixels], np.float32(0.0))
+    mean = weights[box.level] = _averaged(counts, factor)
+    sums = _averaged(seen * counts[..., None], factor)
+    known = mean[..., None] > 0.0
+    channels[box.level] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
+    structure = None if photo.structure is None else make_structure(channels, weights)
+    return replace(photo, channels=channels, weights=weights, structure=structure)
+
+
+class LevelRenderer:
+    """A ``Renderer`` that takes poses of the full photo and shows them ``factor`` times smaller.
+
+    It goes with a photo from ``coarser`` of the same factor.
+    """
+
+    def __init__(self, renderer: Renderer, factor: int) -> None:
+        self._renderer = renderer
+        self._factor = factor
+
+    def clone(self) -> LevelRenderer:
+        """Another one for another thread.
+
+        Raises:
+            AttributeError: the renderer that it makes smaller cannot be cloned.
+        """
+        return LevelRenderer(self._renderer.clone(), self._factor)  # pyright: ignore[reportAttributeAccessIssue] - see above
+
+    def render(self, pose: Pose) -> AttributeImage:
+        """Visibility, reflectance and normals at the centres of the level's pixels."""
+        return self._renderer.render(level_pose(pose, self._factor))
+
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """Where the model is seen, at the level."""
+        return self._renderer.covers(level_pose(pose, self._factor))
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """The joint moments at ``pose``, a pose of the full photo; ``photo`` is the coarse one.
+
+        Raises:
+            ValueError: the photo is not of this level.
+        """
+        return self._renderer.moments(level_pose(pose, self._factor), photo)
+
+
+def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo ``factor`` times smaller; takes the same poses."""
+    return replace(coarser(photo, factor), factor=factor)
+
+
+def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttributes:
+    """The photo with its classes and edges; ``is_steep`` as of ``make_structure``."""
+    return replace(photo, structure=make_structure(photo.channels, photo.weights, is_steep))
+
+
+def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo ``factor`` times smaller with its classes and edges; takes the same poses."""
+    return with_structure(smaller(photo, factor))
+
+
+def reduced(renderer: Renderer, pixels: float) -> Renderer:
+    """A renderer of the same model for a picture in which it covers ``pixels`` px."""
+    # Powers of 2: a pose a little nearer or farther does not ask for another model.
+    faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
+    if isinstance(renderer, Reducible):
+        return renderer.reduced(faces)
+    if not isinstance(renderer, SoftwareRenderer):
+        return renderer
+    if len(renderer.mesh.faces) <= faces:
+        return renderer.clone()
+    return _simplified(renderer.mesh, faces, renderer.two_sided).clone()
+
+
+@lru_cache(maxsize=8)
+def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
+    return SoftwareRenderer(simplify(mesh, faces), two_sided)
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """Rows and columns of the photo, and those of the level that they go to."""
+
+    pixels: tuple[slice, slice]
+    level: tuple[slice, slice]
+
+
+def _box(weights: NDArray[np.float32], factor: int) -> _Box:
+    """About the pixels (height, width) that count, from and to borders of the level's pixels."""
+    level, pixels = [], []
+    for axis in (1, 0):
+        places = np.flatnonzero((weights > 0.0).any(axis=axis))
+        first, last = (places[0], places[-1]) if len(places) else (0, 0)
+        level.append(slice(int(first) // factor, int(last) // factor + 1))
+        pixels.append(slice(level[-1].start * factor, level[-1].stop * factor))
+    return _Box((pixels[0], pixels[1]), (level[0], level[1]))
+
+
+def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """The means over squares of ``factor`` px of (height, width) or (height, width, n)."""
+    height, width = (reduced_size(size, factor) for size in image.shape[:2])
+    missing = [(0, height * factor - image.shape[0]), (0, width * factor - image.shape[1])]
+    if missing != [(0, 0), (0, 0)]:
+        image = np.pad(image, missing + [(0, 0)] * (image.ndim - 2))
+    small = cv2.resize(np.ascontiguousarray(image), (width, height), interpolation=cv2.INTER_AREA)
+    return small.reshape(height, width, *image.shape[2:]).astype(np.float32)

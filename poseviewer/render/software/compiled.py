@@ -1,0 +1,111 @@
+"""Compiling the kernels, which an earlier run on this machine has mostly done.
+
+The compiler works on one kernel at a time in each
+process; so where machine code can be kept, another process compiles half of it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.pool import processors
+from poseviewer.render.software import kernel_attributes, kernel_correlations, kernel_pose
+from poseviewer.render.software.kernel_compiler import sources_stamp
+from poseviewer.render.software.renderer import Box, SoftwareRenderer
+from poseviewer.render.structure import make_structure
+from poseviewer.render.types import Moments, PhotoAttributes
+
+BY_US: tuple[Any, ...] = (
+    kernel_pose.rasterise,
+    kernel_attributes.shade,
+    kernel_correlations.squared_correlations,
+)
+BY_HELPER: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
+SIDE = 16
+"""Of the picture that kernels are compiled with, px."""
+
+
+def kernels_are_compiled() -> bool:
+    """Whether an earlier run left machine code for this version of the kernels."""
+    return all(_is_compiled(kernel) for kernel in (*BY_US, *BY_HELPER))
+
+
+def compile_kernels() -> None:
+    """Compile what is not compiled yet and can be kept, with the help of another process."""
+    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in BY_HELPER):
+        return
+    helper = None
+    if processors() > 1 and sys.executable:
+        command = [sys.executable, "-c", f"import {__name__} as it; it.compile_moments()"]
+        quiet = subprocess.DEVNULL
+        helper = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        compile_rasteriser()
+        if helper is not None:
+            helper.wait()
+    finally:
+        if helper is not None and helper.poll() is None:
+            helper.kill()
+    compile_moments()  # what the helper did is only read; what it did not is done now
+
+
+def compile_rasteriser() -> None:
+    """Compile the kernels that draw, and the loss's; or load them, if they are compiled."""
+    SoftwareRenderer(_triangle()).render(_pose())
+    nothing = Moments(0, 0.0, np.zeros(2), np.zeros((2, 2)), 1)
+    kernel_correlations.squared_correlations(
+        nothing.mean, nothing.covariance, 1, np.zeros((0, 0)), False
+    )
+
+
+def compile_moments() -> None:
+    """The same for those that add up what the rasteriser finds."""
+    renderer = _Blank(_triangle())
+    grey = np.zeros((SIDE, SIDE, 1), np.float32)
+    weights, colours = np.ones((SIDE, SIDE), np.float32), np.tile(grey, 3)
+    renderer.moments(_pose(), PhotoAttributes(grey, weights))
+    structure = make_structure(colours, weights)
+    renderer.moments(_pose(), PhotoAttributes(colours, weights, False, structure=structure))
+
+
+class _Blank(SoftwareRenderer):
+    """A renderer that draws nothing, and so needs no rasteriser."""
+
+    def _rasterise(self, pose: Pose) -> Box:
+        self._look_from(pose)
+        return (0, 0, 0, 0)
+
+
+def _triangle() -> Mesh:
+    return Mesh(
+        vertices=np.eye(3),
+        faces=np.array([[0, 1, 2]], np.int32),
+        normals=np.tile((0.0, 0.0, 1.0), (3, 1)),
+        colours=np.ones((3, 3), np.float32),
+        uvs=np.zeros((3, 2), np.float32),
+        face_texture=np.array([-1], np.int32),
+        face_part=np.array([0], np.int32),
+    )
+
+
+def _pose() -> Pose:
+    return Pose(Parallel(1.0, 0.5 * SIDE, 0.5 * SIDE, SIDE, SIDE), RigidTransform.identity())
+
+
+def _is_compiled(kernel: Any) -> bool:
+    if not kernel.stats.cache_path:  # there is no place to keep it
+        return False
+    source = Path(kernel.py_func.__code__.co_filename)
+    name = f"{source.stem}.{kernel.py_func.__name__}-*.nbi"
+    changed, _ = sources_stamp()
+    return any(
+        index.stat().st_mtime >= changed for index in Path(kernel.stats.cache_path).glob(name)
+    )

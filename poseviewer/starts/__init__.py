@@ -1,0 +1,1 @@
+"""Start poses: from views, point pairs, wheels."""

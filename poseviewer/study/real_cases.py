@@ -1,0 +1,140 @@
+"""Photos with known poses in a folder of ``cases.json`` and ``starts.json``.
+
+``cases.json``: per case ``id``, ``set``, ``photo``, ``mesh``, ``camera`` (fx fy cx cy, pixel
+centres at integers), ``camera_from_model``, ``accuracy`` of the truth in words, and
+``image_diagonal_px``.
+``starts.json``: ``case``, ``degrees``, ``draw``, ``camera_from_model`` for each start.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.checks import read_json
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import camera_from_integer_centres
+from poseviewer.geometry.transform import RigidTransform, nearest_rotation
+
+CASES, STARTS = "cases.json", "starts.json"
+_PIXELS = re.compile(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))? px")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RealCase:
+    """A model in a photo."""
+
+    name: str
+    set: str
+    photo: Path
+    mesh: Path
+    truth: Pose
+    accuracy_percent: float
+    """How far the truth itself may be off, as a share of the model's size in the photo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RealStart:
+    """A place to start from."""
+
+    case: str
+    degrees: int
+    draw: int
+    camera_from_model: RigidTransform
+
+
+def load_cases(folder: Path, pattern: str = "") -> list[RealCase]:
+    """The cases whose id matches the pattern: as a whole if there is ``*`` or ``?`` in it, else as
+    a part of the id; empty: all.
+
+    Raises:
+        PoseFileError: there is no ``cases.json``, or it does not hold cases.
+        SettingsError: no id matches.
+    """
+    listed = _listed(folder / CASES, "cases")
+    cases = [_case(folder, data) for data in listed if matches(str(data.get("id", "")), pattern)]
+    if not cases:
+        raise SettingsError(f"--cases {pattern}: no id in {folder / CASES} matches; see there")
+    return cases
+
+
+def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[RealStart]:
+    """The first ``draws`` starts of every case at each of the deviations.
+
+    Raises:
+        PoseFileError: there is no ``starts.json``, or it does not hold starts.
+        SettingsError: there are no starts so far off.
+    """
+    starts = [_start(folder, data) for data in _listed(folder / STARTS)]
+    known = sorted({start.degrees for start in starts})
+    for wanted in degrees:
+        if wanted not in known:
+            raise SettingsError(
+                f"--degrees {wanted}: {folder / STARTS} has starts that are "
+                f"{', '.join(map(str, known))} degrees off"
+            )
+    return [start for start in starts if start.degrees in degrees and start.draw < draws]
+
+
+def _listed(path: Path, key: str = "") -> list[dict[str, Any]]:
+    data = read_json(path)
+    found = data.get(key) if key and isinstance(data, dict) else data
+    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+        raise PoseFileError(f"{path}: holds no list of {path.stem}; name a folder that has them")
+    return found
+
+
+def matches(name: str, pattern: str) -> bool:
+    """Whether the id of a case matches a pattern, see ``load_cases``."""
+    return fnmatchcase(name, pattern) if set("*?") & set(pattern) else pattern in name
+
+
+def _case(folder: Path, data: dict[str, Any]) -> RealCase:
+    try:
+        photo = folder / data["photo"]
+        read = load_photo(photo)
+        camera = Perspective(**data["camera"], width=read.width, height=read.height)
+        truth = Pose(camera_from_integer_centres(camera), _transform(data))
+        accuracy = _accuracy_px(data["accuracy"]) / data["image_diagonal_px"]
+        return RealCase(
+            data["id"], data["set"], photo, folder / data["mesh"], truth, 100.0 * accuracy
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise _unreadable(folder / CASES, data.get("id"), error) from None
+
+
+def _start(folder: Path, data: dict[str, Any]) -> RealStart:
+    try:
+        return RealStart(data["case"], data["degrees"], data["draw"], _transform(data))
+    except (KeyError, TypeError, ValueError) as error:
+        raise _unreadable(folder / STARTS, data.get("case"), error) from None
+
+
+def _unreadable(path: Path, name: object, error: Exception) -> PoseFileError:
+    return PoseFileError(
+        f"{path}: {name or 'an entry without a name'} cannot be read "
+        f"({type(error).__name__}: {error}); mend that entry"
+    )
+
+
+def _accuracy_px(words: str) -> float:
+    """The worst that is said of a truth ("2-4 px ..."); 0 for one that is exact."""
+    if words.startswith("exact"):
+        return 0.0
+    found = _PIXELS.search(words)
+    if not found:
+        raise ValueError(f"accuracy is {words!r}, wanted 'exact', or px as in '1-2 px'")
+    return float(found[2] or found[1])
+
+
+def _transform(data: dict[str, Any]) -> RigidTransform:
+    found = data["camera_from_model"]
+    return RigidTransform(nearest_rotation(np.array(found["rotation"])), found["translation"])

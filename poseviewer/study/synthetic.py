@@ -1,0 +1,190 @@
+"""Synthetic photographs with known poses, drawn by another hand than the fit's own rasteriser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.study.light import Lighting, random_lighting
+
+if TYPE_CHECKING:
+    from poseviewer.render.opengl.shading import ShadedCanvas, Shading
+
+FAR_EYE_PER_DIAMETER = 100.0
+"""How far away highlights see the eye of a parallel camera, which has no place of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """A plain square that the model stands on."""
+
+    up: tuple[float, float, float]
+    """Its normal in the model's frame; the model's lowest point along it touches it."""
+    reflectance: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    """RGB in [0, 1]."""
+    size: float = 3.0
+    """Length of a side, in diameters of the model."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoQuality:
+    """What a camera does to a picture."""
+
+    supersampling: int = 3
+    """Each pixel is the mean of this number squared of smaller ones, each of 4 samples."""
+    blur_px: float = 0.0
+    """Standard deviation of a Gaussian blur."""
+    noise: float = 0.0
+    """Standard deviation of the sensor's noise, in grey levels of 255."""
+
+
+class Photographer:
+    """A model in a studio, to be photographed in many poses. One thread only, as ``opengl``."""
+
+    def __init__(
+        self, mesh: Mesh, shading: Shading = "diffuse", ground: Ground | None = None
+    ) -> None:
+        """Set up the model, and the ground if wanted; ``shading`` as ``gl_shading.Shading``."""
+        self.mesh = mesh
+        self.shading: Shading = shading
+        self._ground = _ground_mesh(mesh, ground) if ground else None
+        self._canvas: ShadedCanvas | None = None
+
+    def cut_out(
+        self, pose: Pose, lighting: Lighting, supersampling: int = 3, shadows: bool = False
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
+
+        Both in [0, 1]. What is ``diffuse`` is ``reflectance (ambient + sum of intensity
+        max(0, n.l))``, clamped, in display-encoded values.
+
+        Raises:
+            RendererUnavailableError: no OpenGL on this machine.
+        """
+        camera = pose.camera
+        rgba = self._draw(pose.scaled(supersampling), lighting, shadows)
+        fine = rgba.astype(np.float32) / np.float32(255.0)
+        size = (camera.width, camera.height)
+        small = np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), np.float32)
+        return small[..., :3], small[..., 3]
+
+    def photograph(
+        self,
+        pose: Pose,
+        lighting: Lighting,
+        background: ArrayLike = (0.7, 0.7, 0.7),
+        quality: PhotoQuality | None = None,
+        shadows: bool = False,
+        seed: int = 0,
+    ) -> NDArray[np.uint8]:
+        """(h, w, 3) RGB. ``background``: RGB in [0, 1], or a photo (h, w, 3) uint8, resized.
+
+        ``seed`` is that of the sensor's noise.
+        """
+        quality = quality or PhotoQuality()
+        colour, coverage = self.cut_out(pose, lighting, quality.supersampling, shadows)
+        behind = _background(background, pose.camera.width, pose.camera.height)
+        return as_photographed(colour + (1.0 - coverage[..., None]) * behind, quality, seed)
+
+    def close(self) -> None:
+        """Free the graphics memory; the next picture takes it again."""
+        if self._canvas is not None:
+            self._canvas.delete()
+            self._canvas = None
+
+    def _draw(self, pose: Pose, lighting: Lighting, shadows: bool) -> NDArray[np.uint8]:
+        # Importing them makes the OpenGL context, which must not happen before it is wanted.
+        from poseviewer.render.opengl import scene as gl_scene
+        from poseviewer.render.opengl import shading as gl_shading
+
+        meshes = [self.mesh] if self._ground is None else [self.mesh, self._ground]
+        if self._canvas is None:
+            self._canvas = gl_shading.ShadedCanvas(meshes, self.mesh.centre, self.shading)
+        depths = [pose.camera_from_model.apply(mesh.vertices)[:, 2] for mesh in meshes]
+        planes = gl_scene.depth_range(pose.camera, np.concatenate(depths), self.mesh.diameter)
+        if planes is None:
+            return np.zeros((pose.camera.height, pose.camera.width, 4), np.uint8)
+        model_from_camera = pose.camera_from_model.inverse()
+        return self._canvas.draw(
+            (pose.camera.width, pose.camera.height),
+            gl_scene.clip_from_world(self.mesh, pose, *planes),
+            _eye(self.mesh, pose),
+            lighting.ambient,
+            [(model_from_camera.rotation @ o.towards, o.intensity) for o in lighting.lights],
+            shadows,
+        )
+
+
+def as_photographed(
+    picture: NDArray[np.floating], quality: PhotoQuality, seed: int
+) -> NDArray[np.uint8]:
+    """What lens and sensor make of a picture (h, w, 3) of display-encoded RGB in [0, 1]."""
+    photo = 255.0 * picture
+    if quality.blur_px > 0.0:
+        photo = cv2.GaussianBlur(photo, (0, 0), quality.blur_px)
+    if quality.noise > 0.0:
+        photo = photo + np.random.default_rng(seed).normal(0.0, quality.noise, photo.shape)
+    return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
+
+
+def make_photo(
+    mesh: Mesh,
+    pose: Pose,
+    lighting: Lighting | None = None,
+    background: ArrayLike = (0.7, 0.7, 0.7),
+    quality: PhotoQuality | None = None,
+    shading: Shading = "diffuse",
+    seed: int = 0,
+) -> NDArray[np.uint8]:
+    """One photo (h, w, 3) RGB; ``lighting`` None: random, from ``seed``. See ``Photographer``."""
+    lighting = lighting or random_lighting(np.random.default_rng(seed))
+    photographer = Photographer(mesh, shading)
+    try:
+        return photographer.photograph(pose, lighting, background, quality, seed=seed)
+    finally:
+        photographer.close()
+
+
+def _eye(mesh: Mesh, pose: Pose) -> FloatArray:
+    """Where the camera is, in the model's frame, from the model's centre."""
+    model_from_camera = pose.camera_from_model.inverse()
+    if isinstance(pose.camera, Perspective):
+        return model_from_camera.translation - mesh.centre
+    return -FAR_EYE_PER_DIAMETER * mesh.diameter * model_from_camera.rotation[:, 2]
+
+
+def _background(background: ArrayLike, width: int, height: int) -> NDArray[np.float32]:
+    picture = np.asarray(background)
+    if picture.ndim == 1:
+        return picture.astype(np.float32)
+    smaller = picture.shape[0] > height or picture.shape[1] > width
+    how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
+    picture = picture.astype(np.float32) / np.float32(255.0)
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=how), np.float32)
+
+
+def _ground_mesh(mesh: Mesh, ground: Ground) -> Mesh:
+    """Two triangles under the model, counter-clockwise as seen from above."""
+    up = np.asarray(ground.up, dtype=float) / np.linalg.norm(ground.up)
+    lowest = (mesh.vertices @ up).min()
+    middle = mesh.centre + (lowest - mesh.centre @ up) * up
+    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first *= 0.5 * ground.size * mesh.diameter / np.linalg.norm(first)
+    second = np.cross(up, first)
+    corners = np.array([-first - second, first - second, first + second, second - first])
+    return Mesh(
+        vertices=middle + corners,
+        faces=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        normals=np.tile(up, (4, 1)),
+        colours=np.tile(np.asarray(ground.reflectance, np.float32), (4, 1)),
+        uvs=np.zeros((4, 2), np.float32),
+        face_texture=np.full(2, -1, np.int32),
+        face_part=np.zeros(2, np.int32),
+    )

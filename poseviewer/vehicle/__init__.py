@@ -1,0 +1,1 @@
+"""The paper's car: chart, key points, wheels."""

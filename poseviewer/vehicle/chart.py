@@ -1,0 +1,207 @@
+"""The paper's pose of a vehicle: two wheel centres in the photo and the direction of the axle.
+
+``theta = (mu_x, mu_y, delta_x, delta_y, psi_x, psi_y)``: mu is the visible rear wheel centre,
+delta the vector from it to the front wheel centre, both divided by the photo's width and height;
+psi is the unit axle direction, outwards on the visible side, in the camera frame, with
+``psi_z = -sqrt(1 - psi_x^2 - psi_y^2)``. The wheelbase w is perpendicular to psi, so
+
+- *parallel*: with delta in px, ``w_z = -(psi_x d_x + psi_y d_y) / psi_z``, and the scale is
+  ``|(d_x, d_y, w_z)|`` over the wheelbase;
+- *perspective*: with wheel rays r_1, r_2, ``z_2 (r_2 . psi) = z_1 (r_1 . psi)``, and the known
+  wheelbase ``|z_2 r_2 - z_1 r_1|`` fixes both depths.
+
+A seventh number frees the focal length (the paper's distance from the camera to the projection
+plane): ``width / focal length``, which at 0 is the parallel projection.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from poseviewer.errors import SingularChartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+
+LEAST_AXLE_COMPONENT = 0.05
+"""Where less of the unit axle than this lies along the line of sight, the chart is singular: the
+car is seen within about 3 degrees of head-on, and two wheels and an axle no longer fix its pose."""
+PARALLEL_BELOW = 1e-5
+"""``width / focal length`` below this is parallel projection: 64 m of lens for 640 px of 1 um."""
+
+Vector = tuple[float, float, float]
+"""Single directions and points are plain numbers here: a search makes a pose some 1,000 times a
+second, and NumPy takes longer to be called than to calculate with three numbers."""
+
+_NUMBERS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleChart:
+    """Six numbers, or seven with the focal length, for one side of a vehicle."""
+
+    side: SideKeypoints
+    camera: Camera
+    """Known intrinsics; parallel cameras give the picture size and the principal point only."""
+    free_focal: bool = False
+    depth: float = 0.0
+    """Depth given to the rear wheel under parallel projection, where no photo can tell it."""
+    _wheelbase: float = field(init=False, repr=False, compare=False)
+    _side_from_model: FloatArray = field(init=False, repr=False, compare=False)
+    """(3, 3): rows along the wheelbase, along the axle, and across both."""
+
+    def __post_init__(self) -> None:
+        along = (self.side.front_wheel - self.side.rear_wheel) / self.side.wheelbase
+        side = np.stack([along, self.side.axle, np.cross(along, self.side.axle)])
+        object.__setattr__(self, "_wheelbase", self.side.wheelbase)
+        object.__setattr__(self, "_side_from_model", side)
+
+    @classmethod
+    def near(
+        cls, keypoints: VehicleKeypoints, pose: Pose, free_focal: bool = False
+    ) -> VehicleChart:
+        """The chart for poses near ``pose``: of the side that the camera sees there.
+
+        Raises:
+            SingularChartError: the vehicle is seen (nearly) head-on or from straight behind.
+        """
+        side = visible_side(keypoints, pose)
+        depth = 4.0 * side.wheelbase
+        if isinstance(pose.camera, Parallel):
+            depth = float(pose.camera_from_model.apply(side.rear_wheel)[2])
+        chart = cls(side, pose.camera, free_focal, depth)
+        chart.from_pose(pose)
+        return chart
+
+    @property
+    def name(self) -> str:
+        """The chart's name in pose files."""
+        return "vehicle"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The paper's symbols, and the seventh number."""
+        return (*_NUMBERS, "width_per_focal") if self.free_focal else _NUMBERS
+
+    def spans(self, numbers: FloatArray) -> FloatArray:
+        """100 % is the wheelbase's length in the photo for mu and delta, 1 for psi and focal."""
+        size = np.array([self.camera.width, self.camera.height])
+        length = np.linalg.norm(numbers[2:4] * size) / size
+        return np.concatenate([length, length, np.ones(len(numbers) - 4)])
+
+    def to_pose(self, numbers: FloatArray) -> Pose:
+        """The pose of six or seven numbers, in closed form."""
+        values = np.asarray(numbers, dtype=float).tolist()
+        psi_x, psi_y = values[4], values[5]
+        in_plane = psi_x * psi_x + psi_y * psi_y
+        outside = in_plane > 1.0 - LEAST_AXLE_COMPONENT**2
+        if outside or not all(map(math.isfinite, values)):
+            raise OutsideChartError(f"psi {numbers[4:6]} leaves no axle towards the camera")
+        axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
+        width, height = self.camera.width, self.camera.height
+        rear = (values[0] * width, values[1] * height)
+        delta = (values[2] * width, values[3] * height)
+        camera = self._camera_at(values)
+        if isinstance(camera, Perspective):
+            return self._perspective_pose(camera, rear, delta, axle)
+        return self._parallel_pose(camera, rear, delta, axle)
+
+    def from_pose(self, pose: Pose) -> FloatArray:
+        """The numbers of a pose; its camera's focal length counts only where that is free."""
+        camera_from_model = pose.camera_from_model
+        rear, front = camera_from_model.apply([self.side.rear_wheel, self.side.front_wheel])
+        axle = camera_from_model.rotation @ self.side.axle
+        _require_regular(pose.camera, rear, front, axle)
+        size = np.array([pose.camera.width, pose.camera.height])
+        rear_px, front_px = pose.camera.project([rear, front])
+        numbers = [*rear_px / size, *(front_px - rear_px) / size, axle[0], axle[1]]
+        if self.free_focal:
+            camera = pose.camera
+            perspective = isinstance(camera, Perspective)
+            numbers.append(camera.width / camera.fx if perspective else 0.0)
+        return np.array(numbers)
+
+    def _camera_at(self, values: list[float]) -> Camera:
+        if not self.free_focal:
+            return self.camera
+        width_per_focal, camera = values[6], self.camera
+        if width_per_focal < PARALLEL_BELOW:
+            return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+        fx = camera.width / width_per_focal
+        if isinstance(camera, Perspective):
+            return replace(camera, fx=fx, fy=fx * camera.fy / camera.fx)
+        return Perspective(fx, fx, camera.cx, camera.cy, camera.width, camera.height)
+
+    def _parallel_pose(
+        self, camera: Parallel, rear: tuple[float, float], delta: tuple[float, float], axle: Vector
+    ) -> Pose:
+        (x, y), (psi_x, psi_y, psi_z) = delta, axle
+        along = (x, y, -(psi_x * x + psi_y * y) / psi_z)
+        scale = math.hypot(*along) / self._wheelbase
+        if not scale > 0.0:
+            raise OutsideChartError("both wheels at the same place")
+        place = (rear[0] - camera.cx) / scale, (rear[1] - camera.cy) / scale, self.depth
+        camera = Parallel(scale, camera.cx, camera.cy, camera.width, camera.height)
+        return Pose(camera, self._transform(along, axle, place))
+
+    def _perspective_pose(
+        self,
+        camera: Perspective,
+        rear: tuple[float, float],
+        delta: tuple[float, float],
+        axle: Vector,
+    ) -> Pose:
+        x1, y1 = (rear[0] - camera.cx) / camera.fx, (rear[1] - camera.cy) / camera.fy
+        x2, y2 = x1 + delta[0] / camera.fx, y1 + delta[1] / camera.fy
+        towards = x1 * axle[0] + y1 * axle[1] + axle[2], x2 * axle[0] + y2 * axle[1] + axle[2]
+        lengths = math.hypot(x1, y1, 1.0), math.hypot(x2, y2, 1.0)
+        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -LEAST_AXLE_COMPONENT:
+            raise OutsideChartError("a wheel is seen edge-on or from inside")
+        ratio = towards[0] / towards[1]
+        along = (x2 * ratio - x1, y2 * ratio - y1, ratio - 1.0)
+        depth = self._wheelbase / max(math.hypot(*along), 1e-300)
+        if not depth < 1e100:
+            raise OutsideChartError("both wheels at the same place")
+        return Pose(camera, self._transform(along, axle, (depth * x1, depth * y1, depth)))
+
+    def _transform(self, along: Vector, axle: Vector, rear: Vector) -> RigidTransform:
+        """What takes the model's wheelbase and axle to these directions, its wheel to ``rear``."""
+        length = math.hypot(*along)
+        x, y, z = along[0] / length, along[1] / length, along[2] / length
+        a, b, c = axle
+        columns = np.array([[x, a, y * c - z * b], [y, b, z * a - x * c], [z, c, x * b - y * a]])
+        rotation = columns @ self._side_from_model
+        return RigidTransform(rotation, np.array(rear) - rotation @ self.side.rear_wheel)
+
+
+def visible_side(keypoints: VehicleKeypoints, pose: Pose) -> SideKeypoints:
+    """The side whose outward axle points more towards the camera."""
+
+    def away(side: SideKeypoints) -> float:
+        axle = pose.camera_from_model.rotation @ side.axle
+        if isinstance(pose.camera, Parallel):
+            return float(axle[2])
+        wheels = pose.camera_from_model.apply([side.rear_wheel, side.front_wheel])
+        return float(np.mean(wheels @ axle / np.linalg.norm(wheels, axis=1)))
+
+    return min((keypoints.left, keypoints.right), key=away)
+
+
+def _require_regular(camera: Camera, rear: FloatArray, front: FloatArray, axle: FloatArray) -> None:
+    """The chart's numbers are well defined: the axle leans towards the camera, enough of it."""
+    towards = [-float(axle[2])]
+    if isinstance(camera, Perspective):
+        if min(rear[2], front[2]) <= 0.0:
+            raise SingularChartError("the vehicle's wheels are not both in front of the camera")
+        towards += [-float(point @ axle / np.linalg.norm(point)) for point in (rear, front)]
+    if min(towards) < LEAST_AXLE_COMPONENT:
+        raise SingularChartError(
+            f"the vehicle is seen almost head-on or from straight behind (axle component "
+            f"{min(towards):.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
+            f"the vehicle chart is singular"
+        )

@@ -1,0 +1,64 @@
+"""Key points of a vehicle: the wheel centres and the axle that the paper's pose is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SideKeypoints:
+    """The key points of one side of a vehicle, in the model's frame and unit.
+
+    The axle is made exactly perpendicular to the wheelbase, as the chart's closed form needs
+    (what a file says may be off by some rounding).
+    """
+
+    rear_wheel: FloatArray
+    """(3,): centre of the rear wheel's outer face."""
+    front_wheel: FloatArray
+    """(3,): centre of the front wheel's outer face."""
+    axle: FloatArray
+    """(3,): unit direction of the rear axle, outwards on this side."""
+
+    def __post_init__(self) -> None:
+        rear = frozen_array(self.rear_wheel, (3,))
+        front = frozen_array(self.front_wheel, (3,))
+        along = front - rear
+        if not np.linalg.norm(along) > 0.0:
+            raise ValueError("rear and front wheel are the same point")
+        axle = np.asarray(self.axle, dtype=float)
+        across = axle - along * (axle @ along) / (along @ along)
+        if not np.linalg.norm(across) > 0.5 * np.linalg.norm(axle):
+            raise ValueError("the axle points along the wheelbase")
+        object.__setattr__(self, "rear_wheel", rear)
+        object.__setattr__(self, "front_wheel", front)
+        object.__setattr__(self, "axle", frozen_array(across / np.linalg.norm(across), (3,)))
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance between the wheel centres, in the model's unit."""
+        return float(np.linalg.norm(self.front_wheel - self.rear_wheel))
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleKeypoints:
+    """The key points of both sides; which side counts is the one that the camera sees."""
+
+    left: SideKeypoints
+    right: SideKeypoints
+
+
+def model_axes(keypoints: VehicleKeypoints | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame."""
+    if keypoints is None:
+        left, behind, up = np.eye(3)  # as it looks along -y, its left is at +x
+        return -left, behind, up
+    right = keypoints.right.axle
+    behind = keypoints.left.rear_wheel - keypoints.left.front_wheel
+    behind = behind - right * (behind @ right)
+    behind = behind / np.linalg.norm(behind)
+    return right, behind, np.cross(behind, right)

@@ -1,0 +1,173 @@
+"""A vehicle's pose from the ellipses of its two visible wheels (Hutter and Brewer, *Matching 2-D
+ellipses to 3-D circles with application to vehicle pose estimation*, 2009).
+
+One wheel leaves two directions of the axle; the rest is the vehicle chart in closed form. The two
+wheels together have one: least squares over the pose and the wheels' radius, from each of the
+answers, brings both circles onto their ellipses, and only near the true one do they fit, since the
+nearer wheel looks larger. Seen from far away, where that vanishes, the two are mirror images: then
+the car is taken to be seen from above its axles, as nearly all photos show it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.vehicle.chart import VehicleChart
+from poseviewer.vehicle.ellipses import Ellipse, circles_of
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints, model_axes
+
+RIM_POINTS = 24
+LARGEST_ERROR = 0.15
+"""Beyond this share of the smaller wheel's radius (of a disk of its area) the ellipses are no two
+wheels of this car."""
+SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
+"""Of a wheel, in wheelbases: from a hub cap to a tractor's tyre."""
+AS_GOOD, AS_GOOD_PX = 1.5, 0.5
+"""An answer is as good as the best one up to this factor, or so many px, of its error."""
+OUT_OF_REACH_PX = 1e4
+"""The error of numbers that are no pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """The outlines of a vehicle's visible wheels: of both tyres, or of both rims."""
+
+    rear: Ellipse
+    front: Ellipse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelFit:
+    """A pose, and how well it shows the wheels."""
+
+    pose: Pose
+    radius: float
+    """Of the wheels' outlines, in the model's unit."""
+    error_px: float
+    """Root of the mean squared distance of the wheels' circles from their ellipses."""
+    from_above: bool
+    """Whether the camera stands above the plane of the axles."""
+
+
+def poses_from_wheels(
+    wheels: Wheels, keypoints: VehicleKeypoints, camera: Camera
+) -> tuple[WheelFit, ...]:
+    """The upright poses that show the wheels best, the likeliest first.
+
+    Of a parallel ``camera`` the centre counts, and the scale is found.
+
+    Raises:
+        QuickStartError: no pose shows the wheels as these ellipses.
+    """
+    fits = [
+        fit
+        for side in (keypoints.left, keypoints.right)
+        for axle in _axles(wheels, camera)
+        if (fit := _fitted(side, axle, wheels, keypoints, camera)) is not None
+    ]
+    fits.sort(key=lambda fit: fit.error_px)
+    limit = LARGEST_ERROR * min(math.sqrt(w.a * w.b) for w in (wheels.rear, wheels.front))
+    if not fits or not fits[0].error_px <= limit:
+        found = f"{fits[0].error_px:.0f} px off at best" if fits else "no upright car"
+        raise QuickStartError(
+            f"No pose of this model shows its wheels as these two ellipses ({found}); check which "
+            "is the rear wheel, and that both outline the same part of a wheel."
+        )
+    worst = max(AS_GOOD * fits[0].error_px, fits[0].error_px + AS_GOOD_PX)
+    good = _distinct([fit for fit in fits if fit.error_px <= worst])
+    return tuple(sorted(good, key=lambda fit: not fit.from_above))  # stable: then by error
+
+
+def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
+    """(3,) each: the directions of the axle that the wheels leave, two each."""
+    return [c.normal for wheel in (wheels.rear, wheels.front) for c in circles_of(wheel, camera)]
+
+
+def _fitted(
+    side: SideKeypoints,
+    axle: FloatArray,
+    wheels: Wheels,
+    keypoints: VehicleKeypoints,
+    camera: Camera,
+) -> WheelFit | None:
+    """The best pose of one side near an axle; None where there is none, or it is upside down."""
+    chart = VehicleChart(side, camera, depth=4.0 * side.wheelbase)
+    start = _start(chart, axle, wheels)
+    if start is None or not _is_upright(chart.to_pose(start[:6]), keypoints):
+        return None
+
+    def residuals(x: FloatArray) -> FloatArray:
+        try:
+            pose = chart.to_pose(x[:6])
+        except OutsideChartError:
+            return np.full(2 * RIM_POINTS, OUT_OF_REACH_PX)
+        rims = wheel_rims(pose, side, math.exp(x[6]))
+        pairs = zip((wheels.rear, wheels.front), rims, strict=True)
+        away = np.concatenate([wheel.distances(rim) for wheel, rim in pairs])
+        return np.nan_to_num(away, nan=OUT_OF_REACH_PX)
+
+    scale = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1]
+    end = least_squares(residuals, start, method="lm", x_scale=scale, max_nfev=400)
+    try:
+        pose = chart.to_pose(end.x[:6])
+    except OutsideChartError:
+        return None
+    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
+    radius = math.exp(end.x[6])
+    is_a_wheel = SMALLEST_RADIUS <= radius / side.wheelbase <= LARGEST_RADIUS
+    if not (is_a_wheel and _is_upright(pose, keypoints)):
+        return None
+    towards = -pose.camera_from_model.apply(side.rear_wheel)
+    if isinstance(pose.camera, Parallel):
+        towards = np.array([0.0, 0.0, -1.0])
+    error = math.sqrt(2.0 * end.cost / (2 * RIM_POINTS))
+    return WheelFit(pose, radius, error, bool(up @ towards > 0.0))
+
+
+def _is_upright(pose: Pose, keypoints: VehicleKeypoints) -> bool:
+    """Whether the vehicle does not stand on its head: the photo's v axis points down."""
+    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
+    return bool(up[1] < 0.0)
+
+
+def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels) -> FloatArray | None:
+    """(7,): the chart's numbers, and the logarithm of the wheels' radius."""
+    size = np.array([chart.camera.width, chart.camera.height])
+    rear = np.array([wheels.rear.cx, wheels.rear.cy]) / size
+    front = np.array([wheels.front.cx, wheels.front.cy]) / size
+    numbers = np.array([*rear, *(front - rear), axle[0], axle[1]])
+    try:
+        pose = chart.to_pose(numbers)
+    except OutsideChartError:
+        return None
+    px_per_unit = np.linalg.norm(wheel_rims(pose, chart.side, 1.0)[0] - rear * size, axis=1).max()
+    if not 0.0 < px_per_unit < math.inf:  # a wheel that reaches behind the camera
+        return None
+    return np.append(numbers, math.log(wheels.rear.a / px_per_unit))
+
+
+def wheel_rims(pose: Pose, side: SideKeypoints, radius: float) -> tuple[FloatArray, FloatArray]:
+    """(RIM_POINTS, 2) each: where a pose shows the rear and the front wheel's outline."""
+    along = (side.front_wheel - side.rear_wheel) / side.wheelbase
+    across = np.cross(side.axle, along)
+    t = np.linspace(0.0, 2.0 * math.pi, RIM_POINTS, endpoint=False)[:, None]
+    circle = radius * (np.cos(t) * along + np.sin(t) * across)
+    return pose.project(side.rear_wheel + circle), pose.project(side.front_wheel + circle)
+
+
+def _distinct(fits: list[WheelFit]) -> list[WheelFit]:
+    """Without those that another, better one equals."""
+    kept: list[WheelFit] = []
+    for fit in fits:
+        turn = fit.pose.camera_from_model.rotation
+        if all(np.abs(turn - k.pose.camera_from_model.rotation).max() > 0.02 for k in kept):
+            kept.append(fit)
+    return kept

@@ -1,0 +1,321 @@
+"""The guard of the web app, asked over real sockets as a browser would, or a stranger."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import viser
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
+
+from poseviewer.app.below_viser.access import AccessPolicy, Asked, is_loopback
+from poseviewer.app.below_viser.guard import GuardedServer, _listen, serve
+from poseviewer.errors import SettingsError
+
+PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
+Headers = dict[str, str]
+
+
+@contextmanager
+def running(host: str) -> Iterator[GuardedServer]:
+    before = set(threading.enumerate())
+    guarded = serve(host, 0)
+    try:
+        yield guarded
+    finally:
+        guarded.stop()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[GuardedServer]:
+    with running("127.0.0.1") as guarded:
+        yield guarded
+
+
+@pytest.fixture(scope="module")
+def wide() -> Iterator[GuardedServer]:
+    with running("0.0.0.0") as guarded:
+        yield guarded
+
+
+def get(guarded: GuardedServer, path: str = "/", **headers: str) -> tuple[int, str, Headers]:
+    """Status, text and headers of the answer to a GET with these headers."""
+    connection = http.client.HTTPConnection("127.0.0.1", guarded.policy.port, timeout=20)
+    try:
+        connection.putrequest("GET", path, skip_host="Host" in headers)
+        for name, value in headers.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        response = connection.getresponse()
+        text = response.read().decode("utf-8", "replace")
+        return response.status, text, dict(response.getheaders())
+    finally:
+        connection.close()
+
+
+def websocket(
+    guarded: GuardedServer, path: str = "/", host: str | None = None, **headers: str
+) -> int:
+    """101 where viser greets a websocket with these headers, else the status of the refusal."""
+    port = guarded.policy.port
+    origin = headers.pop("Origin", None)
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port), 20) as plain,
+            connect(
+                f"ws://{host or f'127.0.0.1:{port}'}{path}",
+                sock=plain,
+                subprotocols=[PROTOCOL],
+                origin=None if origin is None else Origin(origin),
+                additional_headers=headers,
+                max_size=None,
+            ) as socket_to_viser,
+        ):
+            assert socket_to_viser.recv(timeout=20)  # viser's own first message
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
+def test_own_page_and_local_programs_pass(local: GuardedServer) -> None:
+    port = local.policy.port
+    assert local.url == f"http://127.0.0.1:{port}/"
+    for name in ("127.0.0.1", "localhost", "LOCALHOST", "[::1]"):
+        host = f"{name}:{port}"
+        status, text, headers = get(local, Host=host, Origin=f"http://{host}")
+        assert (status, "<html" in text.lower()) == (200, True)
+        assert "Set-Cookie" not in headers
+        assert websocket(local, host=host, Origin=f"http://{host}") == 101
+        assert websocket(local, host=host, Origin=f"https://{host}") == 101
+    assert get(local)[0] == 200
+    assert websocket(local) == 101
+
+
+FOREIGN_ORIGINS = (
+    "http://evil.example",
+    "http://evil.example:{port}",
+    "http://127.0.0.1",
+    "http://127.0.0.1:1",
+    "http://127.0.0.1:{port}.evil.example",
+    "http://evil.example/127.0.0.1:{port}",
+    "ftp://127.0.0.1:{port}",
+    "null",
+    "",
+)
+
+
+@pytest.mark.parametrize("origin", FOREIGN_ORIGINS)
+def test_foreign_pages_are_refused(local: GuardedServer, origin: str) -> None:
+    origin = origin.format(port=local.policy.port)
+    status, text, headers = get(local, Origin=origin)
+    assert status == 403
+    assert text.startswith(f"The request comes from a page of {origin!r}")
+    assert text.count("\n") == 1
+    assert headers["Content-Type"] == "text/plain; charset=utf-8"
+    assert websocket(local, Origin=origin) == 403
+
+
+FOREIGN_HOSTS = (
+    "evil.example",
+    "evil.example:{port}",
+    "127.0.0.1:1",
+    "127.0.0.1",
+    "127.0.0.1.evil.example:{port}",
+    "127.0.0.1:{port}@evil.example",
+    "localhost.:{port}",
+    "192.168.0.7:{port}",
+    "127.0.0.1:٣",
+    "127.0.0.1:",
+    "",
+)
+
+
+@pytest.mark.parametrize("host", FOREIGN_HOSTS)
+def test_foreign_host_names_are_refused(local: GuardedServer, host: str) -> None:
+    """After DNS rebinding a page's own name leads here: its Origin then fits its Host."""
+    policy = local.policy
+    host = host.format(port=policy.port)
+    refusal = policy.refusal(Asked("/", [host], [f"http://{host}"]))
+    assert refusal is not None
+    assert refusal.startswith("The request is for ")
+    if host.isascii():
+        status, text, _ = get(local, Host=host)
+        assert (status, text) == (403, f"{refusal}\n")
+    if host.isascii() and host and "@" not in host and not host.endswith(":"):
+        assert websocket(local, host=host) == 403
+
+
+def test_no_host_and_two_hosts_are_refused(local: GuardedServer) -> None:
+    port = local.policy.port
+    for lines in ("", f"Host: 127.0.0.1:{port}\r\nHost: evil.example\r\n"):
+        with socket.create_connection(("127.0.0.1", port), 20) as plain:
+            plain.sendall(f"GET / HTTP/1.1\r\n{lines}\r\n".encode())
+            assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
+
+
+def test_token_matrix(wide: GuardedServer) -> None:
+    token, name = wide.policy.token, wide.policy.cookie_name
+    assert token is not None
+    assert len(token) == 32
+    assert wide.url.endswith(f":{wide.policy.port}/?token={token}")
+    asset = "/manifest.json" if get(wide, "/manifest.json")[0] == 200 else "/index.html"
+    right, wrong = f"{name}={token}", f"{name}={token[:-1]}"
+    for path, cookie, status in (
+        ("/", None, 403),
+        (asset, None, 403),
+        ("/?token=", None, 403),
+        ("/?token=wrong", None, 403),
+        ("/?token=%C3%A4", None, 403),
+        (f"/?token={token}x", None, 403),
+        (f"/?other={token}", None, 403),
+        ("/", wrong, 403),
+        ("/", f"other={token}", 403),
+        ("/", f"{name}_2={token}", 403),
+        ("/", "=;=,;", 403),
+        (f"/?token={token}", None, 200),
+        (f"/?a=1&token={token}", wrong, 200),
+        ("/", right, 200),
+        (asset, right, 200),
+        (asset, f"a=1; {right}; b=2", 200),
+        ("/", f'a={{"b": [1, 2]}}; ;=; {right}', 200),
+        ("/", f"{wrong}; {right}", 200),
+        ("/?token=wrong", right, 200),
+    ):
+        cookies = {} if cookie is None else {"Cookie": cookie}
+        found, text, headers = get(wide, path, **cookies)
+        assert found == status, (path, cookie)
+        assert websocket(wide, path, **cookies) == (101 if status == 200 else 403), (path, cookie)
+        if status == 403:
+            assert text.startswith("The token is")
+            assert token not in text
+            assert "Set-Cookie" not in headers
+        else:
+            assert ("Set-Cookie" in headers) == ("token=" in path and "wrong" not in path)
+
+
+def test_cookie_opens_the_page_and_the_websocket(wide: GuardedServer) -> None:
+    _, _, headers = get(wide, f"/?token={wide.policy.token}")
+    cookie, *rules = headers["Set-Cookie"].split("; ")
+    assert rules == ["HttpOnly", "SameSite=Strict", "Path=/"]
+    host = f"my-machine.example:{wide.policy.port}"
+    assert get(wide, Cookie=cookie, Host=host)[0] == 200
+    assert websocket(wide, host=host, Origin=f"http://{host}", Cookie=cookie) == 101
+    assert websocket(wide, host=host, Origin="http://evil.example", Cookie=cookie) == 403
+    assert get(wide, Cookie=cookie, Host=host, Origin="http://evil.example")[0] == 403
+
+
+@pytest.mark.parametrize("name", ["websocket", "playbackPath", "web%73ocket", "a=1&websocket"])
+def test_links_that_hand_the_page_to_another_server_are_refused(
+    local: GuardedServer, name: str
+) -> None:
+    status, text, _ = get(local, f"/?{name}=ws://evil.example")
+    assert status == 403
+    assert "which would hand this page to another server" in text
+    assert get(local, "/?darkMode")[0] == 200
+
+
+def test_tokens_differ() -> None:
+    tokens = {AccessPolicy.for_address("192.168.0.7", 8080).token for _ in range(20)}
+    assert len(tokens) == 20
+    assert {is_loopback(host) for host in ("127.0.0.1", "localhost", "::1", "127.9.9.9")} == {True}
+    assert {is_loopback(host) for host in ("0.0.0.0", "::", "", "10.0.0.1", "a.b")} == {False}
+
+
+def test_answers_carry_security_headers(local: GuardedServer) -> None:
+    for headers in (get(local)[2], get(local, Origin="http://evil.example")[2]):
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["X-Frame-Options"] == "DENY"
+        assert headers["Content-Security-Policy"].endswith("frame-ancestors 'none'")
+        assert headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_path_traversal_is_not_found(local: GuardedServer) -> None:
+    assert get(local, "/../_viser.py")[0] == 404
+    assert get(local, "/%2e%2e/%2e%2e/_viser.py")[0] == 404
+
+
+def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
+    handled = {kind.__name__ for kind in local.server._websock_server._incoming_handlers}
+    assert "ShareUrlRequest" not in handled
+    assert "GuiUpdateMessage" in handled
+
+
+def test_a_viser_that_comes_past_the_guard_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("poseviewer.app.below_viser.guard.VISERS_OWN", "another.module")
+    before = set(threading.enumerate())
+    with pytest.raises(RuntimeError, match=r"unguarded; install viser 1\.1\.1"):
+        serve("127.0.0.1", 0)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_a_busy_port_that_was_named_is_an_error() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        text = rf"^Port {port} of '127.0.0.1': cannot be listened on \(Address already in use\);"
+        with pytest.raises(SettingsError, match=text):
+            serve("127.0.0.1", port)
+
+
+def test_a_busy_default_port_gives_the_next_free_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        monkeypatch.setattr("poseviewer.app.below_viser.guard.DEFAULT_PORT", port)
+        guarded = serve()
+        try:
+            assert port < guarded.policy.port < port + 100
+            assert get(guarded)[0] == 200
+        finally:
+            guarded.stop()
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "text"),
+    [
+        ("no such host", 0, "Host 'no such host': no address is known for it"),
+        ("203.0.113.7", 0, "Host '203.0.113.7': not an address of this machine; wanted 127.0.0.1"),
+        ("203.0.113.7", None, "Host '203.0.113.7': not an address of this machine"),
+        ("::1", 70000, "Port 70000: wanted a number from 0 to 65535"),
+    ],
+)
+def test_addresses_that_cannot_be_are_settings_errors(
+    host: str, port: int | None, text: str
+) -> None:
+    with pytest.raises(SettingsError) as caught:
+        serve(host, port)
+    assert str(caught.value).startswith(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixture[str]) -> None:
+    with running("localhost") as guarded:
+        port = guarded.policy.port
+        with socket.create_connection(("127.0.0.1", port), 20):
+            pass  # a connection that says nothing
+        assert get(guarded)[0] == 200
+    assert capfd.readouterr() == ("", "")
+    if sys.platform != "win32":
+        with socket.create_server(("127.0.0.1", port)):
+            pass
+
+
+def test_messages_are_sent_at_once() -> None:
+    # With Nagle's algorithm the second half of a message waits for the page's next one.
+    with (
+        _listen("127.0.0.1", 0) as listening,
+        socket.create_connection(listening.getsockname()),
+    ):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

@@ -1,0 +1,142 @@
+"""The maps as a page shows them: colours where the losses say, marks where the numbers say."""
+
+from __future__ import annotations
+
+import base64
+import re
+from io import BytesIO
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import html
+from PIL import Image
+
+from poseviewer.app.page.landscape_grid import GridOptions, landscape_grid
+from poseviewer.app.page.landscape_large import contour_figure, known_part, surface_figure
+from poseviewer.app.page.landscape_marks import Marks, on_map
+from poseviewer.app.page.palette import PALETTE
+from poseviewer.app.state.gestures import picked_numbers
+from poseviewer.fit.landscape import Slice, slice_minimum
+
+NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
+CENTRE = np.array([0.3, 0.6, -0.2, 0.1, 0.5, 0.0])
+
+
+def make_slices(size: int, names: tuple[str, ...] = NAMES) -> list[Slice]:
+    """Bowls about a point that lies beside the centre, differently in each number."""
+    least = CENTRE + np.array([0.05, -0.1, 0.02, 0.11, -0.05, 0.15])
+    found = []
+    for first, second in combinations(range(len(names)), 2):
+        x = CENTRE[first] + np.linspace(-0.2, 0.2, size)
+        y = CENTRE[second] + np.linspace(-0.2, 0.2, size)
+        losses = (x[None] - least[first]) ** 2 + 2.0 * (y[:, None] - least[second]) ** 2
+        found.append(Slice(first, second, x, y, losses))
+    return found
+
+
+def pictures(page: str) -> list[np.ndarray]:
+    """The maps' pictures, as RGB."""
+    found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
+    return [
+        np.asarray(Image.open(BytesIO(base64.b64decode(data))).convert("RGB")) for data in found
+    ]
+
+
+def traces_of(figure: Any) -> list[dict[str, Any]]:
+    """What a figure draws, as plain dictionaries of arrays."""
+    return [trace.to_plotly_json() for trace in figure.data]
+
+
+def test_every_pixel_has_the_colour_of_its_loss():
+    slices = make_slices(21)
+    shown = pictures(landscape_grid(slices, NAMES, Marks(CENTRE), GridOptions(shared_scale=False)))
+    assert len(shown) == 15
+    for piece, picture in zip(slices, shown, strict=True):
+        share = (piece.losses - piece.losses.min()) / np.ptp(piece.losses)
+        wanted = PALETTE[np.rint(share * (len(PALETTE) - 1)).astype(int)]
+        upwards = picture[::-1]  # the first row of the losses is the lowest on the page
+        np.testing.assert_array_equal(upwards, wanted)
+
+
+def test_a_shared_scale_gives_one_loss_one_colour():
+    slices = make_slices(9)
+    shown = pictures(landscape_grid(slices, NAMES, Marks(CENTRE), GridOptions(shared_scale=True)))
+    everything = np.concatenate([piece.losses.ravel() for piece in slices])
+    low, high = everything.min(), everything.max()
+    for piece, picture in zip(slices, shown, strict=True):
+        share = (piece.losses - low) / (high - low)
+        wanted = PALETTE[np.rint(share * (len(PALETTE) - 1)).astype(int)]
+        np.testing.assert_array_equal(picture[::-1], wanted)
+
+
+def test_a_pick_at_a_mark_gives_the_marks_numbers():
+    for piece in make_slices(11):
+        numbers = np.array(CENTRE)
+        numbers[piece.first] += 0.137
+        numbers[piece.second] -= 0.071
+        u, v = on_map(piece, numbers)
+        np.testing.assert_allclose(picked_numbers(piece, CENTRE, u, v), numbers, atol=1e-12)
+
+
+def test_a_pick_beside_the_map_takes_its_border():
+    piece = make_slices(11)[0]
+    picked = picked_numbers(piece, CENTRE, 7.0, -3.0)
+    assert picked[piece.first] == piece.first_values[-1]
+    assert picked[piece.second] == piece.second_values[0]
+
+
+def test_the_page_is_small_and_well_formed():
+    trail = CENTRE + np.linspace(0.1, 0.0, 200)[:, None] * np.ones(6)
+    simplex = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
+    page = landscape_grid(make_slices(41), NAMES, Marks(CENTRE, simplex, trail), GridOptions())
+    assert len(page) < 60_000
+    tree = html.fromstring(page)
+    assert len(tree.xpath("//div[contains(@class, 'pv-cell')]")) == 15
+    assert page.count("poseviewerPick") >= 15
+
+
+def test_unknown_maps_keep_their_place():
+    some = make_slices(9)[:4]
+    page = landscape_grid(some, NAMES, Marks(CENTRE), GridOptions())
+    assert len(pictures(page)) == 4
+    assert page.count("pv-cell") >= 15
+
+
+def test_names_cannot_write_into_the_page():
+    names = ("<img src=x>", "b&c", *NAMES[2:])
+    page = landscape_grid(make_slices(9), names, Marks(CENTRE), GridOptions())
+    assert "<img src=x>" not in page
+
+
+@pytest.mark.parametrize("known_step", [1, 2, 4])
+def test_contours_are_drawn_through_known_losses_only(known_step: int):
+    piece = make_slices(17)[7]
+    losses = np.full_like(piece.losses, np.nan)
+    losses[::known_step, ::known_step] = piece.losses[::known_step, ::known_step]
+    partly = Slice(piece.first, piece.second, piece.first_values, piece.second_values, losses)
+    part = known_part(partly)
+    assert len(part.first_values) == (17 - 1) // known_step + 1
+    assert part.complete
+    figure = contour_figure(partly, NAMES, Marks(CENTRE), np.ones(6), CENTRE)
+    drawn = traces_of(figure)[0]
+    np.testing.assert_allclose(np.asarray(drawn["z"]), part.losses, atol=1e-6)
+    np.testing.assert_allclose(np.asarray(drawn["x"]), part.first_values)
+
+
+def test_both_figures_mark_the_pose_and_the_least_loss():
+    piece = make_slices(41)[3]
+    least = slice_minimum(piece)
+    assert least is not None
+    contours = contour_figure(piece, NAMES, Marks(CENTRE), np.ones(6), CENTRE)
+    surface = surface_figure(piece, NAMES, Marks(CENTRE))
+    for figure in (contours, surface):
+        marked = [
+            (float(trace["x"][0]), float(trace["y"][0]))
+            for trace in traces_of(figure)
+            if "markers" in str(trace.get("mode"))
+        ]
+        assert (CENTRE[piece.first], CENTRE[piece.second]) in marked
+        assert (least.first_value, least.second_value) in marked
+        assert len(str(figure.to_json())) < 300_000

@@ -1,0 +1,157 @@
+"""Quick starts as a person makes them: clicks in a real Chromium on the demo."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+
+from poseviewer.files.demo import demo_case
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.registration import Registration
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.starts.placing import look_from, surface_point
+from poseviewer.starts.registration import load_registration
+from poseviewer.vehicle.chart import visible_side
+from poseviewer.vehicle.wheel_pose import wheel_rims
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, keep_picture
+
+PHOTO = (960, 720)
+TYRE_RADIUS = 0.31
+SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
+"""Places in the photo, on the car, that are seen from the app's own first view as well."""
+
+
+@pytest.fixture(scope="module")
+def registration() -> Registration:
+    case = demo_case()
+    return load_registration(case.photo, case.model, case.start)
+
+
+@pytest.fixture
+def truth() -> Pose:
+    return load_pose(demo_case().truth, *PHOTO).pose
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[AppProcess]:
+    """Without a start pose: the model in the middle, seen from a corner."""
+    case = demo_case()
+    with AppProcess(tmp_path, case.photo, case.model) as process:
+        yield process
+
+
+@pytest.fixture
+def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
+    tab = AppPage(browser, app.url)
+    tab.wait_for_text("at this pose")
+    tab.page.get_by_text("Quick start", exact=True).click()
+    yield tab
+    assert tab.errors == []
+    tab.page.close()
+
+
+def click(tab: AppPage, point) -> None:
+    tab.page.mouse.click(*tab.on_screen(point, PHOTO))
+    tab.page.wait_for_timeout(250)
+
+
+def saved(tab: AppPage, app: AppProcess) -> Pose:
+    path = app.folder / "demo_photo.pose.json"
+    tab.saved_pose(path)
+    return load_pose(path, *PHOTO).pose
+
+
+def click_pair(tab: AppPage, registration: Registration, now: Pose, truth: Pose, spot) -> None:
+    """The model point that the photo shows at a spot, as it is drawn now; then the spot."""
+    point = surface_point(registration.mesh, truth, spot)
+    assert point is not None
+    drawn = now.project(point)
+    seen = surface_point(registration.mesh, now, drawn)
+    assert seen is not None
+    click(tab, drawn)
+    click(tab, truth.project(seen))
+
+
+def test_four_point_pairs_place_the_model(
+    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+):
+    now = look_from(
+        "three-quarter",
+        registration.mesh,
+        registration.keypoints,
+        registration.photo.default_camera(),
+    )
+    page.page.get_by_role("button", name="Point pairs").click()
+    page.wait_for_text("pair 1: click a point of the model")
+    for count, spot in enumerate(SPOTS[:4]):
+        click_pair(page, registration, now, truth, spot)
+        if count < 3:
+            page.wait_for_text(f"{3 - count} more to a pose")
+    page.wait_for_text("pair 4: ")
+    keep_picture(page, "pairs")
+    found = saved(page, app)
+    assert pose_error(registration.mesh, found, truth).percent < 3.0
+    # A mark that is dragged takes the pose along; undo brings both back.
+    page.drag(SPOTS[0], (SPOTS[0][0], SPOTS[0][1] + 40.0), PHOTO)
+    page.page.wait_for_timeout(500)
+    assert pose_error(registration.mesh, saved(page, app), found).percent > 0.5
+    page.page.keyboard.press("z")
+    page.page.wait_for_timeout(500)
+    again = saved(page, app)
+    np.testing.assert_array_equal(again.project([0, 0, 0]), found.project([0, 0, 0]))
+    page.page.get_by_role("button", name="Remove last mark").click()
+    page.wait_for_text("1 more to a pose")
+    page.page.keyboard.press("Escape")
+    page.wait_for_text("roll, scale")
+
+
+def test_ten_clicks_on_two_wheels_place_the_car(
+    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+):
+    assert registration.keypoints is not None
+    side = visible_side(registration.keypoints, truth)
+    page.page.get_by_role("button", name="Wheels", exact=True).click()
+    rims = wheel_rims(truth, side, TYRE_RADIUS)
+    for name, rim in zip(("rear", "front"), rims, strict=True):
+        page.wait_for_text(f"click the {name} wheel's rim: point 1 of 5")
+        for point in rim[[0, 5, 10, 14, 19]]:
+            click(page, point)
+    page.wait_for_text("10 of 10 points on the rims")
+    keep_picture(page, "wheels")
+    found = saved(page, app)
+    assert pose_error(registration.mesh, found, truth).percent < 5.0
+    axles = [pose.camera_from_model.rotation @ side.axle for pose in (found, truth)]
+    assert math.degrees(math.acos(min(1.0, float(axles[0] @ axles[1])))) < 8.0
+
+
+CAR, ROAD = ((140.0, 220.0), (810.0, 550.0)), ((600.0, 600.0), (900.0, 690.0))
+"""Corners of rectangles: about the car, and where there is none."""
+
+
+def test_wheels_are_found_in_the_region_that_is_drawn(
+    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+):
+    page.page.get_by_role("button", name="Find wheels: draw a region").click()
+    page.wait_for_text("drag a rectangle on the photo")
+    page.drag(*ROAD, PHOTO)
+    button = page.page.get_by_role("button", name="Find wheels in the region")
+    button.click()
+    page.wait_for_text("No two wheels were found")
+    page.page.get_by_role("button", name="Draw another region").click()
+    page.drag(*CAR, PHOTO)
+    page.page.wait_for_timeout(500)
+    button.click()
+    page.wait_for_text("Looking for wheels")
+    keep_picture(page, "looking")
+    page.wait_for_text("10 of 10 points on the rims")
+    keep_picture(page, "found_wheels")
+    assert pose_error(registration.mesh, saved(page, app), truth).percent < 5.0
+    page.page.keyboard.press("z")
+    page.wait_for_text("0 of 10 points on the rims")

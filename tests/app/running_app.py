@@ -1,0 +1,75 @@
+"""The app in this process, on a thread, served on a port of its own."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.app.app import App
+from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.workers.opening import open_files
+from poseviewer.geometry.camera import Pose
+from tests.app.socket_page import PICTURE, SocketPage
+from tests.scene import Scene
+
+
+@dataclass
+class RunningApp:
+    """The app, where it is, and its files."""
+
+    app: App
+    url: str
+    scene: Scene
+    state: Path
+
+    @property
+    def pose(self) -> Pose:
+        """The pose at hand."""
+        return self.app.session.document.pose
+
+    @contextmanager
+    def page(self) -> Iterator[SocketPage]:
+        """A page that shows the model at rest: its fine lines are drawn."""
+        with SocketPage(self.url) as page:
+            settle(page)
+            yield page
+
+
+@contextmanager
+def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
+    """The app on the scene's photo, model and start; its loop must live until the end."""
+    interval = sys.getswitchinterval()
+    guarded = serve("127.0.0.1", 0)
+    app = App(guarded.server, open_files(scene.photo, scene.model, scene.start), state)
+    loop = threading.Thread(target=app.run, name="app")
+    loop.start()
+    try:
+        yield RunningApp(app, guarded.url, scene, state)
+        assert loop.is_alive()
+    finally:
+        app.stop()
+        loop.join(60.0)
+        guarded.stop()
+        sys.setswitchinterval(interval)
+    assert not loop.is_alive()
+
+
+def settle(page: SocketPage) -> None:
+    """Wait for the fine drawing of what is shown."""
+    page.wait_until(lambda: page.is_shown(PICTURE) and len(page.outline()))
+
+
+def same_pose(one: Pose, other: Pose) -> bool:
+    """Whether two poses are equal to the last digit."""
+    a, b = one.camera_from_model, other.camera_from_model
+    return (
+        one.camera == other.camera
+        and np.array_equal(a.rotation, b.rotation)
+        and np.array_equal(a.translation, b.translation)
+    )

@@ -1,0 +1,79 @@
+"""Documents and sessions to test with: noise for a photo, a box for a car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from poseviewer.app.state.commands import Command
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.placing import look_from
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from tests.meshes import make_box, make_bumpy
+
+WIDTH, HEIGHT = 160, 120
+PERSPECTIVE = Perspective(300.0, 240.0, 83.0, 58.0, WIDTH, HEIGHT)
+PARALLEL = Parallel(25.0, 83.0, 58.0, WIDTH, HEIGHT)
+BUMPY = make_bumpy(2)
+CAR = make_box((4.0, 1.7, 1.3))
+
+
+def make_photo(seed=0) -> Photo:
+    """Noise in colour."""
+    pixels = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    return Photo(pixels, f"{seed}.png", f"{seed:064d}")
+
+
+def make_keypoints() -> VehicleKeypoints:
+    """Wheels of ``CAR``, which looks along +x with z upwards."""
+    sides = [
+        SideKeypoints(*np.array([[-1.2, y, -0.4], [1.2, y, -0.4], [0.0, np.sign(y), 0.0]]))
+        for y in (0.85, -0.85)
+    ]
+    return VehicleKeypoints(*sides)
+
+
+def make_document(
+    camera: Camera = PERSPECTIVE,
+    vehicle: bool = False,
+    photo: Photo | None = None,
+    mesh: Mesh = BUMPY,
+    settings: FitSettings | None = None,
+) -> Document:
+    """A model before a photo, a little off its middle."""
+    keypoints = make_keypoints() if vehicle else None
+    mesh = CAR if vehicle else mesh
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.2, -0.1, 8.0]))
+    if vehicle:
+        pose = look_from("three-quarter", CAR, keypoints, camera)
+    registration = Registration(photo or make_photo(), mesh, "m.ply", "0" * 64, keypoints, pose, ())
+    return Document(registration, pose, settings or FitSettings())
+
+
+def make_session(*arguments, **more) -> Session:
+    """A session with ``make_document``'s document, no history."""
+    return Session(make_document(*arguments, **more))
+
+
+def after(session: Session, *commands: Command) -> Session:
+    """The session after commands none of which is refused."""
+    for command in commands:
+        session = update(session, command)
+        assert not session.complaint, f"{command}: {session.complaint}"
+    return session
+
+
+def moved_document(document: Document, step: float) -> Document:
+    """The same with another pose."""
+    place = document.pose.camera_from_model
+    shifted = RigidTransform(place.rotation, place.translation + np.array([step, 0.0, 0.0]))
+    return replace(document, pose=replace(document.pose, camera_from_model=shifted))

@@ -1,0 +1,167 @@
+"""Documents, their charts, and history that goes back to the very same objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state.document import (
+    MOST_REGISTRATIONS,
+    MOST_STEPS,
+    History,
+    with_camera,
+    with_projection,
+)
+from poseviewer.app.state.motions import radius_in_photo
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.starts.placing import look_from
+from poseviewer.vehicle.chart import VehicleChart
+from tests.app.state.documents import (
+    BUMPY,
+    CAR,
+    PARALLEL,
+    PERSPECTIVE,
+    make_document,
+    make_photo,
+    moved_document,
+)
+from tests.meshes import make_box
+
+CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
+
+
+def test_undo_and_redo_give_the_very_objects():
+    first = make_document()
+    documents = [first, *(moved_document(first, 0.1 * i) for i in range(1, 6))]
+    history, now = History(), first
+    for document in documents[1:]:
+        history, now = history.with_step(now), document
+    for expected in reversed(documents[:-1]):
+        history, now = history.undo(now)
+        assert now is expected
+    assert history.undo(now) == (history, first)
+    for expected in documents[1:]:
+        history, now = history.redo(now)
+        assert now is expected
+    assert history.redo(now) == (history, documents[-1])
+
+
+def test_a_new_step_drops_what_was_undone():
+    first, second, third = (moved_document(make_document(), 0.1 * i) for i in range(3))
+    history, now = History().with_step(first).undo(second)
+    assert now is first
+    history = history.with_step(now)
+    assert history.future == ()
+    assert history.redo(third) == (history, third)
+
+
+def test_history_is_bounded_in_steps():
+    first = make_document()
+    documents = [moved_document(first, 0.001 * i) for i in range(MOST_STEPS + 30)]
+    history = History()
+    for document in documents:
+        history = history.with_step(document)
+    assert history.past == tuple(documents[-MOST_STEPS:])
+
+
+@pytest.mark.parametrize("other", ["photo", "model", "both"])
+def test_history_keeps_few_photos_and_models(other):
+    photo, history = make_photo(), History()
+    documents = []
+    for i in range(MOST_REGISTRATIONS + 3):
+        photo_now = photo if other == "model" else make_photo(i)
+        mesh = BUMPY if other == "photo" else make_box((1.0, 1.0, 1.0 + i))
+        opened = make_document(photo=photo_now, mesh=mesh)
+        documents += [opened, moved_document(opened, 0.1)]
+    for document in documents:
+        history = history.with_step(document)
+    assert history.past == tuple(documents[-2 * MOST_REGISTRATIONS :])
+
+
+@CAMERAS
+def test_another_camera_keeps_the_centres_pixel_and_size(camera):
+    pose = make_document(camera).pose
+    for new in (
+        Perspective(500.0, 400.0, 70.0, 66.0, 160, 120),
+        Parallel(1.0, 70.0, 66.0, 160, 120),
+    ):
+        seen = with_camera(pose, new, BUMPY.centre)
+        assert type(seen.camera) is type(new)
+        assert seen.project(BUMPY.centre) == pytest.approx(pose.project(BUMPY.centre), abs=1e-9)
+        assert radius_in_photo(seen, BUMPY) == pytest.approx(radius_in_photo(pose, BUMPY))
+        assert np.array_equal(seen.camera_from_model.rotation, pose.camera_from_model.rotation)
+
+
+def test_there_and_back_between_projections_is_the_same_pose():
+    pose = make_document(PERSPECTIVE).pose
+    flat = with_projection(pose, "parallel", PERSPECTIVE, BUMPY.centre)
+    assert isinstance(flat.camera, Parallel)
+    back = with_projection(flat, "perspective", PERSPECTIVE, BUMPY.centre)
+    assert back.camera == PERSPECTIVE
+    assert back.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-9)
+    assert with_projection(pose, "perspective", PERSPECTIVE, BUMPY.centre) is pose
+    assert with_projection(flat, "parallel", PERSPECTIVE, BUMPY.centre) is flat
+
+
+@CAMERAS
+def test_numbers_are_of_the_pose_and_zero_at_the_start(camera):
+    document = make_document(camera)
+    assert isinstance(document.chart, FreeBodyChart)
+    assert document.numbers == pytest.approx(np.zeros(6), abs=1e-9)
+    away = moved_document(document, 0.3)
+    assert away.numbers[3] != pytest.approx(0.0, abs=0.01)
+    seen = away.chart.to_pose(away.numbers)
+    assert seen.project(BUMPY.vertices) == pytest.approx(
+        away.pose.project(BUMPY.vertices), abs=1e-7
+    )
+
+
+@pytest.mark.parametrize("free_focal", [False, True])
+@pytest.mark.parametrize(
+    "camera",
+    [
+        PARALLEL,
+        Parallel(31.0, 70.0, 66.0, 160, 120),
+        Perspective(500.0, 410.0, 70.0, 66.0, 160, 120),
+    ],
+    ids=["parallel", "shifted parallel", "longer pinhole"],
+)
+@pytest.mark.parametrize("start", [PARALLEL, PERSPECTIVE], ids=["from parallel", "from pinhole"])
+def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, camera, free_focal):
+    document = make_document(start, settings=FitSettings(free_focal=free_focal))
+    pose = with_camera(moved_document(document, 0.3).pose, camera, BUMPY.centre)
+    document = replace(document, pose=pose)
+    again = document.chart.to_pose(document.numbers)
+    assert type(again.camera) is type(camera)
+    assert again.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-7)
+    if isinstance(camera, Perspective) and isinstance(again.camera, Perspective):
+        assert again.camera.fx == pytest.approx(camera.fx)
+        assert again.camera.fy == pytest.approx(camera.fy)
+        assert again.camera.cx == camera.cx
+    # Not all zero: they are told from the start, not from the pose itself.
+    assert abs(document.numbers[3]) > 0.05
+
+
+@CAMERAS
+def test_a_vehicle_seen_head_on_has_the_other_chart(camera):
+    document = make_document(camera, vehicle=True)
+    assert isinstance(document.chart, VehicleChart)
+    front = look_from("front", CAR, document.registration.keypoints, camera)
+    document = replace(document, pose=front)
+    assert isinstance(document.chart, FreeBodyChart)
+    again = document.chart.to_pose(document.numbers)
+    assert again.project(CAR.vertices) == pytest.approx(front.project(CAR.vertices), abs=1e-6)
+
+
+def test_another_start_is_the_pose_too():
+    document = make_document()
+    pose = moved_document(document, 0.3).pose
+    started = document.started_from(pose)
+    assert started.pose is pose
+    assert started.registration.start is pose
+    assert started.registration.photo is document.registration.photo
+    assert started.numbers == pytest.approx(np.zeros(6), abs=1e-9)

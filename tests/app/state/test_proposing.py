@@ -1,0 +1,81 @@
+"""Proposed starts: asked for, stepped through, taken, and undone in one step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.proposing import wanted_of
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.transform import RigidTransform
+from tests.app.state.documents import PERSPECTIVE, after, make_document, make_photo, make_session
+
+POSES = tuple(
+    Pose(PERSPECTIVE, RigidTransform.from_rotation_vector([turn, 0.1, 0.2], [0.1, 0.0, 7.0]))
+    for turn in (0.1, 1.0, 2.0)
+)
+
+
+def proposed(session: Session) -> Session:
+    asked = after(session, c.ProposeStarts())
+    assert asked.proposing is not None
+    return after(asked, c.StartsProposed(asked.proposing.number, POSES))
+
+
+def test_a_box_is_drawn_once_and_undone():
+    drawn = after(make_session(), c.SetTool("box"), c.Press(20, 15), c.DragTo(90, 300), c.Release())
+    assert drawn.document.marks.box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
+    assert drawn.tool == "pose"
+    assert wanted_of(drawn.document).box == (20, 15, 70, 105)
+    assert drawn.document.settings.region is None
+    assert after(drawn, c.Undo()).document.marks.box is None
+
+
+def test_proposals_are_stepped_through_in_one_step_of_the_history():
+    session = make_session()
+    first = proposed(session)
+    assert first.document.pose is POSES[0]
+    second = after(first, c.StepProposals(1))
+    assert second.document.pose is POSES[1]
+    assert after(first, c.StepProposals(-1)).document.pose is POSES[2]
+    assert after(second, c.Undo()).document is session.document
+    # What is moved by hand is a step of its own, and the proposals stay at hand.
+    moved = after(second, c.Nudge("move", 1.0), c.StepProposals(1))
+    assert moved.document.pose is POSES[2]
+    assert after(moved, c.Undo(), c.Undo()).document.pose is POSES[1]
+
+
+def test_the_one_taken_becomes_the_start():
+    session = make_session()
+    taken = after(proposed(session), c.StepProposals(1), c.TakeProposal())
+    assert taken.document.registration.start is POSES[1]
+    assert taken.proposing is None
+    assert after(taken, c.StepProposals(1)).document is taken.document
+    assert after(taken, c.Undo()).document is session.document
+
+
+def test_old_news_and_other_photos_change_nothing():
+    session = after(make_session(), c.ProposeStarts())
+    assert session.proposing is not None
+    assert after(session, c.ProposeStarts()) is session  # one at a time
+    number = session.proposing.number
+    assert after(session, c.StartsProposed(number + 1, POSES)) is session
+    other = make_document(photo=make_photo(1))
+    opened = after(session, c.Open(other), c.StartsProposed(number, POSES))
+    assert opened.document is other
+    assert opened.proposing is None
+
+
+@pytest.mark.parametrize("poses", [(), POSES])
+def test_failure_is_said(poses):
+    session = after(make_session(), c.ProposeStarts())
+    asked = session.proposing
+    assert asked is not None
+    session = replace(session, proposing=replace(asked, poses=poses))
+    failed = update(session, c.ProposingFailed(asked.number, "no view fits"))
+    assert failed.proposing is None
+    assert failed.complaint == "No view fits."

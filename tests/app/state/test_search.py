@@ -1,0 +1,259 @@
+"""Searches and maps in the session, with real news; and any commands in any order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import MOST_STEPS, Document
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.app.workers.jobs import (
+    LandscapeNews,
+    Painter,
+    PaintRequest,
+    SearchNews,
+    case_at,
+    maps,
+    search,
+)
+from poseviewer.fit.problem import Status
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_registration
+from tests.app.state.documents import PARALLEL, PERSPECTIVE, after, make_document, make_photo
+
+SETTINGS = FitSettings(limits=Limits(evaluations=60))
+NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted)
+"""They leave a complaint standing: it is about what the user did."""
+
+
+@pytest.fixture(scope="module")
+def session(scene) -> Session:
+    """The small scene at its start."""
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    return Session(Document(registration, registration.start, SETTINGS))
+
+
+@pytest.fixture(scope="module")
+def news(session) -> list[SearchNews]:
+    """All news of a short search from the start."""
+    registration = session.document.registration
+    renderer = SoftwareRenderer(registration.mesh)
+    return list(search(registration, session.document.pose, SETTINGS, renderer))
+
+
+@pytest.fixture(scope="module")
+def landscape(session) -> LandscapeNews:
+    """The whole of small maps about the start."""
+    document = session.document
+    renderer = SoftwareRenderer(document.registration.mesh)
+    case = case_at(document.registration, document.pose, SETTINGS, renderer)
+    with RendererPool(renderer) as pool:
+        *_, last = maps(case, document.pose, pool, 0.2, 5)
+    return last
+
+
+def searched(session: Session, news, count: int) -> Session:
+    """After the start of a search and its first news."""
+    session = after(session, c.StartSearch())
+    number = session.searches
+    return after(session, *(c.SearchAdvanced(number, item) for item in news[:count]))
+
+
+def test_a_search_is_one_step_to_its_best_pose(session, news):
+    done = searched(session, news, len(news))
+    assert not done.searching
+    assert done.search is not None
+    assert done.document.pose is news[-1].progress.pose
+    assert done.history.past == (session.document,)
+    assert after(done, c.Undo()).document is session.document
+    assert after(done, c.RevertSearch()).document is session.document
+    accepted = after(done, c.AcceptSearch())
+    assert accepted.search is None
+    assert accepted.document is done.document
+    assert after(accepted, c.Undo()).document is session.document
+
+
+def test_the_pose_before_can_be_looked_at_after_a_search(session, news):
+    running = after(searched(session, news, 30), c.ChangeView(before=True))
+    assert running.shown_pose is running.document.pose
+    done = after(running, c.StopSearch())
+    assert done.shown_pose is session.document.pose
+
+
+def test_a_stopped_search_keeps_its_best(session, news):
+    running = searched(session, news, 40)
+    assert running.searching
+    assert after(running, c.StartSearch()).searches == running.searches
+    stopped = after(running, c.StopSearch())
+    assert not stopped.searching
+    assert stopped.document is running.document
+    # News on their way come too late.
+    assert after(stopped, c.SearchAdvanced(stopped.searches, news[-1])) is stopped
+    assert after(stopped, c.RevertSearch()).document is session.document
+
+
+@pytest.mark.parametrize("back", [c.Undo(), c.RevertSearch()])
+def test_back_in_the_midst_of_a_search_is_before_it(session, news, back):
+    running = searched(session, news, 40)
+    reverted = after(running, back)
+    assert reverted.document is session.document
+    assert reverted.search is None
+    assert after(reverted, c.SearchAdvanced(running.searches, news[50])) is reverted
+    assert after(reverted, c.Redo()).document is running.document
+
+
+def test_news_of_an_older_search_are_dropped(session, news):
+    first = searched(session, news, 10)
+    second = after(first, c.StopSearch(), c.StartSearch())
+    assert second.searches == first.searches + 1
+    assert after(second, c.SearchAdvanced(first.searches, news[30])) is second
+    assert after(second, c.SearchFailed(first.searches, "no")) is second
+    assert after(second, c.SearchAdvanced(second.searches, news[30])) is not second
+
+
+def test_a_drag_stops_a_search_and_is_kept(session, news):
+    running = searched(session, news, 40)
+    centre = session.document.registration.mesh.centre
+    x, y = running.document.pose.project(centre)
+    dragged = after(running, c.Press(x, y))
+    assert dragged.searching  # a click alone does not stop it
+    dragged = after(dragged, c.DragTo(x + 6.0, y - 2.0))
+    assert not dragged.searching
+    assert after(dragged, c.SearchAdvanced(dragged.searches, news[-1])) is dragged
+    done = after(dragged, c.DragTo(x + 7.0, y - 3.0), c.Release())
+    assert done.document.pose.project(centre) == pytest.approx([x + 7.0, y - 3.0], abs=1e-9)
+    back = after(done, c.Undo())
+    assert back.document is running.document
+    assert after(back, c.Undo()).document is session.document
+
+
+def test_a_search_that_cannot_run_goes_back_and_says_why(session):
+    started = after(session, c.StartSearch())
+    failed = update(started, c.SearchFailed(started.searches, "the region has no pixel"))
+    assert failed.complaint == "The region has no pixel."
+    assert failed.document is session.document
+    assert failed.search is None
+
+
+def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
+    with_maps = after(session, c.LandscapeAdvanced(landscape))
+    piece = landscape.slices[0]
+    for u, v in ((0.0, 0.0), (1.0, 0.25), (0.5, 0.5)):
+        picked = after(with_maps, c.PickInLandscape(piece.first, piece.second, u, v))
+        numbers = picked.document.numbers
+        wanted = np.array(landscape.numbers)
+        for index, values, share in (
+            (piece.first, piece.first_values, u),
+            (piece.second, piece.second_values, v),
+        ):
+            wanted[index] = values[0] + share * (values[-1] - values[0])
+        assert numbers == pytest.approx(wanted, abs=1e-9)
+        assert picked.history.past == (session.document,)
+    beyond = after(with_maps, c.PickInLandscape(piece.first, piece.second, 7.0, -3.0))
+    corner = after(with_maps, c.PickInLandscape(piece.first, piece.second, 1.0, 0.0))
+    assert np.array_equal(beyond.document.numbers, corner.document.numbers)
+    assert after(with_maps, c.PickInLandscape(0, 99, 0.5, 0.5)) is with_maps
+    assert after(session, c.PickInLandscape(0, 1, 0.5, 0.5)) is session
+
+
+def test_maps_of_another_photo_are_not_kept(session, landscape):
+    with_maps = after(session, c.LandscapeAdvanced(landscape))
+    other = make_document(photo=make_photo(1))
+    opened = after(with_maps, c.Open(other))
+    assert opened.landscape is None
+    again = after(opened, c.LandscapeAdvanced(landscape), c.Undo())
+    assert again.document is session.document
+    assert again.landscape is None
+    same = after(with_maps, c.Nudge("move", 2.0), c.Undo())
+    assert same.landscape is landscape
+
+
+def random_command(random, session: Session, news, landscape, others) -> c.Command:
+    """Any command, sometimes with nonsense in it."""
+    x, y = random.uniform(-20.0, 180.0, 2)
+    if random.uniform() < 0.7:
+        x, y = session.document.pose.project(session.document.registration.mesh.centre)
+        x, y = np.array([x, y]) + random.normal(size=2) * 15.0
+    if random.uniform() < 0.02:
+        x = random.choice([np.nan, np.inf, 1e300, -1e8])
+    x, y, amount = float(x), float(y), float(random.normal() * 3.0)
+    flip = [bool(v) for v in random.integers(0, 2, 3)]
+    pick = random.integers
+    names = (*session.document.chart.names, "nonsense")
+    sides = ("three-quarter", "left", "right", "front", "back", "top", "bottom", "nowhere")
+    search_number = session.searches - int(random.uniform() < 0.2)
+    settings = replace(SETTINGS, free_focal=flip[0], grey=flip[1])
+    kinds = ("move", "turn", "roll", "scale")
+    made: list[c.Command] = [
+        *[c.Press(x, y, float(random.uniform(0.3, 4.0)), flip[0], flip[1])] * 3,
+        *[c.DragTo(x, y)] * 5,
+        *[c.Release()] * 2,
+        c.CancelDrag(),
+        *[c.DoublePress(x, y, 2.0)] * 2,
+        c.Nudge(kinds[pick(4)], amount, -amount),
+        c.SetNumber(names[pick(len(names))], float(random.normal() * 0.3)),
+        c.SetPose(session.document.registration.start, flip[0]),
+        c.ResetToStart(),
+        c.MakeStart(),
+        c.LookFrom(sides[pick(len(sides))]),
+        c.Undo(),
+        c.Redo(),
+        c.AlterSettings(lambda _: settings),
+        c.SetProjection("parallel" if flip[0] else "perspective"),
+        c.SetCamera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
+        c.Open(others[pick(len(others))]),
+        c.SetTool("region" if flip[0] else "pose"),
+        c.ChangeView(rings=flip[0], before=flip[1]),
+        c.ChangeLandscape(large=(0, 1), close_large=flip[0]),
+        c.PickInLandscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
+        *[c.StartSearch()] * 2,
+        c.StopSearch(),
+        c.AcceptSearch(),
+        c.RevertSearch(),
+        *[c.SearchAdvanced(search_number, news[pick(len(news))])] * 3,
+        c.SearchFailed(search_number, "it could not"),
+        c.LandscapeAdvanced(landscape),
+        c.Saved(session.document.pose),
+    ]
+    return made[pick(len(made))]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
+    session, news, landscape, seed
+):
+    random = np.random.default_rng(seed)
+    renderer = SoftwareRenderer(session.document.registration.mesh)
+    others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
+    now = session
+    for request in Painter(renderer).paint(_request(session)):
+        now = after(now, c.Painted(request))
+    for _ in range(500):
+        command = random_command(random, now, news, landscape, others)
+        before, now = now, update(now, command)
+        assert now.complaint == "" or now.complaint.endswith((".", "!", "?"))
+        assert np.isfinite(now.document.numbers).all()
+        if now.complaint and not isinstance(command, (c.SearchFailed, *NEWS)):
+            assert now.document is before.document
+    assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach
+    while now.history.past:
+        now = after(now, c.Undo())
+    assert now.document is session.document
+
+
+def _request(session: Session) -> PaintRequest:
+    document = session.document
+    return PaintRequest(
+        document.registration, document.settings, document.pose, document.pose, "outline"
+    )
+
+
+def test_the_news_are_of_a_search_that_ended(news):
+    assert news[-1].progress.status is Status.EVALUATIONS_SPENT
+    assert all(item.progress.status is Status.RUNNING for item in news[:-1])

@@ -1,0 +1,380 @@
+"""What commands do to a session: one step for a drag, exact undo, refusals that change nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.gestures import pins_in_photo, rings_in_photo
+from poseviewer.app.state.motions import radius_in_photo
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.vehicle.chart import VehicleChart
+from tests.app.state.documents import (
+    BUMPY,
+    PARALLEL,
+    PERSPECTIVE,
+    after,
+    make_document,
+    make_photo,
+    make_session,
+    moved_document,
+)
+
+CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
+
+
+def centre_of(session: Session):
+    return session.document.pose.project(session.document.registration.mesh.centre)
+
+
+def press(session: Session, offset=(0.0, 0.0), **more) -> c.Press:
+    x, y = centre_of(session) + np.array(offset)
+    return c.Press(float(x), float(y), **more)
+
+
+def refused(session: Session, command: c.Command):
+    """The session is as it was, but for a sentence."""
+    found = update(session, command)
+    assert found.complaint.endswith(".")
+    assert len(found.complaint) > 10
+    assert found.document is session.document
+    assert found.history is session.history
+    assert found.grip is session.grip
+    assert found.search is session.search
+    # The next command takes the sentence away.
+    assert update(found, c.Nudge("move", 1.0)).complaint == ""
+
+
+@CAMERAS
+@pytest.mark.parametrize("keys", [{}, {"shift": True}, {"ctrl": True}], ids=["", "shift", "ctrl"])
+def test_a_drag_is_one_step(camera, keys):
+    session = make_session(camera)
+    first = press(session, (8.0, 3.0), **keys)
+    held = after(session, first)
+    assert held.document is session.document
+    for i in range(10):
+        held = after(held, c.DragTo(first.x + i, first.y + 2.0 * i))
+        assert held.history is session.history
+    done = after(held, c.Release())
+    assert done.document is held.document
+    assert done.grip is None
+    assert done.history.past == (session.document,)
+    back = after(done, c.Undo())
+    assert back.document is session.document
+    assert after(back, c.Redo()).document is done.document
+
+
+@CAMERAS
+def test_the_model_follows_the_pointer(camera):
+    session = make_session(camera)
+    first = press(session, (8.0, 3.0))
+    moved = after(session, first, c.DragTo(first.x + 7.0, first.y - 4.0))
+    assert centre_of(moved) - centre_of(session) == pytest.approx([7.0, -4.0], abs=1e-9)
+    for keys in ({"shift": True}, {"ctrl": True}):
+        first = press(session, (8.0, 3.0), **keys)
+        turned = after(session, first, c.DragTo(first.x + 7.0, first.y - 9.0))
+        assert centre_of(turned) == pytest.approx(centre_of(session), abs=1e-9)
+        rotations = [s.document.pose.camera_from_model.rotation for s in (session, turned)]
+        assert np.abs(rotations[0] - rotations[1]).max() > 0.01
+
+
+def test_a_drag_forgotten_restores_the_very_document():
+    session = make_session()
+    first = press(session)
+    held = after(session, first, c.DragTo(first.x + 9.0, first.y))
+    back = after(held, c.CancelDrag())
+    assert back.document is session.document
+    assert back.history is session.history
+    assert back.grip is None
+
+
+def test_a_press_alone_or_beside_the_model_is_no_step():
+    session = make_session()
+    pressed = after(session, press(session), c.Release())
+    assert pressed.history is session.history
+    assert pressed.document is session.document
+    beside = after(session, c.Press(1.0, 1.0), c.DragTo(30.0, 30.0), c.Release())
+    assert beside is session
+
+
+def test_what_comes_amid_a_drag_ends_it_in_order():
+    session = make_session()
+    first = press(session)
+    held = after(session, first, c.DragTo(first.x + 9.0, first.y))
+    for command in (c.Nudge("roll", 5.0), c.StartSearch(), c.MakeStart()):
+        found = after(held, command)
+        assert found.grip is None
+        assert found.history.past == (session.document, held.document)
+    assert after(held, c.Undo()).document is session.document
+    # What only looks, lets it go on.
+    assert after(held, c.ChangeView(opacity=0.5)).grip is held.grip
+
+
+def test_a_vehicles_pins_are_dragged():
+    session = make_session(vehicle=True)
+    chart = session.document.chart
+    assert isinstance(chart, VehicleChart)
+    pins = pins_in_photo(session.document)
+    for pin in range(3):
+        x, y = pins[pin] + 1.0
+        dragged = after(session, c.Press(x, y, zoom=3.0), c.DragTo(x + 3.0, y - 2.0), c.Release())
+        now = pins_in_photo(dragged.document)
+        assert now[pin] - pins[pin] == pytest.approx([3.0, -2.0], abs=1e-6)
+        others = [i for i in range(3) if i != pin]
+        assert now[others] == pytest.approx(pins[others], abs=1e-6)
+        assert dragged.history.past == (session.document,)
+
+
+@CAMERAS
+def test_surface_pins_are_set_dragged_and_taken_away(camera):
+    session = make_session(camera)
+    x, y = centre_of(session)
+    places = [(x - 10.0, y - 6.0), (x + 12.0, y), (x, y + 11.0)]
+    pinned = after(session, *(c.DoublePress(*place, zoom=5.0) for place in places))
+    assert pinned.document.pose is session.document.pose
+    assert pins_in_photo(pinned.document) == pytest.approx(np.array(places), abs=1e-6)
+    assert len(pinned.history.past) == 3
+    refused(pinned, c.DoublePress(x, y - 12.0, zoom=5.0))
+    dragged = after(pinned, c.Press(*places[1], zoom=5.0), c.DragTo(x + 15.0, y - 2.0), c.Release())
+    wanted = [places[0], (x + 15.0, y - 2.0), places[2]]
+    assert pins_in_photo(dragged.document) == pytest.approx(np.array(wanted), abs=0.05)
+    fewer = after(dragged, c.DoublePress(x + 15.0, y - 2.0, zoom=5.0))
+    assert fewer.document.pins == (dragged.document.pins[0], dragged.document.pins[2])
+
+
+def test_pins_are_refused_beside_the_model_and_on_vehicles():
+    refused(make_session(), c.DoublePress(1.0, 1.0))
+    session = make_session(vehicle=True)
+    refused(session, c.DoublePress(*centre_of(session)))
+
+
+@CAMERAS
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_ring_turns_about_its_axis(camera, axis):
+    session = after(make_session(camera), c.ChangeView(rings=True))
+    ring = rings_in_photo(session.document)[axis]
+    step = int(np.argmin(ring[:, 2]))  # its nearest point
+    x, y = ring[step, :2]
+    way = ring[(step + 1) % 72, :2] - ring[step - 1, :2]
+    way = way / np.linalg.norm(way)
+    first = after(session, c.Press(x, y, zoom=4.0))
+    turned = after(first, c.DragTo(x + 3.0 * way[0], y + 3.0 * way[1]))
+    before, now = (s.document.pose.camera_from_model.rotation for s in (session, turned))
+    turn = before.T @ now
+    assert turn[axis, axis] == pytest.approx(1.0, abs=1e-9)
+    other = (axis + 1) % 3
+    assert turn[(axis + 2) % 3, other] > 0.01  # the way the ring runs
+    assert centre_of(turned) == pytest.approx(centre_of(session), abs=1e-9)
+
+
+def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
+    session = after(make_session(), c.SetTool("region"))
+    drawn = after(session, c.Press(150.2, 20.7), c.DragTo(300.0, 5.5), c.DragTo(170.0, 60.1))
+    assert drawn.document.settings.region == (150, 20, 10, 41)
+    done = after(drawn, c.Release())
+    assert done.tool == "pose"
+    assert done.history.past == (session.document,)
+    none = after(done, c.SetTool("region"), c.Press(20.0, 20.0), c.DragTo(20.5, 60.0), c.Release())
+    assert none.document.settings.region is None
+
+
+@pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])
+@CAMERAS
+def test_a_nudge_and_its_opposite_cancel(camera, kind):
+    session = make_session(camera)
+    there = after(session, c.Nudge(kind, 3.0))
+    seen = [s.document.pose.project(BUMPY.vertices) for s in (session, there)]
+    assert np.abs(seen[0] - seen[1]).max() > 0.5
+    back = after(there, c.Nudge(kind, -3.0))
+    assert back.document.pose.project(BUMPY.vertices) == pytest.approx(seen[0], abs=1e-8)
+    assert len(back.history.past) == 2
+
+
+@CAMERAS
+@pytest.mark.parametrize("vehicle", [False, True])
+@pytest.mark.parametrize("moved", [False, True], ids=["", "other camera"])
+def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
+    session = make_session(camera, vehicle)
+    if moved and isinstance(camera, Perspective):
+        session = after(session, c.SetCamera(400.0, 330.0, 80.0, 55.0), c.Nudge("move", 5.0))
+    elif moved:
+        session = after(session, c.SetProjection("perspective"), c.Nudge("move", 5.0))
+    numbers = session.document.numbers
+    for index, name in enumerate(session.document.chart.names):
+        value = float(numbers[index]) + 0.03
+        found = after(session, c.SetNumber(name, value))
+        wanted = np.array(numbers)
+        wanted[index] = value
+        assert found.document.numbers == pytest.approx(wanted, abs=1e-9)
+        if not isinstance(camera, Parallel):
+            assert found.document.pose.camera == session.document.pose.camera
+        assert found.history.past[-1] is session.document
+        same = after(session, c.SetNumber(name, float(numbers[index])))
+        assert same is session
+
+
+def test_what_is_typed_digit_by_digit_is_one_step():
+    session = make_session()
+    name, other = session.document.chart.names[0], session.document.chart.names[1]
+    typed = after(session, *(c.SetNumber(name, value) for value in (0.1, 0.12, 0.125)))
+    assert typed.document.numbers[0] == pytest.approx(0.125)
+    assert after(typed, c.Undo()).document is session.document
+    both = after(typed, c.SetNumber(other, 0.2), c.SetNumber(name, 0.3))
+    assert after(both, c.Undo(), c.Undo()).document is typed.document
+    again = after(typed, c.Nudge("move", 5.0), c.Undo(), c.SetNumber(name, 0.2))
+    assert not again.history.future
+    assert after(again, c.Undo()).document is typed.document
+
+
+@CAMERAS
+def test_projection_and_camera_keep_the_centres_pixel_and_size(camera):
+    session = make_session(camera)
+    radius = radius_in_photo(session.document.pose, BUMPY)
+    for command in (
+        c.SetProjection("parallel"),
+        c.SetProjection("perspective"),
+        c.SetCamera(400.0, 410.0, 70.0, 66.0),
+    ):
+        found = after(session, command)
+        assert centre_of(found) == pytest.approx(centre_of(session), abs=1e-9)
+        assert radius_in_photo(found.document.pose, BUMPY) == pytest.approx(radius)
+    camera = found.document.pose.camera
+    assert (camera.cx, camera.cy) == (70.5, 66.5)  # users count from pixel centres
+    if isinstance(camera, Perspective):
+        assert (camera.fx, camera.fy) == (400.0, 410.0)
+
+
+SENSELESS_CAMERAS = {
+    "fx, fy = 0, 300: wanted focal lengths of 1 to 160000 px": (0.0, 300.0, 80.0, 60.0),
+    "fx, fy = 300, -5: wanted focal lengths of 1 to 160000 px": (300.0, -5.0, 80.0, 60.0),
+    "fx, fy = 1e+06, 300: wanted focal": (1e6, 300.0, 80.0, 60.0),
+    "fx = nan: wanted a number": (math.nan, 300.0, 80.0, 60.0),
+    "cy = inf: wanted a number": (300.0, 300.0, 80.0, math.inf),
+    "cx, cy = 5000, 60: wanted a centre within 1600 px of": (300.0, 300.0, 5000.0, 60.0),
+    "cx, cy = 80, -4000: wanted a centre within 1600 px": (300.0, 300.0, 80.0, -4000.0),
+}
+
+
+@pytest.mark.parametrize("start", SENSELESS_CAMERAS)
+def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
+    session, command = make_session(), c.SetCamera(*SENSELESS_CAMERAS[start])
+    refused(session, command)
+    text = update(session, command).complaint
+    assert text.lower().startswith(start)
+    assert text.endswith("; nothing was changed.")
+
+
+@CAMERAS
+def test_a_field_of_view_gives_its_focal_length(camera):
+    session = make_session(camera)
+    radius = radius_in_photo(session.document.pose, BUMPY)
+    for degrees in (0.0, 0.4, 171.0, 180.0, 400.0, -50.0, math.nan):
+        refused(session, c.SetFieldOfView(degrees))
+    found = after(session, c.SetFieldOfView(90.0)).document.pose
+    assert radius_in_photo(found, BUMPY) == pytest.approx(radius)
+    assert (found.camera.cx, found.camera.cy) == (camera.cx, camera.cy)
+    if isinstance(found.camera, Perspective):
+        assert (found.camera.fx, found.camera.fy) == pytest.approx((80.0, 80.0))
+
+
+def test_a_parallel_camera_takes_its_centre_alone():
+    session = after(make_session(), c.SetProjection("parallel"))
+    camera = session.document.pose.camera
+    found = after(session, c.SetCamera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
+    assert isinstance(camera, Parallel)
+    assert isinstance(found, Parallel)
+    assert (found.cx, found.cy, found.scale) == pytest.approx((70.5, 66.5, camera.scale))
+    refused(session, c.SetCamera(0.01, 0.01, 5000.0, 66.0))
+
+
+def test_start_reset_and_poses_set():
+    session = make_session()
+    there = after(session, c.Nudge("move", 9.0, 4.0), c.Nudge("turn", 5.0, 1.0))
+    assert after(there, c.ResetToStart()).document.pose is session.document.pose
+    started = after(there, c.MakeStart(), c.Nudge("roll", 5.0), c.ResetToStart())
+    assert started.document.pose is there.document.pose
+    pose = moved_document(session.document, 0.2).pose
+    assert after(session, c.SetPose(pose)).document.pose is pose
+    loaded = after(session, c.SetPose(pose, as_start=True), c.Nudge("roll", 1.0), c.ResetToStart())
+    assert loaded.document.pose is pose
+
+
+def test_unsaved_is_told():
+    session = make_session()
+    assert session.unsaved
+    saved = after(session, c.Saved(session.document.pose))
+    assert not saved.unsaved
+    assert after(saved, c.Nudge("move", 1.0)).unsaved
+    assert not after(saved, c.Nudge("move", 1.0), c.Undo()).unsaved
+
+
+def test_another_photo_is_a_step_and_can_be_undone():
+    session = make_session()
+    other = make_document(photo=make_photo(1))
+    opened = after(session, c.Open(other))
+    assert opened.document is other
+    assert not opened.unsaved
+    assert after(opened, c.Undo()).document is session.document
+
+
+def test_settings_are_a_step_where_they_change():
+    session = make_session()
+    grey = FitSettings(grey=True)
+    changed = after(session, c.AlterSettings(lambda _: grey))
+    assert changed.document.settings == grey
+    assert changed.history.past == (session.document,)
+    assert after(changed, c.AlterSettings(lambda now: replace(now, grey=True))) is changed
+
+
+def test_views_change_what_is_given_alone():
+    session = after(make_session(), c.ChangeView(look="solid"), c.ChangeView(wipe=0.3))
+    assert (session.look.name, session.look.wipe, session.look.opacity) == ("solid", 0.3, 0.8)
+    maps = after(session, c.ChangeLandscape(half_width=0.1), c.ChangeLandscape(large=(0, 2))).maps
+    assert (maps.half_width, maps.large) == (0.1, (0, 2))
+    closed = after(replace(session, maps=maps), c.ChangeLandscape(close_large=True)).maps
+    assert (closed.half_width, closed.large) == (0.1, None)
+    assert session.history.past == ()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        c.SetNumber("no_such_number", 1.0),
+        c.SetNumber("shift_x", math.nan),
+        c.SetNumber("log_depth", 500.0),
+        c.SetCamera(-5.0, 300.0, 80.0, 60.0),
+        c.SetCamera(300.0, 300.0, math.inf, 60.0),
+        c.Nudge("move", math.nan),
+        c.Nudge("scale", math.inf),
+        c.LookFrom("below"),
+        c.Press(math.nan, 10.0),
+        c.DoublePress(10.0, math.inf),
+    ],
+    ids=repr,
+)
+def test_bad_input_is_refused_with_a_sentence(command):
+    refused(make_session(), command)
+
+
+def test_a_bad_drag_is_refused_and_goes_on():
+    session = make_session()
+    first = press(session)
+    held = after(session, first, c.DragTo(first.x + 4.0, first.y))
+    refused(held, c.DragTo(math.nan, 0.0))
+    assert after(held, c.DragTo(first.x, first.y + 3.0), c.Release()).history.past == (
+        session.document,
+    )
+
+
+def test_a_pose_behind_the_camera_is_refused():
+    session = make_session()
+    turned = session.document.pose.camera_from_model
+    behind = replace(turned, translation=turned.translation * -1.0)
+    refused(session, c.SetPose(replace(session.document.pose, camera_from_model=behind)))

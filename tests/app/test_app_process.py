@@ -1,0 +1,194 @@
+"""The app as a program: how it ends, what a crash leaves, and whom it refuses."""
+
+from __future__ import annotations
+
+import re
+import urllib.error
+import urllib.request
+from http.cookiejar import CookieJar
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from poseviewer.files.pose.file import load_pose
+from poseviewer.files.state.autosave import AutosavedSession, load_autosave
+from tests.app.app_process import AppProcess
+from tests.app.running_app import same_pose, settle
+from tests.app.socket_page import PROTOCOL, SocketPage
+from tests.scene import Scene, make_scene
+
+OFFER = "An earlier session ended without saving"
+SEED = 7
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    (tmp_path / "files").mkdir()
+    return make_scene(tmp_path / "files")
+
+
+def start(scene: Scene, tmp_path: Path) -> AppProcess:
+    return AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start)
+
+
+def kept(tmp_path: Path) -> AutosavedSession | None:
+    """The session on disk."""
+    found = list((tmp_path / "state" / "sessions").glob("*.json"))
+    return load_autosave(found[0]) if found else None
+
+
+def crash_in_search(scene: Scene, tmp_path: Path) -> AutosavedSession:
+    """Change pose and settings, search, and kill the app; gives what it left on disk."""
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.set("Seed", SEED)
+        page.set("Pixels", "whole photo")
+        page.press(86.0, 60.0)
+        page.drag(80.3, 63.7)
+        page.release()
+        page.wait_until(lambda: kept(tmp_path))
+        page.key("Space")
+        page.wait_until(lambda: "Stop (space)" in page.labels() and page.text_with("evaluations"))
+        app.kill()
+        page.wait_until(lambda: page.closed)
+    left = kept(tmp_path)
+    assert left is not None
+    return left
+
+
+def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
+    left = crash_in_search(scene, tmp_path)
+    assert left.settings["seed"] == SEED
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        assert page.value("Seed") == 0
+        page.click("Open it again")
+        page.wait_until(lambda: page.value("Seed") == SEED)
+        page.wait_until(lambda: page.value("Pixels") == "whole photo")
+        page.wait_until(lambda: not page.shown.modals)
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
+        found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
+        assert same_pose(found.pose, left.pose.pose)
+        page.key("KeyR")  # back to the start, which is not the pose that was kept
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
+        found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
+        assert same_pose(found.pose, left.start.pose)
+        assert app.terminate() == 0
+    assert kept(tmp_path) is None
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        assert not page.shown.modals
+
+
+def test_restored_session_outlives_another_crash(scene: Scene, tmp_path: Path) -> None:
+    left = crash_in_search(scene, tmp_path)
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        page.click("Open it again")
+        page.wait_until(lambda: page.value("Seed") == SEED)
+        page.wait_until(lambda: kept(tmp_path))
+        app.kill()
+    again = kept(tmp_path)
+    assert again is not None
+    assert same_pose(again.pose.pose, left.pose.pose)
+    assert again.settings == left.settings
+
+
+def test_forgotten_session_is_not_offered_again(scene: Scene, tmp_path: Path) -> None:
+    crash_in_search(scene, tmp_path)
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        page.click("Forget it")
+        page.wait_until(lambda: not page.shown.modals)
+        page.wait_until(lambda: kept(tmp_path) is None)
+        assert page.value("Seed") == 0
+        assert app.terminate() == 0
+
+
+def test_sigterm_in_a_search_ends_cleanly(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.key("Space")
+        page.wait_until(lambda: page.text_with("evaluations"))
+        assert app.terminate() == 0
+        page.wait_until(lambda: page.closed)
+    assert app.leaves_nothing()
+    assert not [line for line in app.lines if "Traceback" in line or "Error" in line]
+    assert kept(tmp_path) is not None  # found, and not saved: offered the next time
+
+
+def test_pages_of_others_are_refused(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app:
+        address = app.url.replace("http://", "ws://")
+        for origin in ("http://example.org", "null", app.url.rstrip("/").replace("http", "ftp")):
+            with pytest.raises(InvalidStatus) as refused:
+                connect(address, subprotocols=[PROTOCOL], origin=Origin(origin))
+            assert refused.value.response.status_code == 403
+        own = Origin(app.url.rstrip("/"))
+        with connect(address, subprotocols=[PROTOCOL], origin=own, max_size=None) as welcome:
+            assert welcome.recv(timeout=60)
+
+
+class OpenPage:
+    """What a browser keeps of the page that it has open: where it came from, and its cookie."""
+
+    def __init__(self, app: AppProcess) -> None:
+        found = re.fullmatch(r"http://[^/]+:(\d+)/\?token=(\S+)", app.url)
+        assert found is not None
+        self.port = int(found[1])
+        self.address = f"127.0.0.1:{self.port}"
+        cookies = CookieJar()
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(cookies))
+        with opener.open(f"http://{self.address}/?token={found[2]}", timeout=60) as answer:
+            assert answer.status == 200
+        (cookie,) = cookies
+        self.cookie = f"{cookie.name}={cookie.value}"
+
+    def comes_back(self) -> bool:
+        """Whether it is let in again, as it connects by itself: page, then websocket."""
+        origin, headers = f"http://{self.address}", {"Cookie": self.cookie}
+        try:
+            with urllib.request.urlopen(
+                urllib.request.Request(f"{origin}/", headers=headers), timeout=60
+            ) as page:
+                assert page.status == 200
+            with connect(
+                f"ws://{self.address}/",
+                subprotocols=[PROTOCOL],
+                origin=Origin(origin),
+                additional_headers=headers,
+                max_size=None,
+            ) as socket:
+                assert socket.recv(timeout=60)
+        except urllib.error.HTTPError as answer:
+            with answer:
+                return answer.code != 403
+        return True
+
+
+def start_for_others(scene: Scene, tmp_path: Path, port: int) -> AppProcess:
+    files = (scene.photo, scene.model, "--pose", scene.start)
+    return AppProcess(tmp_path, *files, "--host", "0.0.0.0", port=port)
+
+
+def test_pages_of_other_machines_outlive_a_crash_but_not_an_end(
+    scene: Scene, tmp_path: Path
+) -> None:
+    with start_for_others(scene, tmp_path, 0) as app:
+        page = OpenPage(app)
+        (file,) = (tmp_path / "state" / "tokens").iterdir()
+        app.kill()
+    with start_for_others(scene, tmp_path, page.port) as app:
+        assert page.comes_back()
+        assert app.terminate() == 0
+        assert not file.exists()
+    with start_for_others(scene, tmp_path, page.port) as app:
+        assert not page.comes_back()
+        assert app.interrupt() == 0

@@ -1,0 +1,255 @@
+"""The app as a person sees it: real Chromium on the real app."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+
+from poseviewer.files.demo import demo_case
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.problem import fit_pose, make_problem
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_registration
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage
+
+DEMO_PHOTO = (960, 720)
+EVALUATIONS = 300
+"""Of the demo's search in the browser: a browser without a GPU leaves little time for it."""
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
+    with AppProcess(tmp_path_factory.mktemp("demo")) as app:
+        yield app
+        assert app.interrupt() == 0
+
+
+@pytest.fixture
+def page(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
+    tab = AppPage(browser, demo.url)
+    yield tab
+    assert tab.errors == []
+    tab.page.close()
+
+
+def test_the_page_opens_on_the_demo(page: AppPage):
+    assert page.page.title() == "poseviewer"
+    assert page.page.locator("link[rel~=icon]").get_attribute("href", timeout=5000)
+    page.wait_for_text("demo_photo.jpg")
+    page.wait_for_text("89,728 triangles")
+    page.wait_for_text("at this pose")
+
+
+def test_the_camera_cannot_be_knocked_off_the_photo(page: AppPage):
+    before = page.view()
+    corner = (30.0, 700.0)  # beside the model
+    for keys in ((), ("Shift",), ("Control",)):
+        page.drag(corner, (300.0, 650.0), DEMO_PHOTO, keys)
+    for key in ("w", "a", "d", "q", "e"):
+        page.page.keyboard.press(key, delay=80)
+    page.page.wait_for_timeout(300)
+    assert page.view() == before
+    camera = page.page.evaluate("window.__viserMutable.camera.position.toArray()")
+    np.testing.assert_allclose(camera, 0.0, atol=1e-6)
+
+
+def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
+    place = tuple(round(v) for v in page.on_screen((700.0, 300.0), DEMO_PHOTO))
+    left, top = page.view()["box"][:2]
+    under = page.page.evaluate(
+        f"window.poseviewer.photoFromCanvas({place[0] - left}, {place[1] - top})"
+    )
+    page.page.mouse.move(*place)
+    page.page.mouse.wheel(0, -700)
+    page.page.wait_for_function(
+        "JSON.parse(document.documentElement.dataset.poseviewerView).zoom > 2"
+    )
+    np.testing.assert_allclose(page.on_screen(under, DEMO_PHOTO), place, atol=0.01)
+    page.page.mouse.down(button="right")
+    page.page.mouse.move(place[0] + 40, place[1] - 25, steps=4)
+    page.page.mouse.up(button="right")
+    moved = page.on_screen(under, DEMO_PHOTO)
+    np.testing.assert_allclose(moved, (place[0] + 40, place[1] - 25), atol=0.01)
+    page.page.keyboard.press("f")
+    page.page.wait_for_function(
+        "JSON.parse(document.documentElement.dataset.poseviewerView).zoom === 1"
+    )
+
+
+def demo_pins(numbers: list[float]) -> np.ndarray:
+    """(3, 2): where the paper's numbers put the pins, by hand."""
+    mu, delta, psi = np.array(numbers).reshape(3, 2)
+    size = np.array(DEMO_PHOTO)
+    return np.array([mu * size, (mu + delta) * size, mu * size + 0.25 * min(DEMO_PHOTO) * psi])
+
+
+def test_each_pin_is_its_two_numbers(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.pose.json"
+    page.page.keyboard.press("r")
+    for pin, shift in ((0, (9.0, -7.0)), (1, (-12.0, 5.0)), (2, (6.0, 8.0))):
+        before = page.saved_pose(path)["chart"]["numbers"]
+        pins = demo_pins(before)
+        page.drag(pins[pin], pins[pin] + np.array(shift), DEMO_PHOTO)
+        page.page.wait_for_timeout(300)
+        after = page.saved_pose(path)["chart"]["numbers"]
+        moved = demo_pins(after)
+        others = [i for i in range(3) if i != pin]
+        np.testing.assert_allclose(moved[pin], pins[pin] + np.array(shift), atol=0.8)
+        np.testing.assert_allclose(moved[others], pins[others], atol=1e-6)
+        changed = np.abs(np.array(after) - before) > 1e-9
+        if pin:
+            own = [2, 3] if pin == 1 else [4, 5]
+            assert list(np.flatnonzero(changed)) == own
+    for _ in range(3):
+        page.page.keyboard.press("z")
+
+
+FIRST_CELL = """() => {
+    const cell = document.querySelector(".pv-cell");  // maps that are drawn anew replace it
+    const box = cell === null ? { width: 0 } : cell.getBoundingClientRect();
+    return box.width > 0 ? [box.x, box.y, box.width, box.height] : null;
+}"""
+
+
+def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.pose.json"
+    before = page.saved_pose(path)["chart"]["numbers"]
+    page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
+    # Dimmed maps are about the pose before, and that is where a press on them leads.
+    page.page.wait_for_function("document.querySelector('.pv-dim') === null")
+    x, y, width, height = page.page.wait_for_function(FIRST_CELL).json_value()
+    page.page.mouse.click(x + 0.75 * width, y + 0.25 * height)
+    page.page.wait_for_timeout(500)
+    after = page.saved_pose(path)["chart"]["numbers"]
+    changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
+    assert list(changed) == [0, 1]
+    assert after[0] > before[0]
+    assert after[1] > before[1]  # upwards on the map is more
+    page.page.keyboard.press("z")
+    page.page.wait_for_timeout(300)
+    assert page.saved_pose(path)["chart"]["numbers"] == before
+
+
+def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: AppProcess, tmp_path: Path):
+    path = demo.folder / "demo_photo.pose.json"
+    page.page.keyboard.press("ArrowRight")
+    page.page.keyboard.press("Shift+J")
+    saved = page.saved_pose(path)
+    kept = tmp_path / "kept.json"
+    kept.write_text(json.dumps(saved))
+    page.page.keyboard.press("ArrowDown")
+    page.page.wait_for_timeout(200)
+    assert page.saved_pose(path)["camera_from_model"] != saved["camera_from_model"]
+    page.page.reload()
+    page.page.wait_for_function("window.poseviewer")
+    with page.page.expect_file_chooser() as chooser:
+        page.page.get_by_role("button", name="Pose file ...").click()
+    chooser.value.set_files(str(kept))
+    page.page.wait_for_timeout(1500)
+    again = page.saved_pose(path)
+    assert again["camera_from_model"] == saved["camera_from_model"]
+    assert again["camera"] == saved["camera"]
+
+
+DROP = """(files) => {
+    const held = new DataTransfer();
+    for (const [name, text] of files) held.items.add(new File([text], name));
+    const event = { dataTransfer: held, bubbles: true, cancelable: true };
+    const canvas = window.__viserMutable.canvas;
+    const over = canvas.dispatchEvent(new DragEvent("dragover", event));
+    return [over, canvas.dispatchEvent(new DragEvent("drop", event))];
+}"""
+
+
+def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.pose.json"
+    saved = page.saved_pose(path)
+    page.page.keyboard.press("ArrowDown")
+    page.wait_for_text("● unsaved changes")
+    # "false": the browser is kept from opening the files itself.
+    dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
+    assert page.page.evaluate(DROP, dropped) == [False, False]
+    page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
+    page.page.wait_for_timeout(1000)
+    assert page.saved_pose(path)["camera_from_model"] == saved["camera_from_model"]
+
+
+def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):
+    huge = tmp_path / "huge.ply"
+    with huge.open("wb") as file:
+        file.truncate(200_000_001)
+    with page.page.expect_file_chooser() as chooser:
+        page.page.get_by_role("button", name="Model ...").click()
+    chooser.value.set_files(str(huge))
+    page.wait_for_text("huge.ply: 200,000,001 bytes; up to 200,000,000 can be uploaded")
+    assert page.page.get_by_text("Uploading").count() == 0
+
+
+def test_the_help_has_the_keys_until_it_is_closed(page: AppPage):
+    for closing in ("Escape", "?"):
+        page.page.keyboard.press("?")
+        page.wait_for_text("turn it as a ball about its centre")
+        page.page.keyboard.press("g")  # would show the rings
+        page.page.keyboard.press(closing)
+        page.page.get_by_role("dialog").wait_for(state="detached")
+    assert not page.page.get_by_label("Rotation rings (G)").is_checked()
+
+
+def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
+    other = AppPage(browser, demo.url)
+    try:
+        for tab in (page, other):
+            tab.page.get_by_text("Numbers", exact=True).click()
+        page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
+        page.page.wait_for_timeout(1500)
+        shown = [
+            [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
+            for tab in (page, other)
+        ]
+        assert shown[0] == shown[1]
+        assert len(shown[0]) >= 6
+        page.page.keyboard.press("z")
+    finally:
+        other.page.close()
+
+
+def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProcess):
+    with page.page.expect_file_chooser() as chooser:  # another test may have set the start
+        page.page.get_by_role("button", name="Pose file ...").click()
+    chooser.value.set_files(str(demo_case("perspective").start))
+    page.page.wait_for_timeout(1500)
+    page.page.get_by_text("Settings", exact=True).click()
+    limit = page.page.get_by_label("Most evaluations")
+    limit.fill(str(EVALUATIONS))
+    limit.press("Enter")
+    page.page.wait_for_timeout(500)
+    page.page.evaluate("document.activeElement.blur()")
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Stopped at the limit of evaluations")
+    found = page.saved_pose(demo.folder / "demo_photo.pose.json")
+    case = demo_case("perspective")
+    registration = load_registration(case.photo, case.model, case.start)
+    problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
+    (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
+    # The file's numbers are worked out from the pose: they may differ in the last digit.
+    np.testing.assert_allclose(found["chart"]["numbers"], last.numbers, rtol=1e-12)
+    assert found["loss"] == last.loss
+    page.page.get_by_role("button", name="Go back").click()
+
+
+def test_the_saved_file_is_a_pose_of_the_photo(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.pose.json"
+    page.saved_pose(path)
+    photo = load_photo(demo_case("perspective").photo)
+    record = load_pose(path, photo.width, photo.height)
+    assert record.photo is not None
+    assert record.photo.sha256 == photo.sha256

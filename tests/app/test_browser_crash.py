@@ -1,0 +1,68 @@
+"""In real Chromium, what a crash of the app leaves: the session is offered, the page comes back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Browser
+
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage
+from tests.scene import Scene
+
+OFFER = "An earlier session ended without saving"
+
+
+def change_and_crash(tab: AppPage, app: AppProcess) -> None:
+    """Change the pose, search, and kill the app once it has kept the session."""
+    tab.page.keyboard.press("Shift+ArrowRight")
+    tab.page.keyboard.press("Space")
+    sessions = app.folder / "state" / "sessions"
+    for _ in range(400):
+        if any(sessions.glob("session-*.json")):  # not the file that it is written to first
+            break
+        tab.page.wait_for_timeout(50)
+    assert any(sessions.glob("session-*.json"))
+    app.kill()
+
+
+def test_a_session_that_was_killed_is_offered_again(browser: Browser, tmp_path: Path, scene: Scene):
+    files = (scene.photo, scene.model, "--pose", scene.start)
+    with AppProcess(tmp_path, *files) as app:
+        tab = AppPage(browser, app.url)
+        change_and_crash(tab, app)
+        tab.page.close()
+    with AppProcess(tmp_path, *files) as again:
+        tab = AppPage(browser, again.url)
+        tab.page.get_by_role("button", name="Open it again").click()
+        tab.wait_for_text("unsaved changes")
+        tab.page.close()
+
+
+def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path, scene: Scene):
+    files = (scene.photo, scene.model, "--pose", scene.start)
+    with AppProcess(tmp_path, *files) as app:
+        tab = AppPage(browser, app.url)
+        tab.wait_for_text("at this pose")
+        tab.page.evaluate("window.poseviewer.zoomAt(200, 300, 1.7)")
+        view = tab.view()
+        change_and_crash(tab, app)
+    port = int(app.url.rstrip("/").rpartition(":")[2])
+    with AppProcess(tmp_path, *files, port=port) as again:
+        assert again.url == app.url
+        tab.page.get_by_text(OFFER).wait_for()
+        tab.page.get_by_role("button", name="Forget it").click()
+        tab.page.get_by_text(OFFER).wait_for(state="hidden")
+        tab.wait_for_text("at this pose")
+        # The new server's page: what is done on it comes through, and it draws what comes back.
+        tab.page.get_by_text("no unsaved changes").wait_for()
+        now = tab.view()
+        assert (now["zoom"], now["centre"]) == (view["zoom"], view["centre"])
+        picture = tab.settled_picture()
+        tab.page.keyboard.press("ArrowRight")
+        tab.page.get_by_text("● unsaved changes").wait_for()
+        tab.page.wait_for_timeout(500)
+        assert not np.array_equal(tab.settled_picture(), picture)
+        assert tab.errors == []
+        tab.page.close()

@@ -1,0 +1,107 @@
+"""A review in the real app: its loop and its page's messages."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from poseviewer.app.app import App
+from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.reviewing import Reviewer
+from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.batch.work import run_job
+from poseviewer.fit.settings import FitSettings, Limits
+from tests.app.running_app import settle
+from tests.app.socket_page import SocketPage
+from tests.scene import make_scene
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A batch of three rows, fitted a little, and one that failed for want of a photo."""
+    folder = tmp_path_factory.mktemp("batch")
+    scene = make_scene(folder)
+    lines = [f"{name}.png,{scene.model},{scene.start}" for name in ("a", "b", "c", "gone")]
+    for name in ("a", "b", "c"):
+        shutil.copy(scene.photo, folder / f"{name}.png")
+    (folder / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
+    settings = FitSettings(limits=Limits(10, 600.0))
+    batch = open_batch(folder / "jobs.csv", folder / "out", settings)
+    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    return folder / "out"
+
+
+@pytest.fixture
+def out(results: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(results, tmp_path / "out"))
+
+
+@contextmanager
+def reviewing(out: Path) -> Iterator[tuple[App, SocketPage]]:
+    review = Reviewer(out)
+    opened = next(review.open_beside(0, 1))
+    review.opened(opened)
+    guarded = serve("127.0.0.1", 0)
+    app = App(guarded.server, opened, out.parent / "state", review)
+    loop = threading.Thread(target=app.run, name="app")
+    loop.start()
+    try:
+        with SocketPage(guarded.url) as page:
+            settle(page)
+            yield app, page
+            assert loop.is_alive()
+    finally:
+        app.stop()
+        loop.join(60.0)
+        guarded.stop()
+
+
+def rows_of(out: Path) -> list[dict[str, str]]:
+    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def poses_of(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (out / "poses").glob("*.json")}
+
+
+def test_accept_mend_and_a_draft_outlive_the_app(out: Path) -> None:
+    before = poses_of(out)
+    with reviewing(out) as (app, page):
+        page.wait_until(lambda: page.text_with("2 of 4"))  # the first, without a photo, is skipped
+        page.key("KeyA")
+        page.wait_until(lambda: page.text_with("3 of 4"))
+        page.wait_until(lambda: page.text_with("1 accepted"))
+        page.key("ArrowRight")
+        page.wait_until(lambda: page.text_with("pose changed"))
+        mended = app.session.document.pose.camera_from_model.translation
+        page.key("KeyA")
+        page.wait_until(lambda: page.text_with("4 of 4"))
+        page.key("ArrowDown")
+        page.wait_until(lambda: page.text_with("pose changed"))
+        draft = app.session.document.pose.camera_from_model.translation
+        page.key("KeyP")
+        page.wait_until(lambda: page.text_with("3 of 4"))
+        page.key("KeyZ")  # undo stays in the row
+        page.key("KeyN")
+        page.wait_until(lambda: page.text_with("4 of 4"))
+        assert app.session.document.pose.camera_from_model.translation == pytest.approx(draft)
+    said = [row["review"] for row in rows_of(out)]
+    assert sorted(said) == ["", "", "accepted", "mended"]
+    row = next(row for row in rows_of(out) if row["review"] == "mended")
+    saved = json.loads((out / row["pose"]).read_text())["camera_from_model"]["translation"]
+    assert saved == pytest.approx(mended.tolist(), abs=1e-9)
+    changed = [name for name, content in poses_of(out).items() if before.get(name) != content]
+    assert sorted(changed) == sorted([Path(row["pose"]).name,
+                                      Path(row["pose"]).stem + ".fitted.json"])  # fmt: skip
+    with reviewing(out) as (app, page):  # as it was left
+        page.wait_until(lambda: page.text_with("2 accepted"))
+        page.wait_until(lambda: page.text_with("pose changed"))
+        assert app.session.document.pose.camera_from_model.translation == pytest.approx(draft)

@@ -1,0 +1,294 @@
+"""The worker's promises, told by events: nothing here waits for the clock."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from poseviewer.app.workers.worker import Mailbox, News, Worker
+
+LONG = 30.0
+"""Seconds after which a test has failed; none waits so long when all is well."""
+
+
+class Steps:
+    """A job that gives one item for each ``go``; ``given`` tells how many were taken from it."""
+
+    def __init__(self, items, error: Exception | None = None) -> None:
+        self._items, self._error = items, error
+        self._go = threading.Semaphore(0)
+        self.began = threading.Event()
+        self.ended = threading.Event()
+        self.asked = threading.Semaphore(0)
+        self.thread = ""
+
+    def go(self, count: int = 1) -> None:
+        self._go.release(count)
+
+    def __call__(self) -> Iterator[object]:
+        self.thread = threading.current_thread().name
+        self.began.set()
+        try:
+            for item in self._items:
+                self.asked.release()
+                assert self._go.acquire(timeout=LONG)
+                yield item
+            if self._error is not None:
+                raise self._error
+        finally:
+            self.ended.set()
+
+
+class Bell:
+    """Counts rings, and can be waited for."""
+
+    def __init__(self) -> None:
+        self._rings = threading.Semaphore(0)
+
+    def __call__(self) -> None:
+        self._rings.release()
+
+    def heard(self) -> None:
+        assert self._rings.acquire(timeout=LONG)
+
+    def silent(self) -> bool:
+        return not self._rings.acquire(blocking=False)
+
+
+@pytest.fixture
+def bell() -> Bell:
+    return Bell()
+
+
+@pytest.fixture(params=[False, True], ids=["", "patient"])
+def worker(bell, request) -> Iterator[Worker[object]]:
+    made: Worker[object] = Worker("tested", bell, patient=request.param)
+    yield made
+    made.close()
+    assert not any(thread.name == "tested" for thread in threading.enumerate())
+
+
+def taken(worker: Worker[object]) -> News[object]:
+    news = worker.take()
+    assert news is not None
+    return news
+
+
+def test_each_item_is_news_once_and_the_last_is_told_as_such(worker, bell):
+    job = Steps("ab")
+    ticket = worker.start(job)
+    assert worker.busy
+    for item in "ab":
+        assert worker.take() is None
+        job.go()
+        bell.heard()
+        if item == "a":
+            assert taken(worker) == News(ticket, "a")
+    bell.heard()  # the end rings as well
+    assert taken(worker) == News(ticket, "b", finished=True)
+    assert worker.take() is None
+    assert not worker.busy
+    assert job.thread == "tested"
+
+
+def test_only_the_newest_item_is_kept(worker, bell):
+    job = Steps(range(5))
+    worker.start(job)
+    job.go(4)
+    for _ in range(4):
+        bell.heard()
+    assert taken(worker).item == 3
+    assert worker.take() is None
+    job.go()
+
+
+def test_a_new_job_displaces_the_old_one_whose_news_are_dropped(worker, bell):
+    old, new = Steps("abc"), Steps("x")
+    first = worker.start(old)
+    old.go()
+    bell.heard()
+    second = worker.start(new)
+    assert second > first
+    assert worker.take() is None  # what the old job had published is gone
+    old.go()  # the item it was at
+    assert new.began.wait(LONG)
+    assert bell.silent()
+    new.go()
+    bell.heard()
+    bell.heard()
+    assert taken(worker) == News(second, "x", finished=True)
+
+
+def test_of_several_waiting_jobs_only_the_newest_runs(worker, bell):
+    running, passed_over, newest = Steps("a"), Steps("b"), Steps("c")
+    worker.start(running)
+    assert running.began.wait(LONG)
+    worker.start(passed_over)
+    ticket = worker.start(newest)
+    running.go()
+    newest.go()
+    bell.heard()
+    bell.heard()
+    assert taken(worker) == News(ticket, "c", finished=True)
+    assert not passed_over.began.is_set()
+
+
+def test_stop_drops_what_was_published_and_what_is_on_its_way(worker, bell):
+    job, after = Steps("abc"), Steps("x")
+    worker.start(job)
+    job.go()
+    bell.heard()
+    assert job.asked.acquire(timeout=LONG)
+    assert job.asked.acquire(timeout=LONG)  # it is at its second item
+    worker.stop()
+    assert not worker.busy
+    assert worker.take() is None
+    job.go()
+    worker.start(after)
+    after.go()
+    assert after.began.wait(LONG)  # by then the stopped job's second item has been dropped
+    bell.heard()
+    bell.heard()
+    assert taken(worker).item == "x"
+    assert bell.silent()
+    assert not job.asked.acquire(blocking=False)  # it was never asked for a third
+
+
+def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
+    job = Steps("abc")
+    worker.hold(True)
+    worker.start(job)
+    job.go(3)
+    bell.heard()
+    assert taken(worker).item == "a"
+    # It stands still: it is not asked for more, though it could give it.
+    assert job.asked.acquire(timeout=LONG)
+    assert not job.asked.acquire(timeout=0.05)
+    assert worker.busy
+    worker.hold(False)
+    for _ in range(3):
+        bell.heard()
+    assert taken(worker).item == "c"
+
+
+def test_a_held_job_can_be_displaced_and_stopped(worker, bell):
+    job, new = Steps("abc"), Steps("xy")
+    worker.hold(True)
+    worker.start(job)
+    job.go(3)
+    bell.heard()
+    ticket = worker.start(new)
+    new.go(2)
+    bell.heard()
+    assert taken(worker) == News(ticket, "x")
+    worker.stop()
+    worker.hold(False)
+    assert new.ended.wait(LONG)
+    assert worker.take() is None
+
+
+def test_an_exception_is_news_and_the_next_job_runs(worker, bell):
+    error = ValueError("no such thing")
+    job, after = Steps("a", error), Steps("x")
+    ticket = worker.start(job)
+    job.go()
+    bell.heard()
+    bell.heard()
+    news = taken(worker)
+    assert news.error is error
+    assert news == News(ticket, "a", error, finished=True)
+    assert not worker.busy
+    worker.start(after)
+    after.go()
+    bell.heard()
+    bell.heard()
+    assert taken(worker).item == "x"
+    assert after.thread == "tested"
+
+
+def test_a_job_that_cannot_begin_is_told(worker, bell):
+    error = OSError("gone")
+
+    def make() -> Iterator[object]:
+        raise error
+
+    ticket = worker.start(make)
+    bell.heard()
+    assert taken(worker) == News(ticket, None, error, finished=True)
+
+
+def test_a_displaced_jobs_exception_is_dropped(worker, bell):
+    job, new = Steps("a", ValueError("old")), Steps("x")
+    worker.start(job)
+    assert job.began.wait(LONG)
+    ticket = worker.start(new)
+    job.go()
+    new.go()
+    bell.heard()
+    bell.heard()
+    assert taken(worker) == News(ticket, "x", finished=True)
+    assert bell.silent()
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
+    worker: Worker[object] = Worker("closing", bell)
+    worker.hold(held)
+    job = Steps("abc")
+    worker.start(job)
+    job.go()
+    bell.heard()
+    job.go(2)
+    worker.close()
+    assert not any(thread.name == "closing" for thread in threading.enumerate())
+
+
+def test_an_idle_worker_can_be_closed_and_stopped():
+    worker: Worker[object] = Worker("idle")
+    worker.stop()
+    assert worker.take() is None
+    worker.close()
+    assert not any(thread.name == "idle" for thread in threading.enumerate())
+
+
+def test_a_mailbox_keeps_the_order():
+    mailbox: Mailbox[int] = Mailbox()
+    for number in range(5):
+        mailbox.post(number)
+    assert mailbox.take(LONG) == [0, 1, 2, 3, 4]
+    assert mailbox.take(0.0) == []
+
+
+def test_a_mailbox_wakes_its_reader():
+    mailbox: Mailbox[str] = Mailbox()
+    found: list[list[str]] = []
+    reader = threading.Thread(target=lambda: found.append(mailbox.take(10.0 * LONG)))
+    reader.start()
+    mailbox.post("here")
+    reader.join(LONG)
+    assert found == [["here"]]
+    mailbox.ring()
+    assert mailbox.take(10.0 * LONG) == []
+
+
+def test_no_item_of_many_posters_is_lost():
+    mailbox: Mailbox[tuple[int, int]] = Mailbox()
+
+    def post(poster: int) -> None:
+        for number in range(300):
+            mailbox.post((poster, number))
+
+    threads = [threading.Thread(target=post, args=(poster,)) for poster in range(4)]
+    for thread in threads:
+        thread.start()
+    found: list[tuple[int, int]] = []
+    while len(found) < 1200:
+        items = mailbox.take(LONG)
+        found += items
+        assert items or any(thread.is_alive() for thread in threads)
+    for thread in threads:
+        thread.join(LONG)
+    for poster in range(4):
+        assert [n for p, n in found if p == poster] == list(range(300))

@@ -1,0 +1,388 @@
+"""The command line as a user meets it: results, files, one-line errors, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from poseviewer.cli import main as cli
+from poseviewer.files.demo import demo_case
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_photo, save_image
+from poseviewer.files.pose.file import load_pose, pose_schema
+from poseviewer.fit.landscape import landscape
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.overlay.looks import LOOKS
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_registration
+from tests.ctrl_c import ctrl_c_ends_them
+from tests.opengl import require_opengl
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
+    out, picture = tmp_path / "pose.json", tmp_path / "overlay.png"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--overlay", picture) == 0  # fmt: skip
+    printed = capsys.readouterr()
+    assert "Converged" in printed.out
+    assert str(out) in printed.out
+    assert "free-body chart" in printed.err
+    truth = load_pose(scene.truth, 160, 120).pose
+    found = load_pose(out, 160, 120)
+    assert pose_error(load_mesh(scene.model), found.pose, truth).reprojection_px < 1.0
+    assert found.warnings == ()
+    data = json.loads(out.read_text())
+    jsonschema.validate(data, pose_schema())
+    assert data["photo"]["file"] == scene.photo.name
+    assert data["settings"]["chart"] == "auto"
+    assert f"{data['loss']:.6f}" in printed.out
+    assert load_photo(picture).pixels.shape == (120, 160, 3)
+
+
+def test_a_fit_is_the_same_twice(scene, tmp_path):
+    for name in ("a", "b"):
+        assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
+                   tmp_path / name, "--evaluations", 300, "--seed", 4, "--quiet") == 0  # fmt: skip
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--evaluations", 25, "--quiet") == 0  # fmt: skip
+    printed = capsys.readouterr()
+    assert "25 evaluations" in printed.out
+    assert "raise --evaluations" in printed.out
+    assert printed.err == ""
+    assert out.exists()
+
+
+def test_locked_numbers_stay(scene, tmp_path):
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--lock", "shift_x,log_depth", "--evaluations", 100) == 0  # fmt: skip
+    chart = json.loads(out.read_text())["chart"]
+    numbers = dict(zip(chart["names"], chart["numbers"], strict=True))
+    assert numbers["shift_x"] == pytest.approx(0.0, abs=1e-9)
+    assert numbers["log_depth"] == pytest.approx(0.0, abs=1e-9)
+    assert numbers["rotation_x"] != pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_papers_method_is_said_in_the_pose_file(scene, tmp_path):
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--method", "paper", "--evaluations", 50, "--quiet") == 0  # fmt: skip
+    data = json.loads(out.read_text())["settings"]
+    assert (data["method"], data["grey"], data["pixels"]) == ("paper", True, "clip")
+    assert data["photo_channels"] == 1
+
+
+@pytest.mark.parametrize("other", [["--pixels", "near"], ["--colour-reflectance"]])
+def test_what_the_paper_does_not_have_is_refused_with_its_method(scene, tmp_path, capsys, other):
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
+               tmp_path / "pose.json", "--method", "paper", *other) == 2  # fmt: skip
+    assert other[0] in capsys.readouterr().err
+    assert not (tmp_path / "pose.json").exists()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["--grey"],
+        ["--colour-reflectance"],
+        ["--grey", "--pixels", "whole"],
+        ["--grey", "--pixels", "clip"],
+        ["--grey", "--region", "10,10,140,100"],
+        ["--free-focal"],
+        ["--pixels", "whole", "--colour-reflectance", "--region=-5,-5,500,500"],
+    ],
+    ids=" ".join,
+)
+def test_every_setting_fits(scene, tmp_path, settings):
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               *settings) == 0  # fmt: skip
+    found, truth = load_pose(out, 160, 120).pose, load_pose(scene.truth, 160, 120).pose
+    assert pose_error(load_mesh(scene.model), found, truth).reprojection_px < 1.0
+
+
+def test_a_mask_weighs_the_pixels(scene, tmp_path):
+    """With the left half masked out, what is drawn there does not matter."""
+    mask = np.zeros((120, 160, 3), np.uint8)
+    mask[:, 80:] = 255
+    save_image(tmp_path / "mask.png", mask)
+    photo = np.array(load_photo(scene.photo).pixels, np.uint8)
+    photo[:, :78] = np.random.default_rng(0).integers(0, 255, (120, 78, 3))
+    save_image(tmp_path / "spoilt.png", photo)
+    losses = []
+    for name in (scene.photo, tmp_path / "spoilt.png"):
+        out = tmp_path / "pose.json"
+        assert run("fit", name, scene.model, "--pose", scene.truth, "--out", out, "--mask",
+                   tmp_path / "mask.png", "--evaluations", 1, "--quiet") == 0  # fmt: skip
+        losses.append(json.loads(out.read_text())["loss"])
+    assert losses[0] == losses[1]
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_overlay_draws_every_look(scene, tmp_path, look):
+    out = tmp_path / "overlay.png"
+    assert run("overlay", scene.photo, scene.model, "--pose", scene.truth, "--out", out,
+               "--look", look) == 0  # fmt: skip
+    drawn, photo = load_photo(out).pixels.astype(int), load_photo(scene.photo).pixels.astype(int)
+    assert drawn.shape == (120, 160, 3)
+    assert np.any(drawn != photo) == (look != "none")
+
+
+def test_the_parser_knows_every_look():
+    assert set(cli.LOOKS) == set(LOOKS)
+
+
+def test_landscape_writes_a_sheet_and_the_numbers(scene, tmp_path, capsys):
+    folder = tmp_path / "maps" / "here"
+    assert run("landscape", scene.photo, scene.model, "--pose", scene.truth, "--out", folder,
+               "--size", 5, "--range", 0.1, "--quiet") == 0  # fmt: skip
+    assert load_photo(folder / "landscape.png").width > 500
+    with np.load(folder / "landscape.npz", allow_pickle=False) as saved:
+        losses = saved["losses"]
+    assert losses.shape == (15, 5, 5)
+    assert np.isfinite(losses).all()
+    # The truth is near the bottom of every map.
+    assert np.all(losses[:, 2, 2] <= np.median(losses, axis=(1, 2)))
+    assert "landscape.npz" in capsys.readouterr().out
+
+
+def test_landscape_on_all_cores_gives_the_numbers_of_one(scene, tmp_path):
+    assert run("landscape", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path,
+               "--size", 9, "--range", 0.1, "--quiet") == 0  # fmt: skip
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    problem, _ = make_problem(registration, FitSettings())
+    pieces = landscape(problem, SoftwareRenderer(registration.mesh), problem.start,
+                       half_width=0.1, size=9)  # fmt: skip
+    newest = {(piece.first, piece.second): piece.losses for piece in pieces}
+    with np.load(tmp_path / "landscape.npz", allow_pickle=False) as saved:
+        np.testing.assert_array_equal(saved["losses"], list(newest.values()))
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("photo", ["160 x 120 px", "colour", "50 degrees"]),
+        ("model", ["1,280 on", "vertices", "free-body"]),
+        ("start", ["perspective", "fx 300", "cx 82.5"]),
+    ],
+)
+def test_info_says_what_was_understood(scene, file, words, capsys):
+    assert run("info", getattr(scene, file)) == 0
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in words), printed
+
+
+def test_every_broken_input_gives_one_line_and_exit_code_2(scene, broken_inputs, tmp_path, capsys):
+    assert len(broken_inputs) >= 40
+    out = tmp_path / "never.json"
+    for broken in broken_inputs:
+        files = {"photo": scene.photo, "model": scene.model, "pose": scene.start}
+        files[broken.kind] = broken.path
+        code = run("fit", files["photo"], files["model"], "--pose", files["pose"], "--out", out,
+                   "--quiet")  # fmt: skip
+        printed = capsys.readouterr()
+        assert code == 2, broken
+        assert printed.out == "", broken
+        assert printed.err.startswith("poseviewer: "), printed.err
+        assert printed.err.count("\n") == 1, printed.err
+        assert broken.path.name in printed.err, printed.err
+        assert "Traceback" not in printed.err, broken
+    assert not out.exists()
+
+
+def test_info_refuses_broken_inputs_as_well(broken_inputs, capsys):
+    for broken in broken_inputs:
+        if broken.kind == "pose" and broken.path.suffix != ".json":
+            continue
+        assert run("info", broken.path) == 2, broken
+        assert capsys.readouterr().err.count("\n") == 1, broken
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--chart", "vehicle"], "keypoints.json"),
+        (["--lock", "mu_x"], "no such number"),
+        (["--region", "500,500,10,10"], "no pixel"),
+        (["--region", "1,2,3"], "left,top,width,height"),
+        (["--seconds", "-1"], "above 0"),
+        (["--evaluations", "many"], "many is not a whole number above 0"),
+        (["--lock", "rotation_x,rotation_y,rotation_z,shift_x,shift_y,log_depth"], "leave one"),
+        (["--overlay", "/no/such/folder/x.png"], "no folder"),
+        (["--look", "fancy"], "outline"),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, list) else "",
+)
+def test_wrong_settings_are_said_before_any_work(scene, tmp_path, more, words, capsys):
+    out = tmp_path / "pose.json"
+    try:
+        code = run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, *more)
+    except SystemExit as stop:  # argparse's way
+        code = stop.code
+    assert code == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert "Traceback" not in printed.err
+    assert not out.exists()
+
+
+def test_a_mask_of_another_size_is_refused(scene, tmp_path, capsys):
+    save_image(tmp_path / "mask.png", np.full((10, 10, 3), 255, np.uint8))
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
+               tmp_path / "o.json", "--mask", tmp_path / "mask.png") == 2  # fmt: skip
+    assert "10x10" in capsys.readouterr().err
+
+
+def test_a_photo_of_one_pixel_is_refused(scene, tmp_path, capsys):
+    save_image(tmp_path / "tiny.png", np.full((1, 1, 3), 128, np.uint8))
+    assert run("info", tmp_path / "tiny.png") == 0
+    assert run("fit", tmp_path / "tiny.png", scene.model, "--pose", scene.start, "--out",
+               tmp_path / "o.json", "--pixels", "whole", "--quiet") == 2  # fmt: skip
+    printed = capsys.readouterr().err
+    assert "1 pixels count" in printed
+    assert printed.count("\n") == 1
+
+
+def test_a_start_beside_the_photo_is_refused(scene, tmp_path, capsys):
+    away = json.loads(scene.start.read_text())
+    away["camera_from_model"]["translation"] = [500.0, 0.0, 7.0]
+    (tmp_path / "away.json").write_text(json.dumps(away))
+    assert run("fit", scene.photo, scene.model, "--pose", tmp_path / "away.json", "--out",
+               tmp_path / "o.json", "--quiet") == 2  # fmt: skip
+    assert "near the start pose" in capsys.readouterr().err
+
+
+def test_the_other_renderer_fits_as_well(scene, tmp_path):
+    require_opengl()
+    out = tmp_path / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--renderer", "opengl", "--evaluations", 60) == 0  # fmt: skip
+    by_opengl = json.loads(out.read_text())["loss"]
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
+               "--evaluations", 60) == 0  # fmt: skip
+    assert json.loads(out.read_text())["loss"] == pytest.approx(by_opengl, abs=0.02)
+
+
+def test_without_opengl_only_its_own_option_fails(scene, tmp_path):
+    """EGL without any driver, which is what a machine without Mesa has."""
+    blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
+    command = [sys.executable, "-m", "poseviewer.cli.main", "fit",
+               str(scene.photo), str(scene.model),
+               "--pose", str(scene.start), "--out", str(tmp_path / "o.json"), "--quiet",
+               "--evaluations", "5"]  # fmt: skip
+    plain = subprocess.run(command, env=blind, capture_output=True, text=True, check=False)
+    assert plain.returncode == 0, plain.stderr
+    opengl = subprocess.run(
+        [*command, "--renderer", "opengl"], env=blind, capture_output=True, text=True, check=False
+    )
+    assert opengl.returncode == 2, opengl.stderr
+    assert "libegl1" in opengl.stderr
+    assert opengl.stderr.count("\n") == 1
+
+
+def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):
+    """A place that cannot be written to is said before the work, not after it."""
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path,
+               "--seconds", 1e6) == 2  # fmt: skip
+    assert "is a folder" in capsys.readouterr().err
+    (tmp_path / "file").write_text("kept")
+    assert run("landscape", scene.photo, scene.model, "--pose", scene.start, "--out",
+               tmp_path / "file", "--size", 401, "--quiet") == 2  # fmt: skip
+    assert "folder of yours" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_the_folder_of_the_result_is_looked_at_first(scene, tmp_path, capsys):
+    out = tmp_path / "not there" / "pose.json"
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out) == 2
+    assert "no folder" in capsys.readouterr().err
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from poseviewer.cli.main import make_parser; make_parser().format_help();"
+        "heavy = {'numpy', 'scipy', 'cv2', 'numba', 'trimesh', 'viser', 'matplotlib'};"
+        "sys.exit(repr(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
+def test_ctrl_c_keeps_the_best_pose(tmp_path):
+    case, out = demo_case(), tmp_path / "pose.json"
+    files = [case.photo, case.model, "--pose", case.start, "--out"]
+    command = [sys.executable, "-m", "poseviewer.cli.main", "fit", *files, out]
+    command += ["--method", "paper", "--tolerance", "1e-300"]  # long enough to be stopped
+    # On a terminal the progress is shown at once; in a pipe only every few seconds.
+    terminal, its_end = pty.openpty()
+    termios.tcsetwinsize(its_end, (24, 120))
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(
+            [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
+        )
+    os.close(its_end)
+    with os.fdopen(terminal, errors="replace") as shown:
+        for _ in range(10):  # ten times shown: it has come some way
+            _wait_for(shown, "loss")
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Stopped by the user" in printed
+    assert run("fit", *files, tmp_path / "start.json", "--evaluations", 1) == 0
+    before, after = (json.loads(p.read_text())["loss"] for p in (tmp_path / "start.json", out))
+    assert after < before
+
+
+def _wait_for(stream, word: str, seconds: float = 120.0) -> None:
+    seen, end = "", time.monotonic() + seconds
+    while word not in seen:
+        assert time.monotonic() < end, seen
+        piece = stream.read(1)
+        assert piece, seen
+        seen += piece
+
+
+def test_no_command_at_all_is_the_app():
+    options = cli.parse([])
+    assert (options.command, options.photo, options.host) == ("app", None, "127.0.0.1")
+    options = cli.parse(["car.jpg", "car.glb", "--pose", "p.json", "--no-browser"])
+    assert (options.command, options.photo, options.model) == (
+        "app",
+        Path("car.jpg"),
+        Path("car.glb"),
+    )
+    assert cli.parse(["demo"]).command == "demo"
+
+
+def test_the_app_wants_a_model_with_a_photo(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["photo.jpg"]) == 2
+    assert "name PHOTO and MODEL" in capsys.readouterr().err
+    assert cli.main(["--pose", "pose.json"]) == 2
+    assert "name all three" in capsys.readouterr().err
+
+
+def test_every_command_is_known_to_both_parsers():
+    for command in cli.COMMANDS:
+        assert command in cli.make_parser().format_help()

@@ -1,0 +1,113 @@
+"""``poseviewer convert`` as a user meets it: files, what is printed, one-line errors."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+from PIL import Image
+
+from poseviewer.cli import main as cli
+from poseviewer.files.pose.file import load_pose, pose_schema, save_pose
+from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def pose(tmp_path):
+    """A pose file with its photo and model beside it."""
+    write_files(tmp_path)
+    save_pose(tmp_path / "pose.json", perspective_record())
+    return tmp_path / "pose.json"
+
+
+def test_there_and_back(pose, tmp_path, capsys):
+    out, back = tmp_path / "model", tmp_path / "back.json"
+    assert run("convert", pose, "--to", "colmap", out) == 0
+    assert str(out / "images.txt") in capsys.readouterr().out
+    assert run("convert", out, "--from", "colmap", back, "--unit", "m") == 0
+    data = json.loads(back.read_text())
+    jsonschema.validate(data, pose_schema())
+    assert data["photo"] == {"file": "000003.png", "width": WIDTH, "height": HEIGHT}
+    assert data["model"] == {"unit": "m"}
+    found = load_pose(back, WIDTH, HEIGHT).pose.camera_from_model.translation
+    assert found.tolist() == pytest.approx([0.15, -0.1, 6.0], abs=1e-12)
+
+
+def test_from_one_tool_to_another(pose, tmp_path):
+    assert run("convert", pose, "--to", "bop", tmp_path / "scene") == 0
+    assert run("convert", tmp_path / "scene", "--from", "bop", "--photo-size", "200x150",
+               "--to", "opencv", tmp_path / "cv.yml") == 0  # fmt: skip
+    assert "camera_matrix" in (tmp_path / "cv.yml").read_text()
+
+
+@pytest.mark.parametrize("name", ["gltf out.glb", "blender out.py", "meshlab out.mlp"])
+def test_photo_and_model_are_found_beside_the_pose(pose, tmp_path, capsys, name):
+    kind, out = name.split()
+    assert run("convert", pose, "--to", kind, tmp_path / out) == 0
+    assert "note" not in capsys.readouterr().out
+
+
+def test_a_photo_that_is_stored_turned_is_told(pose, tmp_path, capsys):
+    """poseviewer shows photos upright, by EXIF; other tools show what is stored."""
+    exif = Image.Exif()
+    exif[0x0112] = 6  # a quarter turn
+    with Image.open(tmp_path / "000003.png") as upright:
+        stored = upright.transpose(Image.Transpose.ROTATE_90)
+    stored.save(tmp_path / "turned.jpg", exif=exif)
+    named = ("--photo", tmp_path / "turned.jpg")
+    assert run("convert", pose, "--to", "meshlab", tmp_path / "out.mlp", *named) == 0
+    assert "turned.jpg is stored turned" in capsys.readouterr().out
+    assert run("convert", pose, "--to", "gltf", tmp_path / "out.glb", *named) == 0
+    assert "turned" not in capsys.readouterr().out
+
+
+def test_files_that_are_named_come_first(pose, tmp_path):
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    (other / "photo.png").write_bytes((tmp_path / "000003.png").read_bytes())
+    out = tmp_path / "transforms.json"
+    assert run("convert", pose, "--to", "nerfstudio", out, "--photo", other / "photo.png") == 0
+    assert json.loads(out.read_text())["frames"][0]["file_path"] == "elsewhere/photo.png"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("POSE --to bop OUT --photo none.png", "none.png: no such file"),
+        ("POSE --to gltf OUT", "end in .glb"),
+        ("POSE --to opencv OUT.txt", ".yaml"),
+        ("POSE --from blender OUT", "cannot be read from blender"),
+        ("none.json --to opencv OUT.yml", "no such file"),
+        ("POSE --from opencv OUT.json", "camera_matrix"),
+        ("POSE --to nothing OUT", "invalid choice"),
+        ("POSE --photo-size 20 OUT", "1920x1080"),
+        ("POSE --photo-size 100x75 OUT", "200x150"),
+        ("POSE --to gltf OUT.glb --model MODEL --photo WRONG", "10x10"),
+        ("POSE POSE", "--overwrite"),
+    ],
+)
+def test_bad_input_is_one_sentence(pose, tmp_path, capsys, arguments, says):
+    cv2.imwrite(str(tmp_path / "wrong.png"), np.zeros((10, 10, 3), np.uint8))
+    names = {
+        "POSE": pose,
+        "MODEL": tmp_path / "obj_000005.ply",
+        "WRONG": tmp_path / "wrong.png",
+    } | {f"OUT{end}": tmp_path / f"out{end}" for end in ("", ".txt", ".yml", ".json", ".glb")}
+    before = sorted(tmp_path.iterdir()), pose.read_bytes()
+    words = [str(names.get(word, word)) for word in arguments.split()]
+    try:
+        code = run("convert", *words)
+    except SystemExit as leaving:
+        code = leaving.code
+    printed = capsys.readouterr()
+    assert code == 2
+    assert says in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert (sorted(tmp_path.iterdir()), pose.read_bytes()) == before

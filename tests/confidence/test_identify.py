@@ -1,0 +1,161 @@
+"""Which model is it: the right one first, judged on pixels that all share."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.cli import main as cli
+from poseviewer.confidence.identify import (
+    Candidate,
+    identify,
+    identifying,
+    rank,
+    shared_settings,
+    union_box,
+)
+from poseviewer.errors import SettingsError
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.near import box_near
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_registration
+
+BRIEFLY = FitSettings(limits=Limits(evaluations=150))
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory):
+    """Two models that the scene's photo does not show."""
+    folder = tmp_path_factory.mktemp("others")
+    trimesh.creation.box((1.6, 1.0, 1.2)).export(str(folder / "box.ply"))
+    trimesh.creation.cone(0.8, 1.8).export(str(folder / "cone.ply"))
+    return [folder / "box.ply", folder / "cone.ply"]
+
+
+def open_all(scene, models):
+    return [load_registration(scene.photo, model, scene.start) for model in models]
+
+
+def test_the_model_of_the_photo_is_first(scene, others):
+    for models in ([scene.model, *others], [*others, scene.model]):
+        ranked = identify(open_all(scene, models), BRIEFLY)
+        assert [one.rank for one in ranked] == [1, 2, 3]
+        assert ranked[0].candidate.name == scene.model.name
+        assert ranked[0].margin is not None
+        assert ranked[0].margin > 0.1
+        assert all(one.candidate.loss <= one.candidate.start_loss for one in ranked)
+
+
+def test_what_is_fitted_is_ranked_while_the_next_is_being_fitted(scene, others):
+    opened = open_all(scene, [others[0], scene.model])
+    drawn = []
+
+    def renderer_of(mesh):
+        drawn.append(mesh)
+        return SoftwareRenderer(mesh)
+
+    steps = list(identifying(opened, BRIEFLY, renderer_of=renderer_of))
+    assert drawn == [one.mesh for one in opened]
+    at = [step.at for step in steps if step.at is not None]
+    assert at == sorted(at)
+    assert set(at) == {0, 1}
+    assert steps[-1].at is None
+    for step in steps[:-1]:
+        assert step.progress is not None
+        assert [one.candidate.index for one in step.ranked] == ([] if step.at == 0 else [0])
+    assert [one.candidate.index for one in steps[-1].ranked] == [1, 0]
+    assert steps[-1].ranked[1].candidate.name == others[0].name
+
+
+def test_all_models_are_judged_on_the_same_pixels(scene, others):
+    opened = open_all(scene, [scene.model, *others])
+    shared = shared_settings(opened, FitSettings())
+    weights = [make_problem(one, shared)[0].photo.weights for one in opened]
+    for mine, one in zip(weights, opened, strict=True):
+        np.testing.assert_array_equal(mine, weights[0])
+        near = make_problem(one, FitSettings())[0].photo.weights
+        assert np.all(mine[near > 0.0] > 0.0)
+
+
+def test_the_box_about_all_models_is_the_least_one(scene, others):
+    placed = [(one.mesh, one.start) for one in open_all(scene, others)]
+    left, top, width, height = union_box(placed)
+    boxes = np.array([box_near(mesh, pose) for mesh, pose in placed])
+    assert (left, top) == tuple(boxes[:, :2].min(axis=0))
+    assert (left + width, top + height) == tuple(boxes[:, 2:].max(axis=0))
+
+
+def test_a_region_cuts_the_shared_pixels(scene, others):
+    opened = open_all(scene, others)
+    shared = shared_settings(opened, FitSettings(region=(0, 0, 80, 200)))
+    weights = make_problem(opened[0], shared)[0].photo.weights
+    assert np.any(weights > 0.0)
+    assert not np.any(weights[:, 80:])
+    whole = shared_settings(opened, FitSettings(pixels="whole"))
+    assert np.all(make_problem(opened[0], whole)[0].photo.weights == 1.0)
+
+
+def test_margins_are_differences_to_the_next_loss():
+    pose = load_pose_of_nothing()
+    given = ("b", 0.3), ("a", 0.2), ("c", 0.3)
+    found = [
+        Candidate(index, name, pose, loss, 1.0, "", 0, 0.0)
+        for index, (name, loss) in enumerate(given)
+    ]
+    ranked = rank(found)
+    assert [one.candidate.name for one in ranked] == ["a", "b", "c"]
+    assert [one.candidate.index for one in ranked] == [1, 0, 2]
+    assert rank([]) == ()
+    assert [one.margin for one in ranked] == [pytest.approx(0.1), pytest.approx(0.0), None]
+
+
+def load_pose_of_nothing():
+    from poseviewer.geometry.camera import Perspective, Pose
+
+    return Pose(Perspective(1.0, 1.0, 0.0, 0.0, 1, 1), RigidTransform(np.eye(3), np.zeros(3)))
+
+
+def test_what_cannot_be_compared_is_refused(scene, others):
+    with pytest.raises(SettingsError, match="two or more"):
+        identify(open_all(scene, [scene.model]), BRIEFLY)
+    with pytest.raises(SettingsError, match="--pixels clip"):
+        identify(open_all(scene, [scene.model, *others]), FitSettings(pixels="clip"))
+
+
+def test_the_command_prints_a_table_and_writes_json(scene, others, tmp_path, capsys):
+    out = tmp_path / "ranks.json"
+    arguments = ["identify", scene.photo, others[0], scene.model, "--start", scene.start,
+                 "--json", out, "--evaluations", 100, "--quiet"]  # fmt: skip
+    assert cli.main([str(argument) for argument in arguments]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    lines = printed.out.splitlines()
+    assert lines[1].split()[:2] == ["1", scene.model.name]
+    assert lines[2].split()[:2] == ["2", "box.ply"]
+    first, second = json.loads(out.read_text())
+    assert first["loss"] < second["loss"]
+    assert first["margin"] == pytest.approx(second["loss"] - first["loss"])
+    assert second["margin"] is None
+    # What it says of a pose is what a pose file says.
+    (tmp_path / "pose.json").write_text(json.dumps({**first, "model": None}))
+    assert load_pose(tmp_path / "pose.json", 160, 120).loss == first["loss"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [([], "two or more"), (["no.ply"], "no.ply: no such file"), (["--pixels", "clip"], "clip")],
+    ids=["one model", "missing model", "clip"],
+)
+def test_mistakes_are_one_sentence(scene, more, words, capsys):
+    models = [scene.model, scene.model] if "clip" in more else [scene.model]
+    arguments = ["identify", scene.photo, *models, *more, "--start", scene.start, "--quiet"]
+    assert cli.main([str(argument) for argument in arguments]) == 2
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert printed.count("\n") == 1

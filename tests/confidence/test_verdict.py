@@ -1,0 +1,84 @@
+"""The verdict on poses of the small scene: the true one is better than one far off, and is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.api import as_recorded
+from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.model import judge
+from poseviewer.fit.probing import free_motions
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import load_registration
+from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from tests.geometry.test_charts import make_keypoints
+
+OFF = np.array([0.7, -0.5, 0.3, 0.3, 0.2, 0.1])
+
+
+@pytest.fixture(scope="module")
+def verdicts(scene):
+    registration = load_registration(scene.photo, scene.model, scene.truth)
+    problem, _ = make_problem(registration, FitSettings(chart="free-body"))
+    renderer = SoftwareRenderer(registration.mesh)
+    poses = [problem.chart.to_pose(numbers) for numbers in (np.zeros(6), OFF)]
+    return [judge(gather_evidence(problem, registration.mesh, renderer, pose)) for pose in poses]
+
+
+def test_the_true_pose_is_likely_and_one_far_off_is_lost(verdicts):
+    right, wrong = verdicts
+    assert wrong.word == "lost"
+    assert right.word != "lost"
+    assert right.probability > 0.5 > wrong.probability
+
+
+def test_the_numbers_speak_for_the_true_pose(verdicts):
+    right, wrong = (verdict.evidence for verdict in verdicts)
+    assert right.loss_margin > wrong.loss_margin
+    assert right.outline_excess > wrong.outline_excess
+    assert all(np.isfinite(list(as_recorded(verdicts[0]).evidence.values())))
+
+
+def test_evidence_gathered_side_by_side_is_the_same(scene, verdicts):
+    registration = load_registration(scene.photo, scene.model, scene.truth)
+    problem, _ = make_problem(registration, FitSettings(chart="free-body"))
+    renderer, pose = SoftwareRenderer(registration.mesh), problem.chart.to_pose(OFF)
+    assert gather_evidence(problem, registration.mesh, renderer, pose, 3) == verdicts[1].evidence
+
+
+def test_nothing_to_see_is_lost():
+    verdict = judge(None)
+    assert (verdict.word, verdict.probability) == ("lost", 0.0)
+
+
+def test_worse_evidence_is_never_more_probable(verdicts):
+    best = verdicts[0].evidence
+    worse = replace(best, spread_percent=best.spread_percent + 20.0, outline=0.0)
+    assert judge(worse).probability < judge(best).probability
+
+
+@pytest.mark.parametrize("free", [(True,) * 6, (True,) * 4 + (False, True)])
+def test_a_pose_at_the_border_of_its_chart_is_judged(scene, free):
+    """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
+    registration = load_registration(scene.photo, scene.model, scene.truth)
+    problem, _ = make_problem(registration, FitSettings(chart="free-body"))
+    camera = Parallel(60.0, 100.0, 80.0, 200, 160)
+    chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
+    flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
+    numbers = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
+    with pytest.raises(OutsideChartError):
+        chart.to_pose(numbers + 1e-4 * np.eye(6)[5])
+    pose = chart.to_pose(numbers)
+    body = FreeBodyChart.near(registration.mesh, pose, False)
+    here = replace(problem, chart=chart, start=numbers, free=free)
+    motions = free_motions(here, numbers, body)
+    assert motions.shape == (sum(free), 6)
+    np.testing.assert_allclose(motions @ motions.T, np.eye(sum(free)), atol=1e-9)

@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.errors import CalibrationFileError
+from poseviewer.files.camera.calibration import Calibration, load_calibration, load_cameras
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens
+
+MATRIX = np.array([[1234.5678901234567, 0.0, 640.25], [0.0, 1236.1, 355.0625], [0.0, 0.0, 1.0]])
+INSIDE = Perspective(1234.5678901234567, 1236.1, 640.75, 355.5625, 1280, 720)
+"""The same with pixel centres at i + 0.5."""
+COEFFICIENTS = {
+    5: (-0.25, 0.08, 0.002, -0.0015, -0.01),
+    8: (0.3, -0.1, 0.001, 0.002, 0.02, 0.45, 0.05, -0.01),
+    12: (-0.2, 0.05, 1e-3, 1e-3, 0.0, 0.01, 0.0, 0.0, 4e-3, -1e-3, -3e-3, 1e-3),
+}
+FISHEYE = (0.05, -0.02, 0.006, -0.001)
+
+
+def write_by_opencv(path: Path, coefficients: tuple[float, ...], fisheye: bool = False) -> Path:
+    """As OpenCV's own calibration sample does."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 1280)
+    storage.write("image_height", 720)
+    storage.write("fisheye_model", int(fisheye))
+    storage.write("camera_matrix", MATRIX)
+    storage.write("distortion_coefficients", np.array(coefficients)[:, None])
+    storage.release()
+    return path
+
+
+def write(path: Path, content: object) -> Path:
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("count", COEFFICIENTS)
+@pytest.mark.parametrize("ending", [".yml", ".yaml", ".json", ".xml"])
+def test_what_opencv_writes_reads_back_to_the_last_digit(tmp_path, ending, count):
+    path = write_by_opencv(tmp_path / f"camera{ending}", COEFFICIENTS[count])
+    (found,) = load_cameras(path)
+    assert found.camera == INSIDE
+    assert found.lens == Lens("opencv", COEFFICIENTS[count])
+
+
+def test_opencvs_fisheye_is_known_by_its_mark_or_by_the_users_word(tmp_path):
+    marked = write_by_opencv(tmp_path / "a.yml", FISHEYE, fisheye=True)
+    assert load_cameras(marked)[0].lens == Lens("fisheye", FISHEYE)
+    plain = {"K": MATRIX.tolist(), "D": [[k] for k in FISHEYE], "image_size": [1280, 720]}
+    path = write(tmp_path / "b.json", plain)
+    assert load_cameras(path)[0].lens == Lens("opencv", FISHEYE)
+    assert load_cameras(path, fisheye=True)[0].lens == Lens("fisheye", FISHEYE)
+
+
+def test_ros_camera_info_is_read(tmp_path):
+    text = (
+        "image_width: 1280\nimage_height: 720\ncamera_name: front\ncamera_matrix:\n  rows: 3\n"
+        f"  cols: 3\n  data: [{', '.join(repr(float(v)) for v in MATRIX.ravel())}]\n"
+        "distortion_model: {model}\ndistortion_coefficients:\n  rows: 1\n  cols: {count}\n"
+        "  data: {numbers}\n"
+    )
+    path = write(tmp_path / "ros.yaml", text.format(
+        model="plumb_bob", count=5, numbers=list(COEFFICIENTS[5])))  # fmt: skip
+    (found,) = load_cameras(path)
+    assert (found.camera, found.lens) == (INSIDE, Lens("opencv", COEFFICIENTS[5]))
+    write(path, text.format(model="equidistant", count=4, numbers=list(FISHEYE)))
+    assert load_cameras(path)[0].lens == Lens("fisheye", FISHEYE)
+
+
+def test_a_stereo_pair_has_two_cameras(tmp_path):
+    path = tmp_path / "intrinsics.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("M1", MATRIX)
+    storage.write("D1", np.array([COEFFICIENTS[5]]))
+    storage.write("M2", MATRIX / [[2], [2], [1]])
+    storage.write("D2", np.zeros((1, 5)))
+    storage.release()
+    first, second = load_cameras(path)
+    assert (first.name, first.lens) == ("1", Lens("opencv", COEFFICIENTS[5]))
+    assert (second.name, second.lens) == ("2", None)
+    chosen = load_calibration(Calibration(path, camera="2"), "p.png", 640, 360)
+    assert chosen.camera.fx == INSIDE.fx / 2
+    with pytest.raises(CalibrationFileError, match=r"2 cameras, '1', '2'.*--calibration-camera"):
+        load_calibration(Calibration(path), "p.png", 640, 360)
+    with pytest.raises(CalibrationFileError, match="no camera '3'"):
+        load_calibration(Calibration(path, camera="3"), "p.png", 640, 360)
+
+
+PINHOLE = Perspective(1010, 1010, 640.5, 360, 1280, 720)
+COLMAP = {
+    "SIMPLE_PINHOLE 1280 720 1010 640.5 360": (PINHOLE, None),
+    "PINHOLE 1280 720 1010 1010 640.5 360": (PINHOLE, None),
+    "SIMPLE_RADIAL 1280 720 1000 640.5 360 -0.1": ("opencv", (-0.1, 0, 0, 0, 0)),
+    "RADIAL 1280 720 1000 640.5 360 -0.1 0.02": ("opencv", (-0.1, 0.02, 0, 0, 0)),
+    "OPENCV 1280 720 1000 1010 640.5 360 -0.1 0.02 3e-3 4e-3": (
+        "opencv", (-0.1, 0.02, 3e-3, 4e-3, 0)),
+    "FULL_OPENCV 1280 720 1000 1010 640.5 360 1 2 3 4 5 6 7 8": (
+        "opencv", (1, 2, 3, 4, 5, 6, 7, 8)),
+    "OPENCV_FISHEYE 1280 720 1000 1010 640.5 360 1 2 3 4": ("fisheye", (1, 2, 3, 4)),
+    "SIMPLE_RADIAL_FISHEYE 1280 720 1000 640.5 360 0.1": ("fisheye", (0.1, 0, 0, 0)),
+    "RADIAL_FISHEYE 1280 720 1000 640.5 360 0.1 0.2": ("fisheye", (0.1, 0.2, 0, 0)),
+}  # fmt: skip
+"""Pixel centres at i + 0.5 in COLMAP's file as well: no shift."""
+
+
+@pytest.mark.parametrize("line", COLMAP)
+def test_colmaps_models_become_opencvs(tmp_path, line):
+    path = write(tmp_path / "cameras.txt", f"# Camera list\n#\n1 {line}\n")
+    (found,) = load_cameras(path)
+    first, second = COLMAP[line]
+    if isinstance(first, Perspective):
+        assert (found.camera, found.lens) == (first, None)
+    else:
+        assert found.lens == Lens(first, tuple(float(k) for k in second))
+        assert (found.camera.cx, found.camera.cy, found.camera.fx) == (640.5, 360.0, 1000.0)
+
+
+def test_colmaps_images_say_which_camera_took_a_photo(tmp_path):
+    lines = [f"{key} PINHOLE 1280 720 {1000 * key} 1010 640 360" for key in (1, 2)]
+    path = write(tmp_path / "cameras.txt", "\n".join(lines))
+    write(tmp_path / "images.txt", "# head\n1 1 0 0 0 0 0 0 1 a/left one.jpg\n5 6 -1\n"
+          "2 1 0 0 0 0 0 0 2 b/right.jpg\n\n")  # fmt: skip
+    assert load_calibration(Calibration(path), "left one.jpg", 1280, 720).camera.fx == 1000
+    assert load_calibration(Calibration(path), "right.jpg", 1280, 720).camera.fx == 2000
+    with pytest.raises(CalibrationFileError, match="2 cameras"):
+        load_calibration(Calibration(path), "other.jpg", 1280, 720)
+
+
+def test_bops_cameras_are_read(tmp_path):
+    one = {"cx": 640.25, "cy": 355.0625, "fx": MATRIX[0, 0], "fy": 1236.1, "depth_scale": 0.1}
+    path = write(tmp_path / "camera.json", {**one, "width": 1280, "height": 720})
+    assert load_calibration(Calibration(path), "p.png", 1280, 720).camera == INSIDE
+    scene = {str(i): {"cam_K": (MATRIX * [[i], [i], [1]]).ravel().tolist()} for i in (3, 17)}
+    path = write(tmp_path / "scene_camera.json", scene)
+    found = load_calibration(Calibration(path), "000017.png", 1280, 720)
+    assert found.camera.fx == pytest.approx(17 * INSIDE.fx)
+    found = load_calibration(Calibration(path, camera="3"), "000017.png", 1280, 720)
+    assert found.camera.fx == pytest.approx(3 * INSIDE.fx)
+    assert (found.camera.width, found.camera.height) == (1280, 720)
+
+
+def test_a_calibration_for_another_size_is_refused_with_advice(tmp_path):
+    path = write_by_opencv(tmp_path / "c.yml", COEFFICIENTS[5])
+    for size, advice in (
+        ((640, 360), "--calibration-resized"),
+        ((720, 1280), "upright"),
+        ((1000, 700), "--calibration-crop"),
+    ):
+        with pytest.raises(CalibrationFileError, match=f"1280x720 px.*{size[0]}.*{advice}"):
+            load_calibration(Calibration(path), "p.png", *size)
+    with pytest.raises(CalibrationFileError, match="no plain resizing"):
+        load_calibration(Calibration(path, resized=True), "p.png", 640, 365)
+
+
+def test_an_exact_crop_and_scaling_are_taken(tmp_path):
+    path = write_by_opencv(tmp_path / "c.yml", COEFFICIENTS[5])
+    half = load_calibration(Calibration(path, resized=True), "p.png", 640, 360)
+    assert half.camera == INSIDE.resized(640, 360)
+    assert half.lens == Lens("opencv", COEFFICIENTS[5])  # it acts on rays: no px in it
+    # 1280x720 to a third: programs round 426.67 up or down.
+    load_calibration(Calibration(path, resized=True), "p.png", 426, 240)
+    load_calibration(Calibration(path, resized=True), "p.png", 427, 240)
+    part = (100, 50, 800, 600)
+    crop = load_calibration(Calibration(path, crop=part), "p.png", 800, 600)
+    assert (crop.camera.cx, crop.camera.cy) == (INSIDE.cx - 100, INSIDE.cy - 50)
+    both = load_calibration(Calibration(path, crop=part, resized=True), "p.png", 400, 300)
+    assert both.camera == crop.camera.resized(400, 300)
+    with pytest.raises(CalibrationFileError, match="not inside"):
+        load_calibration(Calibration(path, crop=(800, 0, 800, 600)), "p.png", 800, 600)
+
+
+BROKEN = {
+    "missing.yml": (None, "no such file"),
+    "empty.yml": ("", "empty"),
+    "notes.yml": ("just some words", "OpenCV reads"),
+    "cut.yml": ("%YAML:1.0\n---\ncamera_matrix: [1, 2", "OpenCV reads"),
+    "deep.yml": ("%YAML:1.0\n---\na: " + "[" * 200_000, "too deeply"),
+    "deep.xml": ('<?xml version="1.0"?>\n<opencv_storage>' + "<a>" * 200_000, "too deeply"),
+    "cut.json": ('{"camera_matrix": [', "not JSON"),
+    "list.json": ("[1, 2]", "no object"),
+    "other.json": ('{"a": 1}', "no camera_matrix"),
+    "deep.json": ("[" * 100_000, "not JSON"),
+    "eight.json": ({"camera_matrix": [1.0] * 8}, "3x3"),
+    "text.json": ({"camera_matrix": [["a", 0, 1], [0, 1, 1], [0, 0, 1]]}, "finite number"),
+    "nan.json": ('{"K": [[NaN, 0, 1], [0, 1, 1], [0, 0, 1]]}', "finite number"),
+    "zero.json": ({"K": [[0, 0, 1], [0, 1, 1], [0, 0, 1]]}, "above 0"),
+    "columns.json": ({"K": [[9, 0, 0], [0, 9, 0], [4, 3, 1]]}, "rows fx 0 cx"),
+    "skew.json": ({"K": [[9, 1, 4], [0, 9, 3], [0, 0, 1]]}, "skew of 1"),
+    "three.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "D": [1, 2, 3]}, "3 distortion"),
+    "model.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "model": "mei"}, "'mei'"),
+    "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
+    "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
+    "scene.json": ({"0": {"cam_K": [1, 2]}}, "cam_K of 0 has 2"),
+    "photo.txt": (b"\xff\xd8\xff\xe0", "not a text"),
+    "cameras.txt": ("# only a head\n", "no camera"),
+    "words.txt": ("hello there\n", "CAMERA_ID"),
+    "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
+    "few.txt": ("1 PINHOLE 640 480 1 1 1\n", "3 parameters"),
+    "negative.txt": ("1 PINHOLE 640 480 -1 1 1 1\n", "above 0"),
+    "cameras.bin": (b"\x01\x00", ".bin"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
+    content, words = BROKEN[name]
+    path = tmp_path / name
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content is not None:
+        write(path, content)
+    with pytest.raises(CalibrationFileError) as caught:
+        load_cameras(path)
+    message = str(caught.value)
+    assert message.startswith(f"{name}: ")
+    assert words in message
+    assert message.endswith(".")
+    assert "\n" not in message
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_is_no_calibration(tmp_path):
+    (tmp_path / "cameras.txt").mkdir()
+    with pytest.raises(CalibrationFileError, match="is a folder"):
+        load_cameras(tmp_path / "cameras.txt")

@@ -1,0 +1,309 @@
+from __future__ import annotations
+
+import builtins
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.normals import face_normals_and_areas
+
+COLOURS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]] * 2, np.uint8)
+
+
+def cube() -> trimesh.Trimesh:
+    box = trimesh.creation.box(extents=[1.0, 2.0, 3.0])
+    return trimesh.Trimesh(box.vertices, box.faces, vertex_colors=COLOURS, process=False)
+
+
+def write_big_endian_ply(path: Path, mesh: trimesh.Trimesh) -> None:
+    vertex = np.zeros(8, [("xyz", ">f4", 3), ("rgb", "u1", 3)])
+    vertex["xyz"], vertex["rgb"] = mesh.vertices, COLOURS
+    face = np.zeros(12, [("n", "u1"), ("i", ">i4", 3)])
+    face["n"], face["i"] = 3, mesh.faces
+    head = (
+        "ply\nformat binary_big_endian 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "element face 12\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    path.write_bytes(head.encode() + vertex.tobytes() + face.tobytes())
+
+
+def write_3ds(path: Path, mesh: trimesh.Trimesh, colour: tuple[int, int, int]) -> None:
+    def chunk(kind: int, data: bytes) -> bytes:
+        return struct.pack("<HI", kind, 6 + len(data)) + data
+
+    count = len(mesh.faces)
+    corners = chunk(0x4110, struct.pack("<H", 8) + mesh.vertices.astype("<f4").tobytes())
+    indices = np.pad(mesh.faces, ((0, 0), (0, 1))).astype("<u2").tobytes()
+    of_material = b"m\0" + struct.pack("<H", count) + np.arange(count, dtype="<u2").tobytes()
+    faces = chunk(0x4120, struct.pack("<H", count) + indices + chunk(0x4130, of_material))
+    colours = chunk(0xA020, chunk(0x0011, bytes(colour)))
+    material = chunk(0xAFFF, chunk(0xA000, b"m\0") + colours)
+    box = chunk(0x4000, b"box\0" + chunk(0x4100, corners + faces))
+    version = chunk(0x0002, struct.pack("<I", 3))
+    path.write_bytes(chunk(0x4D4D, version + chunk(0x3D3D, material + box)))
+
+
+def assert_is_cube(mesh: Mesh) -> None:
+    """The box of ``cube()``, sharp and wound outwards."""
+    assert mesh.vertices.shape == (24, 3)
+    assert mesh.faces.shape == (12, 3)
+    expected = {tuple(v) for v in cube().vertices.tolist()}
+    assert {tuple(v) for v in mesh.vertices.tolist()} == expected
+    normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    np.testing.assert_allclose(mesh.normals[mesh.faces][:, 0], normals, atol=1e-6)
+    np.testing.assert_allclose(mesh.normals[mesh.faces][:, 2], normals, atol=1e-6)
+    assert np.all(np.sum(normals * mesh.vertices[mesh.faces].mean(axis=1), axis=1) > 0.0)
+    assert areas.sum() == pytest.approx(22.0)
+
+
+def assert_has_colours(mesh: Mesh) -> None:
+    assert mesh.has_reflectance
+    wanted = {tuple(v): c for v, c in zip(cube().vertices.tolist(), COLOURS / 255.0, strict=True)}
+    for place, colour in zip(mesh.vertices.tolist(), mesh.colours, strict=True):
+        np.testing.assert_allclose(colour, wanted[tuple(place)], atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb", ".gltf"])
+def test_a_coloured_cube_comes_back(tmp_path: Path, suffix: str) -> None:
+    if suffix == ".gltf":
+        files: Any = cube().export(file_type="gltf")
+        for name, data in files.items():
+            (tmp_path / name).write_bytes(data)
+        (tmp_path / "model.gltf").rename(tmp_path / "cube.gltf")
+    else:
+        cube().export(tmp_path / f"cube{suffix}")
+    mesh = load_mesh(tmp_path / f"cube{suffix}")
+    assert_is_cube(mesh)
+    assert_has_colours(mesh)
+    assert mesh.notes == ()
+
+
+def test_a_coloured_cube_comes_back_from_text_and_big_endian_ply(tmp_path: Path) -> None:
+    text: Any = cube().export(file_type="ply", encoding="ascii")
+    (tmp_path / "text.ply").write_bytes(text)
+    write_big_endian_ply(tmp_path / "big.ply", cube())
+    for name in ("text.ply", "big.ply"):
+        mesh = load_mesh(tmp_path / name)
+        assert_is_cube(mesh)
+        assert_has_colours(mesh)
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "off"])
+def test_a_cube_without_colour_comes_back_grey(tmp_path: Path, kind: str) -> None:
+    data: Any = cube().export(file_type=kind)
+    path = tmp_path / f"cube.{kind[:3]}"
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    mesh = load_mesh(path)
+    assert_is_cube(mesh)
+    assert not mesh.has_reflectance
+    assert np.all(mesh.colours == mesh.colours[0, 0])
+
+
+def test_a_cube_comes_back_from_3ds(tmp_path: Path) -> None:
+    pytest.importorskip("assimp_py")
+    write_3ds(tmp_path / "cube.3ds", cube(), (200, 30, 40))
+    mesh = load_mesh(tmp_path / "cube.3ds")
+    assert_is_cube(mesh)
+    np.testing.assert_allclose(mesh.colours, np.full((24, 3), [200, 30, 40]) / 255.0, atol=1e-6)
+
+
+def test_without_assimp_3ds_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without_assimp(name: str, *args: Any, **options: Any) -> Any:
+        if name == "assimp_py":
+            raise ImportError(name)
+        return real(name, *args, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without_assimp)
+    write_3ds(tmp_path / "cube.3ds", cube(), (0, 0, 0))
+    with pytest.raises(MeshFileError, match=r"^cube\.3ds: .*pip install 'poseviewer\[3ds\]'"):
+        load_mesh(tmp_path / "cube.3ds")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb", ".off"])
+def test_a_sphere_is_smooth(tmp_path: Path, suffix: str) -> None:
+    trimesh.creation.icosphere(subdivisions=3).export(tmp_path / f"sphere{suffix}")
+    mesh = load_mesh(tmp_path / f"sphere{suffix}")
+    assert mesh.vertices.shape == (642, 3)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.01)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
+def test_normals_of_the_file_are_kept(tmp_path: Path, suffix: str) -> None:
+    box = trimesh.creation.box()
+    rounded = box.vertices / np.linalg.norm(box.vertices, axis=1)[:, None]
+    shape = trimesh.Trimesh(box.vertices, box.faces, vertex_normals=rounded, process=False)
+    path = tmp_path / f"soft{suffix}"
+    options: dict[str, Any] = {} if suffix == ".ply" else {"include_normals": True}
+    shape.export(path, **options)
+    mesh = load_mesh(path)
+    assert mesh.vertices.shape == (8, 3)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices * 2 / np.sqrt(3), atol=1e-6)
+
+
+def test_normals_that_contradict_the_faces_are_computed_anew(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    same = np.tile([0.0, 0.0, 1.0], (len(sphere.vertices), 1))
+    shape = trimesh.Trimesh(sphere.vertices, sphere.faces, vertex_normals=same, process=False)
+    shape.export(tmp_path / "sphere.ply")
+    mesh = load_mesh(tmp_path / "sphere.ply")
+    np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.03)
+    assert "contradict" in mesh.notes[0]
+
+
+def test_faces_are_turned_to_the_side_of_the_files_normals(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    faces = np.array(sphere.faces)
+    faces[::3] = faces[::3, ::-1]
+    shape = trimesh.Trimesh(
+        sphere.vertices, faces, vertex_normals=sphere.vertices.copy(), process=False
+    )
+    shape.export(tmp_path / "sphere.ply")
+    mesh = load_mesh(tmp_path / "sphere.ply")
+    normals, _ = face_normals_and_areas(mesh.vertices, mesh.faces)
+    assert np.all(np.sum(normals * mesh.normals[mesh.faces[:, 0]], axis=1) > 0.9)
+    assert mesh.notes == ("Triangles turned to the side of their normals: 107.",)
+
+
+def test_what_is_useless_is_left_out_and_noted(tmp_path: Path) -> None:
+    faces = cube().faces.tolist()
+    extra = [faces[0], faces[1][::-1], [0, 0, 1], [2, 2, 2]]
+    faces[5] = faces[5][::-1]
+    vertices = [*cube().vertices.tolist(), [9.0, 9.0, 9.0]]
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
+    text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces + extra)
+    (tmp_path / "cube.obj").write_text(text)
+    mesh = load_mesh(tmp_path / "cube.obj")
+    assert_is_cube(mesh)
+    assert mesh.notes == (
+        "Triangles without area, left out: 2.",
+        "Doubled triangles, left out: 2.",
+        "Triangles turned to face the way of their neighbours: 1.",
+    )
+
+
+def test_parts_of_a_scene_are_named_and_in_their_places(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    mirror[:3, 3] = [10.0, 0.0, 0.0]
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    sphere.vertex_normals = sphere.vertices.copy()
+    scene.add_geometry(sphere, node_name="left ball", geom_name="ball")
+    scene.add_geometry(sphere, node_name="right ball", geom_name="ball", transform=mirror)
+    scene.export(tmp_path / "balls.glb", include_normals=True)
+    mesh = load_mesh(tmp_path / "balls.glb")
+    assert set(mesh.part_names) == {"left ball", "right ball"}
+    np.testing.assert_allclose(mesh.part_vertices("right ball").mean(axis=0), [10, 0, 0], atol=1e-6)
+    centres = np.where(mesh.vertices[:, :1] > 5.0, [[10.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(mesh.normals, mesh.vertices - centres, atol=1e-5)
+    assert mesh.notes == ()
+
+
+def test_groups_of_an_obj_are_parts_and_indices_may_be_relative(tmp_path: Path) -> None:
+    (tmp_path / "two.obj").write_text(
+        "o car\ng wheel a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n"
+        "usemtl x\ng door\nv 5 0 0\nv 6 0 0\nv 5 \\\n1 0\nf -3//  -2 -1\n".replace("//  ", " ")
+    )
+    mesh = load_mesh(tmp_path / "two.obj")
+    assert mesh.part_names == ("car wheel a", "car door")
+    assert mesh.part_vertices("car door")[:, 0].min() == 5.0
+
+
+@pytest.mark.parametrize("face", ["f 1/1/1 2/2/1 3/3/1", "f 1//1 2//1 3//1", "f 1/1 2/2 3",
+                                  "f 1 2/2 3/3/1 4//1"])  # fmt: skip
+def test_all_ways_of_writing_an_obj_face(tmp_path: Path, face: str) -> None:
+    (tmp_path / "face.obj").write_text(
+        "v 0 0 0\r\nv 1 0 0\r\nv 1e0 1E+0 0\r\nv 0 1 0 1.0\r\n"
+        "vt 0 0\r\nvt 1 0 0\r\nvt 1 1\r\nvn 0 0 2\r\n" + face + "\r\n"
+    )
+    mesh = load_mesh(tmp_path / "face.obj")
+    assert len(mesh.faces) == len(face.split()) - 3
+    np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1], (len(mesh.vertices), 1)))
+
+
+def test_a_truncated_obj_that_is_a_surface_still_loads(tmp_path: Path) -> None:
+    text: Any = cube().export(file_type="obj")
+    lines = text.splitlines()
+    last = max(i for i, line in enumerate(lines) if line.startswith("f "))
+    (tmp_path / "cut.obj").write_text("\n".join(lines[:last]))
+    assert len(load_mesh(tmp_path / "cut.obj").faces) == 11
+
+
+def test_libraries_do_not_talk_to_the_user(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text: Any = cube().export(file_type="stl_ascii")
+    (tmp_path / "cube.stl").write_text(text.replace("normal", "normal oops", 1))
+    assert_is_cube(load_mesh(tmp_path / "cube.stl"))
+    assert not caplog.records
+    assert capfd.readouterr() == ("", "")
+
+
+def test_names_in_any_script_load(tmp_path: Path) -> None:
+    folder = tmp_path / "模型 für 車"
+    folder.mkdir()
+    for suffix in (".ply", ".obj", ".glb", ".stl"):
+        cube().export(folder / f"würfel 立方{suffix}")
+        assert_is_cube(load_mesh(folder / f"würfel 立方{suffix}"))
+
+
+def test_a_mesh_is_read_only(tmp_path: Path) -> None:
+    cube().export(tmp_path / "cube.ply")
+    mesh = load_mesh(tmp_path / "cube.ply")
+    for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.colours, mesh.uvs):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_a_million_triangles_load_in_seconds(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=8)
+    shape = trimesh.Trimesh(sphere.vertices, sphere.faces[:1_000_000], process=False)
+    shape.export(tmp_path / "large.stl")
+    start = time.perf_counter()
+    mesh = load_mesh(tmp_path / "large.stl")
+    assert time.perf_counter() - start < 40.0  # some 6 s on an idle core
+    assert len(mesh.faces) == 1_000_000
+    np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "triangles", "textures", "coloured"),
+    [
+        ("hope/AlphabetSoup.ply", 13860, 1, True),
+        ("hope/bbq_sauce.ply", 1608, 1, True),
+        ("lmo/obj_000005.ply", 45666, 0, True),
+        ("m3t_shampoo/schauma.obj", 20950, 0, False),
+        ("visp_dragon/dragon.obj", 14897, 0, True),
+        ("car_audi_tts/model.obj", 29226, 0, True),
+        ("mesh_bmw_e34/car.glb", 127603, 0, True),
+    ],
+)
+def test_real_models_load(
+    shared_data: Path, name: str, triangles: int, textures: int, coloured: bool
+) -> None:
+    mesh = load_mesh(shared_data / name)
+    assert len(mesh.faces) == triangles
+    assert len(mesh.textures) == textures
+    assert mesh.has_reflectance is coloured
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-9)
+    normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    agree = np.einsum("fij,fj->fi", mesh.normals[mesh.faces], normals) > 0.0
+    assert areas[agree.all(axis=1)].sum() > 0.97 * areas.sum()
+
+
+def test_a_mesh_without_wheels_has_no_key_points(tmp_path: Path) -> None:
+    cube().export(tmp_path / "cube.ply")
+    assert load_keypoints(tmp_path / "cube.ply", load_mesh(tmp_path / "cube.ply")) is None

@@ -1,0 +1,198 @@
+"""Small files that promise huge models, and huge files, are refused before memory is taken."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.part import MAX_FACES
+from poseviewer.files.mesh.size import LARGEST_FILE, count_of_word
+from tests.files.broken_inputs import PLY_HEAD, TRIANGLE, png_header
+
+LARGEST_PEAK = 100_000_000
+"""Bytes: the models refused here would take gigabytes."""
+
+
+def refusal(path: Path) -> str:
+    """Why a model is refused, having taken little memory."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshFileError) as caught:
+            load_mesh(path)
+        assert tracemalloc.get_traced_memory()[1] < LARGEST_PEAK
+    finally:
+        tracemalloc.stop()
+    text = str(caught.value)
+    assert text.startswith(f"{path.name}: ")
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_headers(tmp_path: Path, encoding: str) -> None:
+    for vertices, faces, found in (
+        (3, 10**8, "100,000,000 faces"),
+        (10**9, 1, "1,000,000,000 vertices"),
+        (3, 10**30, f"{10**30:,} faces"),
+    ):
+        path = tmp_path / "model.ply"
+        path.write_text(PLY_HEAD.format(format=encoding, vertices=vertices, faces=faces) + TRIANGLE)
+        assert f"{found}; poseviewer takes up to {MAX_FACES:,}" in refusal(path)
+
+
+def test_ply_polygons_of_very_many_corners(tmp_path: Path) -> None:
+    path = tmp_path / "model.ply"
+    head = PLY_HEAD.format(format="binary_little_endian", vertices=3, faces=1)
+    head = head.replace("uchar int vertex", "int char vertex")
+    corners = MAX_FACES + 3
+    body = np.zeros(9, "<f4").tobytes() + struct.pack("<i", corners) + bytes(corners)
+    path.write_bytes(head.encode() + body)
+    assert f"{MAX_FACES + 1:,} faces" in refusal(path)
+
+
+def test_off_headers(tmp_path: Path) -> None:
+    path = tmp_path / "model.off"
+    for counts, found in (
+        ("3 100000000 0", "100,000,000 faces"),
+        ("1000000000 1 0", "1,000,000,000 vertices"),
+    ):
+        for head in ("OFF\n", "OFF ", "COFF\n# a comment\n"):
+            path.write_text(f"{head}{counts}\n{TRIANGLE}3 0 1 2\n")
+            assert found in refusal(path)
+
+
+def sparse_file(path: Path, head: bytes, size: int) -> Path:
+    """A file that seems to have ``size`` bytes, nearly all of them a hole."""
+    with path.open("wb") as file:
+        file.write(head)
+        file.truncate(size)
+    return path
+
+
+def test_stl_counts(tmp_path: Path) -> None:
+    head = bytes(80) + struct.pack("<I", 10**8)
+    whole = sparse_file(tmp_path / "whole.stl", head, 84 + 50 * MAX_FACES + 50)
+    assert "are not the 100,000,000 triangles" in refusal(whole)
+    head = bytes(80) + struct.pack("<I", MAX_FACES + 1)
+    huge = sparse_file(tmp_path / "huge.stl", head, 84 + 50 * MAX_FACES + 50)
+    assert f"{MAX_FACES + 1:,} faces" in refusal(huge)
+
+
+@pytest.mark.parametrize("ending", [".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3ds"])
+def test_files_too_large_for_any_model(tmp_path: Path, ending: str) -> None:
+    path = sparse_file(tmp_path / f"model{ending}", b"", LARGEST_FILE + 1)
+    assert f"{LARGEST_FILE + 1:,} bytes; poseviewer takes up to" in refusal(path)
+
+
+def test_text_models_with_too_many_lines(tmp_path: Path) -> None:
+    path = tmp_path / "model.obj"
+    for line, found in ((b"f 1 1 1\n", "faces"), (b"v 0 0 0\n", "vertices")):
+        with path.open("wb") as file:
+            file.write(b"v 0 0 0\n" * 2)
+            for _ in range(41):
+                file.write(line * (MAX_FACES // 40))
+        assert f" {found}; poseviewer takes up to" in refusal(path)
+
+
+def test_one_line_of_very_many_corners(tmp_path: Path) -> None:
+    path = tmp_path / "model.obj"
+    path.write_bytes(b"v 0 0 0\nf" + b" 1" * (MAX_FACES + 3) + b"\n")
+    with pytest.raises(MeshFileError, match=f"{MAX_FACES + 1:,} faces"):
+        load_mesh(path)
+
+
+def test_words_are_counted_across_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "words.txt"
+    path.write_bytes(b"abab EndFacet\nendfacet ENDFACETendface" * 3)
+    for chunk in range(1, 20):
+        monkeypatch.setattr("poseviewer.files.mesh.size.CHUNK", chunk)
+        assert count_of_word(path, b"endfacet") == 9
+        assert count_of_word(path, b"a") == 18
+        assert count_of_word(path, b"\n") == 3
+
+
+def gltf(nodes: int, triangles: int = 1000, **changes: object) -> str:
+    """A glTF file whose one mesh of ``triangles`` is shown by ``nodes`` nodes."""
+    points = np.random.default_rng(0).random((triangles * 3, 3), np.float32).tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(points).decode()
+    accessor = {"bufferView": 0, "componentType": 5126, "count": triangles * 3, "type": "VEC3"}
+    header = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": uri, "byteLength": len(points)}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
+        "accessors": [accessor],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0, "translation": [i, 0, 0]} for i in range(nodes)],
+        "scenes": [{"nodes": list(range(nodes))}],
+    }
+    return json.dumps(header | changes)
+
+
+def test_gltf_that_shows_one_mesh_again_and_again(tmp_path: Path) -> None:
+    path = tmp_path / "model.gltf"
+    path.write_text(gltf(3))
+    assert len(load_mesh(path).faces) == 3000
+    path.write_text(gltf(20_001))
+    assert "20,001,000 faces" in refusal(path)
+
+
+def test_gltf_tables_made_of_zeros(tmp_path: Path) -> None:
+    zeros = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
+    path = tmp_path / "model.gltf"
+    path.write_text(gltf(1, accessors=[zeros]))
+    assert "333,333,333 faces" in refusal(path)
+    used = json.loads(gltf(1))["accessors"]
+    path.write_text(gltf(1, accessors=[*used, zeros]))
+    assert "333,333,333 triples of numbers" in refusal(path)
+    path.write_text(gltf(1, accessors=[*used, *[zeros | {"count": 59_000_000}] * 9]))
+    assert "177,000,000 triples of zeros" in refusal(path)
+
+
+@pytest.mark.parametrize("count", [-5, "many", 1e300, None, 2.5])
+def test_gltf_counts_that_make_no_sense(tmp_path: Path, count: object) -> None:
+    path = tmp_path / "model.gltf"
+    path.write_text(gltf(1, accessors=[json.loads(gltf(1))["accessors"][0] | {"count": count}]))
+    refusal(path)
+
+
+def test_a_texture_that_unpacks_to_gigabytes_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "bomb.png").write_bytes(png_header(60_000, 60_000))
+    (tmp_path / "model.mtl").write_text("newmtl m\nmap_Kd bomb.png\n")
+    path = tmp_path / "model.obj"
+    path.write_text(
+        "mtllib model.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    )
+    mesh = load_mesh(path)
+    assert len(mesh.textures) == 0
+    assert "bomb.png has too many pixels" in " ".join(mesh.notes)
+
+
+def test_a_gltf_texture_that_unpacks_to_gigabytes(tmp_path: Path) -> None:
+    uri = "data:image/png;base64," + base64.b64encode(png_header(60_000, 60_000)).decode()
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
+    primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 0}, "material": 0}
+    path = tmp_path / "model.gltf"
+    path.write_text(
+        gltf(
+            1,
+            images=[{"uri": uri}],
+            textures=[{"source": 0}],
+            materials=[material],
+            meshes=[{"primitives": [primitive]}],
+        )
+    )
+    tracemalloc.start()
+    try:
+        mesh = load_mesh(path)
+        assert len(mesh.textures) == 0
+        assert tracemalloc.get_traced_memory()[1] < LARGEST_PEAK
+    finally:
+        tracemalloc.stop()

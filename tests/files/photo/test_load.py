@@ -1,0 +1,275 @@
+from __future__ import annotations
+
+import hashlib
+import math
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import ExifTags, Image, TiffImagePlugin
+
+from poseviewer.errors import PhotoFileError
+from poseviewer.files.photo.load import load_mask, load_photo, save_image
+from poseviewer.geometry.camera import Perspective
+
+RGB = np.random.default_rng(5).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+DEEP = np.random.default_rng(6).integers(0, 65536, (48, 64, 3), dtype=np.uint16)
+
+
+def smooth_picture(width: int = 64, height: int = 48) -> np.ndarray:
+    """Different at each corner, and hardly changed by JPEG."""
+    y, x = np.mgrid[0:height, 0:width]
+    red, green = 255 * x / max(width - 1, 1), 255 * y / max(height - 1, 1)
+    return np.stack([red, green, 0 * x + 90], axis=2).astype(np.uint8)
+
+
+def write(path: Path, rgb: np.ndarray) -> None:
+    """By OpenCV, which writes 16 bits also."""
+    picture = rgb[..., ::-1] if rgb.ndim == 3 else rgb
+    path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp", ".webp"])
+def test_colours_come_back(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"photo{suffix}"
+    options: dict[str, Any] = {"lossless": True} if suffix == ".webp" else {}
+    Image.fromarray(RGB).save(path, **options)
+    photo = load_photo(path)
+    np.testing.assert_array_equal(photo.pixels, RGB)
+    assert (photo.width, photo.height, photo.name) == (64, 48, path.name)
+    assert photo.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert photo.notes == ()
+
+
+def test_jpeg_colours_come_back_nearly(tmp_path: Path) -> None:
+    Image.fromarray(smooth_picture()).save(tmp_path / "photo.jpg", quality=95)
+    photo = load_photo(tmp_path / "photo.jpg")
+    np.testing.assert_allclose(photo.pixels, smooth_picture(), atol=8)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_16_bits_are_kept(tmp_path: Path, suffix: str) -> None:
+    write(tmp_path / f"deep{suffix}", DEEP)
+    photo = load_photo(tmp_path / f"deep{suffix}")
+    np.testing.assert_array_equal(photo.pixels, DEEP)
+    np.testing.assert_allclose(photo.as_float(), DEEP / 65535.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("top", [255, 65535])
+def test_grey_photos_have_one_channel(tmp_path: Path, top: int) -> None:
+    grey = (np.arange(48 * 64).reshape(48, 64) * 17 % (top + 1)).astype(np.uint16)
+    write(tmp_path / "grey.png", grey if top == 65535 else grey.astype(np.uint8))
+    photo = load_photo(tmp_path / "grey.png")
+    assert photo.pixels.shape == (48, 64, 1)
+    np.testing.assert_allclose(photo.grey(), grey / top, atol=1e-6)
+    np.testing.assert_allclose(photo.as_float(), np.repeat(grey[..., None], 3, 2) / top, atol=1e-6)
+
+
+def test_grey_is_the_weighted_sum_of_the_colours(tmp_path: Path) -> None:
+    Image.fromarray(RGB).save(tmp_path / "photo.png")
+    photo = load_photo(tmp_path / "photo.png")
+    assert photo.grey().dtype == photo.as_float().dtype == np.float32
+    np.testing.assert_allclose(photo.grey(), RGB @ [0.299, 0.587, 0.114] / 255.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P", "1", "CMYK", "I;16"])
+def test_other_kinds_of_pixels_are_understood(tmp_path: Path, mode: str) -> None:
+    rgb = Image.fromarray(smooth_picture())
+    image = rgb.convert("L").convert(mode) if mode in ("LA", "1", "I;16") else rgb.convert(mode)
+    path = tmp_path / ("photo.jpg" if mode == "CMYK" else "photo.png")
+    image.save(path)
+    photo = load_photo(path)
+    if mode == "I;16":
+        expected = np.asarray(image)[..., None] / 65535.0
+    else:
+        expected = np.asarray(image.convert("RGB")) / 255.0
+    np.testing.assert_allclose(photo.as_float(), np.broadcast_to(expected, (48, 64, 3)), atol=0.06)
+    assert photo.notes == (("Its transparency is left out.",) if "A" in mode else ())
+
+
+def test_transparency_does_not_change_the_colours(tmp_path: Path) -> None:
+    alpha = np.dstack([RGB, np.zeros((48, 64), np.uint8)])
+    Image.fromarray(alpha).save(tmp_path / "photo.png")
+    np.testing.assert_array_equal(load_photo(tmp_path / "photo.png").pixels, RGB)
+
+
+def as_taken(upright: np.ndarray, orientation: int) -> np.ndarray:
+    """What a camera stores, so that turning it as EXIF's ``orientation`` says gives ``upright``."""
+    inverse: dict[int, Any] = {
+        1: lambda p: p,
+        2: lambda p: p[:, ::-1],
+        3: lambda p: p[::-1, ::-1],
+        4: lambda p: p[::-1],
+        5: lambda p: p.transpose(1, 0, 2),
+        6: lambda p: np.rot90(p, 1),
+        7: lambda p: p[::-1, ::-1].transpose(1, 0, 2),
+        8: lambda p: np.rot90(p, -1),
+    }
+    return np.ascontiguousarray(inverse[orientation](upright))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tiff", ".webp"])
+def test_photos_are_upright(tmp_path: Path, orientation: int, suffix: str) -> None:
+    path = tmp_path / f"photo{suffix}"
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    stored = Image.fromarray(as_taken(smooth_picture(), orientation))
+    options: dict[str, Any] = {} if suffix == ".tiff" else {"quality": 95}
+    stored.save(path, exif=exif, **options)
+    photo = load_photo(path)
+    assert (photo.width, photo.height) == (64, 48)
+    np.testing.assert_allclose(photo.pixels, smooth_picture(), atol=12)
+
+
+@pytest.mark.parametrize("orientation", [1, 6, 8])
+def test_photos_of_16_bits_are_upright(tmp_path: Path, orientation: int) -> None:
+    write(tmp_path / "plain.png", as_taken(DEEP, orientation))
+    data = (tmp_path / "plain.png").read_bytes()
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    body = exif.tobytes()[6:]
+    chunk = len(body).to_bytes(4, "big") + b"eXIf" + body
+    chunk += zlib.crc32(b"eXIf" + body).to_bytes(4, "big")
+    (tmp_path / "turned.png").write_bytes(data[:33] + chunk + data[33:])
+    np.testing.assert_array_equal(load_photo(tmp_path / "turned.png").pixels, DEEP)
+    grey = Image.fromarray(as_taken(DEEP, orientation)[..., 0])
+    grey.save(tmp_path / "turned.tiff", exif=exif)
+    np.testing.assert_array_equal(load_photo(tmp_path / "turned.tiff").pixels, DEEP[..., :1])
+
+
+def exif_with(**tags: object) -> Image.Exif:
+    exif = Image.Exif()
+    inner = exif.get_ifd(ExifTags.IFD.Exif)
+    for name, value in tags.items():
+        inner[ExifTags.Base[name]] = value
+    return exif
+
+
+def test_the_camera_follows_exif(tmp_path: Path) -> None:
+    path = tmp_path / "photo.jpg"
+    Image.fromarray(RGB).save(path, exif=exif_with(FocalLengthIn35mmFilm=28))
+    photo = load_photo(path)
+    assert photo.focal_length_35mm == 28.0
+    assert photo.default_camera() == Perspective.from_focal_length_35mm(28.0, 64, 48)
+
+
+def test_the_camera_follows_the_sensors_resolution(tmp_path: Path) -> None:
+    """A full-frame sensor of 36 x 27 mm with a 45 mm lens; the photo was shrunk afterwards."""
+    rational = TiffImagePlugin.IFDRational
+    exif = exif_with(
+        FocalLength=rational(45),
+        FocalPlaneXResolution=rational(6000 * 10, 36),
+        FocalPlaneResolutionUnit=3,
+        ExifImageWidth=6000,
+    )
+    Image.fromarray(RGB).save(tmp_path / "photo.jpg", exif=exif)
+    camera = load_photo(tmp_path / "photo.jpg").default_camera()
+    assert camera.fx == pytest.approx(45.0 / 36.0 * 64, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {},
+        {"FocalLengthIn35mmFilm": 0},
+        {"FocalLength": TiffImagePlugin.IFDRational(50)},
+        {"FocalLength": TiffImagePlugin.IFDRational(50, 0), "FocalPlaneXResolution": 5},
+        {"FocalPlaneResolutionUnit": 9, "FocalPlaneXResolution": 5},
+    ],
+)
+def test_without_a_focal_length_the_camera_sees_50_degrees(
+    tmp_path: Path, tags: dict[str, Any]
+) -> None:
+    Image.fromarray(RGB).save(tmp_path / "photo.jpg", exif=exif_with(**tags))
+    camera = load_photo(tmp_path / "photo.jpg").default_camera()
+    assert 2.0 * math.atan(32.0 / camera.fx) == pytest.approx(math.radians(50.0))
+    assert (camera.cx, camera.cy) == (32.0, 24.0)
+
+
+def test_one_pixel_is_a_photo(tmp_path: Path) -> None:
+    Image.fromarray(RGB[:1, :1]).save(tmp_path / "dot.png")
+    np.testing.assert_array_equal(load_photo(tmp_path / "dot.png").pixels, RGB[:1, :1])
+
+
+def test_100_megapixels_are_a_photo(tmp_path: Path) -> None:
+    large = np.zeros((10_000, 10_000), np.uint8)
+    large[-1, -1] = 200
+    write(tmp_path / "large.png", large)
+    photo = load_photo(tmp_path / "large.png")
+    assert photo.pixels.shape == (10_000, 10_000, 1)
+    assert photo.pixels[-1, -1, 0] == 200
+
+
+def test_files_too_large_for_any_photo_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.png"
+    with path.open("wb") as file:
+        file.truncate(2_000_000_001)  # a hole, which takes no place
+    with pytest.raises(PhotoFileError, match=r"^large\.png: 2,000,000,001 bytes, more than any"):
+        load_photo(path)
+
+
+def test_floating_point_pixels_from_0_to_1_are_rounded(tmp_path: Path) -> None:
+    values = np.linspace(0.0, 1.0, 48 * 64, dtype=np.float32).reshape(48, 64)
+    write(tmp_path / "float.tiff", values)
+    photo = load_photo(tmp_path / "float.tiff")
+    np.testing.assert_allclose(photo.grey(), values, atol=1e-5)
+    assert photo.notes == ("Its numbers were rounded to 16 bits.",)
+    write(tmp_path / "beyond.tiff", values * 300.0)
+    with pytest.raises(PhotoFileError, match=r"^beyond\.tiff: .* outside 0 to 1; .*8 or 16 bits"):
+        load_photo(tmp_path / "beyond.tiff")
+
+
+def test_a_photo_is_read_only(tmp_path: Path) -> None:
+    Image.fromarray(RGB).save(tmp_path / "photo.png")
+    with pytest.raises(ValueError, match="read-only"):
+        load_photo(tmp_path / "photo.png").pixels[0] = 0
+
+
+def test_a_mask_is_weights(tmp_path: Path) -> None:
+    mask = np.zeros((48, 64), np.uint8)
+    mask[10:20, 30:40] = 255
+    mask[0, 0] = 51
+    save_image(tmp_path / "mask.png", np.repeat(mask[..., None], 3, axis=2))
+    weights = load_mask(tmp_path / "mask.png", 64, 48)
+    np.testing.assert_allclose(weights, mask / 255.0, atol=1e-6)
+    with pytest.raises(PhotoFileError, match=r"mask\.png: the mask has 64x48 px.*640x480 px"):
+        load_mask(tmp_path / "mask.png", 640, 480)
+
+
+def test_pictures_are_saved_whole_under_any_name(tmp_path: Path) -> None:
+    path = tmp_path / "Bild 写真 ü.png"
+    save_image(path, RGB[:5])
+    save_image(path, RGB)
+    np.testing.assert_array_equal(load_photo(path).pixels, RGB)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["picture", "picture.xyz", "picture.txt"])
+def test_pictures_of_unknown_kind_are_not_saved(tmp_path: Path, name: str) -> None:
+    with pytest.raises(PhotoFileError, match=rf"^{name}: .*use \.png or \.jpg"):
+        save_image(tmp_path / name, RGB)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_folder_is_made_for_a_picture(tmp_path: Path) -> None:
+    with pytest.raises(PhotoFileError, match=r"^picture\.png: cannot be written to "):
+        save_image(tmp_path / "gone" / "picture.png", RGB)
+    assert not (tmp_path / "gone").exists()
+
+
+def test_saved_files_have_the_usual_permissions(tmp_path: Path) -> None:
+    save_image(tmp_path / "picture.png", RGB)
+    (tmp_path / "plain").write_text("")
+    assert (tmp_path / "picture.png").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_real_photos_load(shared_data: Path) -> None:
+    sizes = {"lmo/000003.png": (640, 480), "hope/scene_0000_0000_rgb.jpg": (1920, 1080)}
+    for name, size in sizes.items():
+        photo = load_photo(shared_data / name)
+        assert (photo.width, photo.height) == size
+        assert photo.notes == ()

@@ -1,0 +1,271 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.pose.file import (
+    ChartNumbers,
+    ModelReference,
+    PhotoReference,
+    PoseRecord,
+    check_against,
+    load_pose,
+    pose_schema,
+    save_pose,
+)
+from poseviewer.files.writing import sha256_of
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform, rotation_angle
+
+WIDTH, HEIGHT = 640, 480
+SHA = "0123456789abcdef" * 4
+PERSPECTIVE = Perspective(812.3456789012345, 811.1, 320.125, 241.7, WIDTH, HEIGHT)
+PARALLEL = Parallel(123.45678901234567, 300.1, 200.2, WIDTH, HEIGHT)
+TRANSFORM = RigidTransform.from_rotation_vector([0.3, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
+
+
+def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
+    return PoseRecord(
+        pose=Pose(camera, TRANSFORM),
+        photo=PhotoReference("Straße 道.jpg", WIDTH, HEIGHT, SHA),
+        model=ModelReference("car.glb", SHA[::-1], "m"),
+        chart=ChartNumbers("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
+        loss=0.1 + 0.2,
+        settings={"restarts": 8, "clipped": True},
+        software={"name": "poseviewer", "version": "0.1.0"},
+    )
+
+
+def plain() -> dict[str, Any]:
+    return {
+        "projection": "perspective",
+        "camera": {"fx": 500, "fy": 510, "cx": 319.5, "cy": 239.5},
+        "camera_from_model": {
+            "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+            "translation": [0, 0, 5],
+        },
+    }
+
+
+def write(path: Path, data: Any) -> Path:
+    path.write_text(json.dumps(data))
+    return path
+
+
+def with_rotation(matrix: np.ndarray) -> dict[str, Any]:
+    data = plain()
+    data["camera_from_model"]["rotation"] = matrix.tolist()
+    return data
+
+
+@pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
+def test_what_is_written_is_read_to_the_last_digit(
+    tmp_path: Path, camera: Perspective | Parallel
+) -> None:
+    record = full_record(camera)
+    save_pose(tmp_path / "pose.json", record)
+    read = load_pose(tmp_path / "pose.json", WIDTH, HEIGHT)
+    assert read.pose.camera == camera
+    np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
+    np.testing.assert_array_equal(read.pose.camera_from_model.translation, TRANSFORM.translation)
+    assert replace(read, pose=record.pose) == record
+    assert read.warnings == ()
+    save_pose(tmp_path / "again.json", read)
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 10**9))
+def test_any_rotation_survives_the_file(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    matrix = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    path = tmp_path_factory.getbasetemp() / "rotation.json"
+    save_pose(path, PoseRecord(Pose(PERSPECTIVE, RigidTransform(matrix, np.zeros(3)))))
+    read = load_pose(path, WIDTH, HEIGHT)
+    np.testing.assert_array_equal(read.pose.camera_from_model.rotation, matrix)
+    assert read.warnings == ()
+
+
+def test_pixel_centres_are_at_integers_in_files(tmp_path: Path) -> None:
+    save_pose(tmp_path / "pose.json", full_record())
+    camera = json.loads((tmp_path / "pose.json").read_text())["camera"]
+    assert (camera["cx"], camera["cy"]) == (319.625, 241.2)
+    read = load_pose(write(tmp_path / "plain.json", plain()), WIDTH, HEIGHT)
+    assert read.pose.camera == Perspective(500.0, 510.0, 320.0, 240.0, WIDTH, HEIGHT)
+
+
+def test_three_fields_are_enough_and_unknown_ones_are_ignored(tmp_path: Path) -> None:
+    data = plain() | {"comment": "by hand", "photo": {"camera": "old"}, "model": {}, "loss": None}
+    read = load_pose(write(tmp_path / "pose.json", data), WIDTH, HEIGHT)
+    assert read.warnings == ()
+    assert read.loss is None
+    assert read.chart is None
+    np.testing.assert_array_equal(read.pose.camera_from_model.translation, [0.0, 0.0, 5.0])
+
+
+def test_a_byte_order_mark_is_no_trouble(tmp_path: Path) -> None:
+    (tmp_path / "pose.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(plain()).encode())
+    load_pose(tmp_path / "pose.json", WIDTH, HEIGHT)
+
+
+def test_a_rounded_rotation_is_made_exact_without_a_word(tmp_path: Path) -> None:
+    rounded = np.round(TRANSFORM.rotation, 7)
+    read = load_pose(write(tmp_path / "pose.json", with_rotation(rounded)), WIDTH, HEIGHT)
+    rotation = read.pose.camera_from_model.rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert rotation_angle(rotation, TRANSFORM.rotation) < 1e-6
+    assert read.warnings == ()
+
+
+def test_a_rotation_off_by_less_than_a_degree_is_repaired_with_a_warning(tmp_path: Path) -> None:
+    rounded = np.round(TRANSFORM.rotation, 2)
+    read = load_pose(write(tmp_path / "pose.json", with_rotation(rounded)), WIDTH, HEIGHT)
+    rotation = read.pose.camera_from_model.rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert rotation_angle(rotation, TRANSFORM.rotation) < math.radians(1.0)
+    assert len(read.warnings) == 1
+    assert "pose.json: the rotation was not quite orthonormal" in read.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.diag([1.0, 1.0, -1.0]), "reflection"),
+        (-TRANSFORM.rotation, "reflection"),
+        (1.05 * TRANSFORM.rotation, "not a rotation"),
+        (-1.5 * np.eye(3), "not a rotation"),
+        (np.ones((3, 3)), "not a rotation"),
+        (np.zeros((3, 3)), "not a rotation"),
+        (1e200 * np.eye(3), "entries beyond 1"),
+    ],
+)
+def test_what_is_not_a_rotation_is_refused(
+    tmp_path: Path, matrix: np.ndarray, message: str
+) -> None:
+    path = write(tmp_path / "pose.json", with_rotation(matrix))
+    with pytest.raises(PoseFileError, match=rf"^pose\.json: .*{message}"):
+        load_pose(path, WIDTH, HEIGHT)
+
+
+def test_another_size_of_the_photo_is_a_warning(tmp_path: Path) -> None:
+    save_pose(tmp_path / "pose.json", full_record())
+    read = load_pose(tmp_path / "pose.json", 320, 240)
+    assert read.warnings == (
+        "pose.json: the pose was made for a photo of 640x480 px, this one has 320x240 px.",
+    )
+    assert (read.pose.camera.width, read.pose.camera.height) == (320, 240)
+
+
+def test_fingerprints_are_compared() -> None:
+    record = full_record()
+    assert check_against(record, SHA, SHA[::-1]) == ()
+    assert check_against(PoseRecord(record.pose), SHA, SHA) == ()
+    photo, model = check_against(record, SHA[::-1], SHA)
+    assert "another photo (Straße 道.jpg)" in photo
+    assert "another model (car.glb)" in model
+
+
+def test_fingerprints_are_sha256(tmp_path: Path) -> None:
+    (tmp_path / "abc").write_bytes(b"abc")
+    expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert sha256_of(tmp_path / "abc") == expected
+
+
+def test_saving_replaces_a_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "pose ü.json"
+    save_pose(path, full_record())
+    before = path.read_bytes()
+
+    def full_disk(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("poseviewer.files.writing.os.fsync", full_disk)
+    with pytest.raises(PoseFileError, match=r"^pose ü\.json: cannot be written .*No space left"):
+        save_pose(path, full_record(PARALLEL))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_saving_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PoseFileError, match=r"^pose\.json: cannot be written to .*gone"):
+        save_pose(tmp_path / "gone" / "pose.json", full_record())
+    assert not (tmp_path / "gone").exists()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        replace(full_record(), loss=math.nan),
+        replace(full_record(), settings={"array": np.zeros(3)}),
+        replace(full_record(), pose=Pose(replace(PERSPECTIVE, fx=math.inf), TRANSFORM)),
+    ],
+)
+def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord) -> None:
+    with pytest.raises(PoseFileError, match=r"^pose\.json: .*nothing was written"):
+        save_pose(tmp_path / "pose.json", wrong)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def validator() -> jsonschema.Draft202012Validator:
+    schema = pose_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [full_record(), full_record(PARALLEL), PoseRecord(Pose(PERSPECTIVE, TRANSFORM))],
+)
+def test_every_file_written_passes_the_schema(
+    tmp_path: Path, record: PoseRecord, validator: jsonschema.Draft202012Validator
+) -> None:
+    save_pose(tmp_path / "pose.json", record)
+    validator.validate(json.loads((tmp_path / "pose.json").read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.pop("projection"),
+        lambda data: data.pop("camera"),
+        lambda data: data.pop("camera_from_model"),
+        lambda data: data.update(format="other"),
+        lambda data: data.update(version=2),
+        lambda data: data.update(projection="parallel"),
+        lambda data: data.update(projection="fisheye"),
+        lambda data: data["camera"].update(fx=0),
+        lambda data: data["camera"].update(fx="500"),
+        lambda data: data["camera"].pop("cy"),
+        lambda data: data["camera_from_model"].update(translation=[0, 0]),
+        lambda data: data["camera_from_model"].update(rotation=[[1, 0, 0], [0, 1, 0]]),
+        lambda data: data["camera_from_model"].update(rotation=[1, 0, 0, 0, 1, 0, 0, 0, 1]),
+        lambda data: data.update(photo={"width": 0}),
+        lambda data: data.update(settings=[]),
+        lambda data: data.update(chart={"name": "free", "names": [1], "numbers": [1]}),
+    ],
+)
+def test_schema_and_reader_refuse_the_same(
+    tmp_path: Path,
+    change: Callable[[dict], object],
+    validator: jsonschema.Draft202012Validator,
+) -> None:
+    data = plain()
+    validator.validate(data)
+    change(data)
+    assert not validator.is_valid(data)
+    with pytest.raises(PoseFileError, match=r"^pose\.json: "):
+        load_pose(write(tmp_path / "pose.json", data), WIDTH, HEIGHT)

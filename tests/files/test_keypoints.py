@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.keypoints import keypoints_path, load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+
+
+def good() -> dict[str, Any]:
+    def side(sign: float) -> dict[str, list[float]]:
+        return {
+            "rear_wheel": [-1.3, sign * 0.8, 0.3],
+            "front_wheel": [1.4, sign * 0.8, 0.3],
+            "axle": [0.0, sign, 0.0],
+        }
+
+    return {
+        "format": "poseviewer-keypoints",
+        "version": 1,
+        "unit": "m",
+        "left": side(1.0),
+        "right": side(-1.0),
+    }
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    trimesh.creation.box().export(tmp_path / "car.glb")
+    return tmp_path / "car.glb"
+
+
+def test_key_points_stand_beside_the_model(model: Path) -> None:
+    (model.parent / "car.keypoints.json").write_text(json.dumps(good()))
+    assert keypoints_path(model) == model.parent / "car.keypoints.json"
+    keypoints = load_keypoints(model, load_mesh(model))
+    assert keypoints is not None
+    np.testing.assert_array_equal(keypoints.left.front_wheel, [1.4, 0.8, 0.3])
+    np.testing.assert_array_equal(keypoints.right.axle, [0.0, -1.0, 0.0])
+
+
+def test_without_a_file_and_without_wheels_there_are_none(model: Path) -> None:
+    assert load_keypoints(model, load_mesh(model)) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.pop("left"),
+        lambda data: data["right"].pop("axle"),
+        lambda data: data["right"].update(axle=[0, 1]),
+        lambda data: data["right"].update(axle=["0", "1", "0"]),
+        lambda data: data["right"].update(axle=[0, float("nan"), 0]),
+        lambda data: data["right"].update(axle=[1, 0, 0]),
+        lambda data: data["right"].update(axle=[0, 0, 0]),
+        lambda data: data["left"].update(front_wheel=data["left"]["rear_wheel"]),
+        lambda data: data.update(format="poseviewer-pose"),
+        lambda data: data.update(version=2),
+        lambda data: data.update(unit="mm"),
+    ],
+)
+def test_wrong_key_points_are_refused(model: Path, change: Callable[[dict], object]) -> None:
+    data = good()
+    change(data)
+    (model.parent / "car.keypoints.json").write_text(json.dumps(data))
+    with pytest.raises(MeshFileError, match=r"^car\.keypoints\.json: [^\n]*\.$"):
+        load_keypoints(model, load_mesh(model))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "Dear all"])
+def test_anything_else_is_refused(model: Path, text: str) -> None:
+    (model.parent / "car.keypoints.json").write_text(text)
+    with pytest.raises(MeshFileError, match=r"^car\.keypoints\.json: "):
+        load_keypoints(model, load_mesh(model))

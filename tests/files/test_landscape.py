@@ -1,0 +1,82 @@
+"""Landscapes as files hold them: everything comes back."""
+
+from __future__ import annotations
+
+import csv
+from io import BytesIO
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.files.landscape import (
+    CSV_COLUMNS,
+    landscape_csv_bytes,
+    landscape_npz_bytes,
+)
+from poseviewer.fit.landscape import Slice
+
+NAMES = ("mu_x", "mu_y", "psi_x")
+KEYS = {"names", "centre", "spans", "pairs", "first_values", "second_values", "losses", "photo"}
+
+
+def load(data: bytes) -> dict[str, NDArray]:
+    """The arrays of an archive, as anybody reads it."""
+    with np.load(BytesIO(data), allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def make_slices(size: int = 5) -> list[Slice]:
+    random = np.random.default_rng(0)
+    pieces = []
+    for first, second in combinations(range(3), 2):
+        losses = random.uniform(size=(size, size))
+        losses[1, 2] = np.nan
+        x, y = (np.linspace(i, i + 1.0, size) for i in (first, second))
+        pieces.append(Slice(first, second, x, y, losses))
+    return pieces
+
+
+def test_what_is_saved_comes_back():
+    slices, about = make_slices(), (NAMES, [1.0, 2.0, 3.0], [0.1, 0.2, 1.0])
+    arrays = load(landscape_npz_bytes(*about, slices, "p.jpg, undistorted"))
+    assert set(arrays) == KEYS
+    assert tuple(arrays["names"]) == NAMES
+    assert str(arrays["photo"]) == "p.jpg, undistorted"
+    assert np.array_equal(arrays["centre"], [1.0, 2.0, 3.0])
+    assert np.array_equal(arrays["spans"], [0.1, 0.2, 1.0])
+    for i, piece in enumerate(slices):
+        assert tuple(arrays["pairs"][i]) == (piece.first, piece.second)
+        assert np.array_equal(arrays["first_values"][i], piece.first_values)
+        assert np.array_equal(arrays["second_values"][i], piece.second_values)
+        assert np.array_equal(arrays["losses"][i], piece.losses, equal_nan=True)
+
+
+def test_files_hold_no_pickles():
+    arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), make_slices()))
+    assert all(array.dtype.kind in "Ufi" for array in arrays.values())
+
+
+def test_a_table_reads_back_to_the_last_digit():
+    slices, centre, spans = make_slices(), [1 / 3, 2.0, 3.0], [0.1, 0.2, 1.0]
+    data = landscape_csv_bytes(NAMES, centre, spans, slices).decode()
+    rows = list(csv.DictReader(data.splitlines()))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert len(rows) == sum(np.isfinite(piece.losses).sum() for piece in slices)
+    for row in rows:
+        i, j = NAMES.index(row["first_name"]), NAMES.index(row["second_name"])
+        (piece,) = (s for s in slices if (s.first, s.second) == (i, j))
+        column = np.flatnonzero(piece.first_values == float(row["first_value"]))
+        line = np.flatnonzero(piece.second_values == float(row["second_value"]))
+        assert piece.losses[line[0], column[0]] == float(row["loss"])
+        moved = centre[i] + spans[i] * float(row["first_offset"])
+        assert np.isclose(moved, float(row["first_value"]), rtol=0, atol=1e-14)
+        moved = centre[j] + spans[j] * float(row["second_offset"])
+        assert np.isclose(moved, float(row["second_value"]), rtol=0, atol=1e-14)
+
+
+def test_a_name_with_a_comma_stays_one_column():
+    (piece,) = (s for s in make_slices() if (s.first, s.second) == (0, 1))
+    data = landscape_csv_bytes(('a,"b"', "c", "d"), np.zeros(3), np.ones(3), [piece]).decode()
+    rows = list(csv.DictReader(data.splitlines()))
+    assert {row["first_name"] for row in rows} == {'a,"b"'}

@@ -1,0 +1,97 @@
+"""Point pairs and wheels are read from every form that is promised; mistakes are one sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import QuickStartError
+from poseviewer.files.marks import load_pairs, load_wheels
+
+ROWS = [[1.0, 2.0, 3.0, 10.0, 20.0], [4.0, 5.0, 6.5, 30.25, 40.0]]
+BODY = "1,2,3,10,20\n4, 5 ,6.5,30.25,40\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BODY,
+        "x,y,z,u,v\n" + BODY,
+        "# clicked\n\n" + BODY,
+        "\ufeff" + BODY,
+        BODY.replace(",", ";"),
+        json.dumps(ROWS),
+        json.dumps({"pairs": [dict(zip("xyzuv", row, strict=True)) for row in ROWS]}),
+        json.dumps({"pairs": [{"model": row[:3], "photo": row[3:]} for row in ROWS]}),
+    ],
+)
+def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
+    path = tmp_path / "pairs.txt"
+    path.write_text(text, encoding="utf-8")
+    pairs = load_pairs(path)
+    np.testing.assert_array_equal(pairs.points, np.array(ROWS)[:, :3])
+    np.testing.assert_array_equal(pairs.pixels, np.array(ROWS)[:, 3:] + 0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2,3,4\n", "line 1 has 4 values"),
+        ("1,2,3,4,5\n1,2,3,x,5\n", "line 2: u is 'x'"),
+        ("1,2,3,4,nan\n", "v is 'nan'"),
+        ("[[1,2,3,4", "not JSON"),
+        ('{"points": []}', 'no list "pairs"'),
+        ("[[1,2,3,4,true]]", "pair 1: v is True"),
+        ("[7]", "pair 1 has 1 values"),
+        ('[{"model": [1, 2], "photo": [3]}]', "pair 1 has 3 values"),
+        (b"\xff\xfe\x00\x01", "is no text"),
+        (b"1" * 1_000_001, "larger than"),
+        (None, "no such file"),
+    ],
+)
+def test_broken_pairs_are_told_by_file_and_place(tmp_path: Path, text, words: str):
+    path = tmp_path / "pairs.csv"
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(QuickStartError, match=words) as caught:
+        load_pairs(path)
+    assert "pairs.csv" in str(caught.value)
+
+
+def test_wheels_are_read_from_text_and_file(tmp_path: Path):
+    text = "740,432,50,34,90; 401,477,61,50,0"
+    path = tmp_path / "wheels.json"
+    names = ("cx", "cy", "a", "b", "angle")
+    rear = dict(zip(names, (740, 432, 50, 34, 90), strict=True))
+    path.write_text(json.dumps({"rear": rear, "front": [401, 477, 61, 50, 0]}))
+    assert load_wheels(text) == load_wheels(str(path))
+    wheel = load_wheels(text).rear
+    assert (wheel.cx, wheel.cy, wheel.a, wheel.b) == (740.5, 432.5, 50.0, 34.0)
+    assert wheel.angle == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2,3,4,5;", "1 ellipses; wanted two"),
+        ("1,2,3,4,5;1,2,3,4", "front wheel has 4 values"),
+        ("1,2,3,4,5;1,2,3,x,5", "front wheel: b is 'x'"),
+        ("1,2,3,-4,5;1,2,3,4,5", "must be above 0"),
+        ("1,2,300,1,5;1,2,3,4,5", "edge-on"),
+        ("missing.json", "no such file"),
+    ],
+)
+def test_broken_wheels_are_told(text: str, words: str):
+    with pytest.raises(QuickStartError, match=words):
+        load_wheels(text)
+
+
+def test_a_wheels_file_without_a_wheel_is_told(tmp_path: Path):
+    path = tmp_path / "wheels.json"
+    path.write_text('{"rear": [1, 2, 3, 3, 0]}')
+    with pytest.raises(QuickStartError, match="no ellipse 'front'"):
+        load_wheels(str(path))

@@ -1,0 +1,64 @@
+"""Tables of rows read back as they were, also where their writer was cut off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from poseviewer.errors import SettingsError
+from poseviewer.files.table import RowTable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Base:
+    error: float
+    found: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row(Base):
+    name: str
+    draw: int
+
+
+ROWS = [
+    Row(name='a, "b"', draw=1, error=0.1 + 0.2, found=True),
+    Row(name="", draw=-2, error=float("inf"), found=False),
+]
+
+
+@pytest.fixture
+def path(tmp_path):
+    table = RowTable(tmp_path / "t.csv", Row)
+    for row in ROWS:
+        table.append(row)
+    return tmp_path / "t.csv"
+
+
+def test_rows_read_back_to_the_last_digit(path):
+    assert RowTable(path, Row).rows == ROWS
+    assert path.read_text().splitlines()[0] == "name,draw,error,found"
+
+
+def test_a_row_that_was_cut_off_is_dropped(path):
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-4])
+    table = RowTable(path, Row)
+    assert table.rows == ROWS[:1]
+    table.append(ROWS[1])
+    assert path.read_bytes() == whole
+
+
+HEADER = "name,draw,error,found\n"
+
+
+@pytest.mark.parametrize(
+    "content", ["a,b\n1,2\n", *(HEADER + row for row in ("x,y,1.0,True\n", "x,1,1,yes\n", "x,1\n"))]
+)
+def test_another_table_is_refused_and_left_as_it_is(tmp_path, content):
+    path = tmp_path / "t.csv"
+    path.write_text(content)
+    with pytest.raises(SettingsError, match=r"t\.csv"):
+        RowTable(path, Row)
+    assert path.read_text() == content

@@ -1,0 +1,180 @@
+"""Searches coarse to fine: what they report is judged on the photo, and they end at its minimum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.fit.problem import FitProblem, FitProgress, Status, fit_pose, pose_loss
+from poseviewer.fit.settings import Limits
+from poseviewer.fit.stages import FEWEST_PIXELS, coarse_rules, fine_rules, make_stages
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.optimise.restarts import RestartRules
+from poseviewer.render.pyramid.levels import smaller, structured
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import PhotoAttributes
+from tests.meshes import make_bumpy
+
+MESH = make_bumpy(4)
+RENDERER = SoftwareRenderer(MESH)
+LIGHT = np.array([0.4, -0.7, -0.6])
+OFF = np.array([0.05, -0.06, 0.04, 0.05, -0.04, 0.05])
+
+
+def true_pose(width: int) -> Pose:
+    camera = Perspective(
+        2.0 * width, 2.0 * width, 0.52 * width, 0.37 * width, width, width * 3 // 4
+    )
+    return Pose(camera, RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]))
+
+
+def make_problem(width: int, **settings) -> FitProblem:
+    """The lit model on a ground of noise, to be found from a start near it."""
+    pose = true_pose(width)
+    image = RENDERER.render(pose)
+    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
+    ground = np.random.default_rng(1).normal(0.4, 0.05, (*lit.shape[:2], 3))
+    channels = np.where(image.mask[..., None], lit, ground).astype(np.float32)
+    weights = np.ones(lit.shape[:2], np.float32)
+    photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
+    chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
+    return FitProblem(photo, chart, np.zeros(6), **settings)
+
+
+@pytest.fixture(scope="module")
+def coarse_problem() -> FitProblem:
+    return make_problem(320)
+
+
+@pytest.fixture(scope="module")
+def search(coarse_problem) -> list[FitProgress]:
+    return list(fit_pose(coarse_problem, RENDERER))
+
+
+def test_it_goes_from_a_coarse_level_to_the_photo(search):
+    factors = [progress.factor for progress in search]
+    assert factors[0] > 1
+    assert factors == sorted(factors, reverse=True)
+    assert factors[-1] == 1
+
+
+def test_it_ends_at_the_truth(search):
+    assert search[-1].status is Status.CONVERGED
+    apart = search[-1].pose.project(MESH.vertices) - true_pose(320).project(MESH.vertices)
+    assert np.linalg.norm(apart, axis=1).max() < 0.5
+
+
+def test_losses_are_those_of_the_photo(coarse_problem, search):
+    assert search[0].evaluations == 1
+    assert search[0].start_loss == pose_loss(coarse_problem, RENDERER, coarse_problem.start)
+    assert len({progress.start_loss for progress in search}) == 1
+    seen = {progress.loss: progress for progress in search}
+    assert len(seen) > 5
+    for loss, progress in seen.items():
+        assert loss == pose_loss(coarse_problem, RENDERER, progress.numbers)
+        shown = coarse_problem.chart.to_pose(progress.numbers).camera_from_model
+        assert np.array_equal(progress.pose.camera_from_model.translation, shown.translation)
+    losses = [progress.loss for progress in search]
+    assert losses == sorted(losses, reverse=True)
+
+
+def test_every_evaluation_counts_and_is_told(search):
+    counts = [progress.evaluations for progress in search]
+    assert set(counts) == set(range(1, counts[-1] + 1))
+    assert counts == sorted(counts)
+    restarts = [progress.restart for progress in search]
+    assert restarts == sorted(restarts)
+    assert set(restarts) == set(range(restarts[-1] + 1))
+
+
+@pytest.mark.parametrize("evaluations", [1, 7, 40, 350])
+def test_limits_hold_on_every_level(evaluations):
+    problem = make_problem(320, limits=Limits(evaluations=evaluations))
+    *_, end = fit_pose(problem, RENDERER)
+    assert end.status is Status.EVALUATIONS_SPENT
+    assert end.evaluations == evaluations
+    assert end.loss == pose_loss(problem, RENDERER, end.numbers)
+
+
+def test_locked_numbers_stay_on_every_level():
+    problem = make_problem(320, free=(True, False, True, True, True, False))
+    *_, end = fit_pose(problem, RENDERER)
+    assert np.array_equal(end.numbers[[1, 5]], [0.0, 0.0])
+    assert end.loss < end.start_loss
+
+
+def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
+    again = list(fit_pose(coarse_problem, RENDERER.clone()))
+    assert len(again) == len(search)
+    for one, other in zip(search, again, strict=True):
+        assert np.array_equal(one.numbers, other.numbers)
+        assert np.array_equal(one.simplex, other.simplex)
+
+
+def test_a_cloud_judged_on_several_threads_is_the_same_search():
+    """Also where a limit ends it within a generation, and where nobody asks any more."""
+    lit = make_problem(160, limits=Limits(evaluations=150))
+    small = replace(lit.photo, clipped=False, colour_reflectance=False)
+    problem = replace(lit, photo=structured(small, 1))
+    alone = list(fit_pose(problem, RENDERER))
+    assert alone[-1].loss < alone[0].loss
+    for threads in (2, 3):
+        together = list(fit_pose(problem, RENDERER, threads))
+        assert len(together) == len(alone)
+        for one, other in zip(alone, together, strict=True):
+            assert one.evaluations == other.evaluations
+            assert one.loss == other.loss
+            assert np.array_equal(one.numbers, other.numbers)
+            assert np.array_equal(one.simplex, other.simplex)
+    left = fit_pose(problem, RENDERER, 2)
+    assert next(left).status is Status.RUNNING
+    del left  # it ends its threads
+
+
+def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
+    lit = make_problem(480)
+    small = replace(lit.photo, clipped=False, colour_reflectance=False)
+    problem = replace(lit, photo=structured(small, 4))
+    *_, coarse = fit_pose(problem, RENDERER)
+    *_, fine = fit_pose(replace(problem, finer=smaller(small, 1)), RENDERER)
+    assert coarse.status is fine.status is Status.CONVERGED
+    assert fine.evaluations > coarse.evaluations
+    truth = true_pose(480).project(MESH.vertices)
+    off = [
+        np.linalg.norm(end.pose.project(MESH.vertices) - truth, axis=1).mean()
+        for end in (coarse, fine)
+    ]
+    assert off[1] < 0.5 * off[0]
+    assert fine.loss == pose_loss(problem, RENDERER, fine.numbers)
+
+
+def test_small_models_are_searched_on_the_photo_alone():
+    problem, rules = make_problem(160), RestartRules(scouts=3)
+    start = problem.chart.to_pose(problem.start)
+    pixels = np.count_nonzero(RENDERER.covers(start))
+    assert pixels < 4 * FEWEST_PIXELS
+    (stage,) = make_stages(problem.photo, RENDERER, start, rules)
+    assert stage.level.photo is problem.photo
+    assert stage.rules is rules
+
+
+def test_coarse_searches_are_wide_and_fine_ones_near():
+    rules = RestartRules()
+    coarse, fine = coarse_rules(rules), fine_rules(rules)
+    assert coarse.scouts > rules.scouts > fine.scouts == 0
+    assert coarse.step > rules.step > fine.step
+    assert coarse.x_tolerance > rules.x_tolerance == fine.x_tolerance
+    assert fine.f_tolerance == rules.f_tolerance
+
+
+def test_a_model_out_of_sight_is_said():
+    problem = make_problem(320)
+    empty = PhotoAttributes(
+        problem.photo.channels, np.zeros_like(problem.photo.weights), clipped=False
+    )
+    *_, end = fit_pose(FitProblem(empty, problem.chart, problem.start), RENDERER)
+    assert end.status is Status.NOTHING_SEEN

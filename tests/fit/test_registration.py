@@ -1,0 +1,77 @@
+"""What a photo, a model and settings are made into."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.fit.problem import make_photo_attributes, shown_attributes
+from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.transform import RigidTransform
+from tests.meshes import make_box
+
+MESH = make_box()
+START = Pose(
+    Perspective(100.0, 100.0, 80.0, 60.0, 160, 120),
+    RigidTransform(np.eye(3), np.array([0.0, 0.0, 9.0])),
+)
+
+
+def make_photo(chroma: float, channels: int = 3) -> Photo:
+    """Grey noise of full range, and colour noise of a standard deviation in grey levels."""
+    random = np.random.default_rng(0)
+    grey = random.uniform(40.0, 215.0, (120, 160, 1))
+    pixels = grey + random.normal(0.0, chroma, (120, 160, channels))
+    return Photo(np.clip(np.rint(pixels), 0, 255).astype(np.uint8), "p.png", "0" * 64)
+
+
+@pytest.mark.parametrize(("chroma", "channels"), [(1.0, 1), (2.0, 1), (10.0, 3), (30.0, 3)])
+def test_colour_is_compared_where_there_is_some(chroma, channels):
+    made = make_photo_attributes(make_photo(chroma), MESH, START, FitSettings())
+    assert made.channels.shape == (120, 160, channels)
+
+
+def test_grey_can_be_had_of_any_photo():
+    for photo in (make_photo(30.0), make_photo(30.0, channels=1)):
+        made = make_photo_attributes(photo, MESH, START, FitSettings(grey=True))
+        assert made.channels.shape == (120, 160, 1)
+        assert made.channels[..., 0] == pytest.approx(photo.grey())
+
+
+def test_near_is_a_box_about_the_start():
+    made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings())
+    rows, columns = np.nonzero(made.weights)
+    seen = START.project(MESH.vertices)
+    margin = 0.25 * np.linalg.norm(np.ptp(seen, axis=0))
+    assert columns.min() == pytest.approx(seen[:, 0].min() - margin, abs=1.0)
+    assert rows.max() + 1 == pytest.approx(seen[:, 1].max() + margin, abs=1.0)
+    assert not made.clipped
+
+
+def test_whole_and_clip_count_every_pixel():
+    for pixels in ("whole", "clip"):
+        made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings(pixels=pixels))
+        assert np.all(made.weights == 1.0)
+        assert made.clipped == (pixels == "clip")
+
+
+def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
+    made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings())
+    shown = shown_attributes(made)
+    assert shown.clipped
+    assert shown.model_channels == 12
+    assert np.shares_memory(shown.channels, made.channels)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "used"), [("near", "clip"), ("clip", "clip"), ("whole", "whole")]
+)
+def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
+    settings = FitSettings(method="paper", pixels=chosen, colour_reflectance=True)
+    assert settings.pixels == used
+    made = make_photo_attributes(make_photo(30.0), MESH, START, settings)
+    assert made.channels.shape == (120, 160, 1)
+    assert not made.colour_reflectance
+    assert settings_from_json(settings_as_json(settings)) == settings

@@ -1,0 +1,87 @@
+"""How well an unknown focal length is found, on the bundled demo.
+
+``python -m tests.measure.free_focal`` starts from the demo's start, seen with focal lengths
+that are too short, right and too long (the car as large in the photo), and fits with the focal
+length held there and with it free. It prints how far it ends from the true one, and how far the
+pose is off in the photo.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from poseviewer.api import load
+from poseviewer.app.state.document import with_camera
+from poseviewer.cli.option_values import positive
+from poseviewer.files.demo import demo_case
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import load_pose
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.pool import processors
+from poseviewer.starts.registration import load_model
+from poseviewer.study.trial_table import print_trials
+
+FACTORS = (0.75, 1.0, 4.0 / 3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One fit."""
+
+    start: float
+    """The focal length that it starts with, in true ones."""
+    free: bool
+    end: float
+    """The focal length that it ends with, in true ones."""
+    error_px: float
+    """Mean distance of the pose in the photo."""
+    evaluations: int
+
+
+def run_trials(factors: Sequence[float]) -> Iterator[Trial]:
+    """For each focal length, in true ones, a fit with it free and one with it held."""
+    case = demo_case()
+    photo, model = load_photo(case.photo), load_model(case.model)
+    start, truth = (
+        load_pose(path, photo.width, photo.height).pose for path in (case.start, case.truth)
+    )
+    true_focal = _perspective(truth).fx
+    for factor in factors:
+        camera = _perspective(start)
+        seen = replace(camera, fx=factor * true_focal, fy=factor * true_focal)
+        begin = with_camera(start, seen, model.mesh.centre)
+        for free in (True, False):
+            found = load(case.photo, model, begin, free_focal=free).fit(threads=processors())
+            error = pose_error(model.mesh, found.pose, truth).reprojection_px
+            assert found.progress is not None  # it was searched for
+            end = _perspective(found.pose).fx / true_focal
+            yield Trial(factor, free, end, error, found.progress.evaluations)
+
+
+def _perspective(pose: Pose) -> Perspective:
+    assert isinstance(pose.camera, Perspective)
+    return pose.camera
+
+
+def summary(found: Sequence[Trial]) -> str:
+    """A line for each fit."""
+    lines = [f"{'start':>7}{'focal length':>14}{'ends at':>9}{'px off':>8}"]
+    for one in found:
+        way = "free" if one.free else "held"
+        lines.append(f"{one.start:7.0%}{way:>14}{one.end:9.1%}{one.error_px:8.2f}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """A line of CSV for each fit on standard output; the summary on standard error."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--factors", type=positive, nargs="+", default=FACTORS)
+    return print_trials(run_trials(parser.parse_args(arguments).factors), summary)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Whether memory grows with work: ``python -m tests.measure.memory``.
+
+Evaluations at poses all about the photo, then short fits, each with a problem of its own, as the
+app makes them. Prints the resident memory at intervals; exit code 1 if it grew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.bench.case import Case, load_demo, make_case
+from poseviewer.fit.problem import FitProblem, fit_pose, pose_loss
+from poseviewer.fit.settings import Limits
+from poseviewer.render.types import PhotoAttributes, Renderer
+
+MOST_GROWTH_MB = 5.0
+SAMPLES, WARM_SAMPLES = 20, 2
+"""So many looks at the memory in each part; growth counts from this look on."""
+FIT_EVALUATIONS = 60
+WIDTH, HEIGHT, TRIANGLES = 320, 240, 5_000
+SPREAD = 0.5
+"""The poses lie within this share of each number's span: many partly or wholly out of view."""
+
+
+def main() -> int:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--evaluations", type=int, default=100_000)
+    parser.add_argument("--fits", type=int, default=1_000)
+    options = parser.parse_args()
+    case = make_case(load_demo(), TRIANGLES, WIDTH, HEIGHT)
+    grown = [
+        _watch("evaluations", options.evaluations, evaluations(case.usual, case.renderer)),
+        _watch("fits", options.fits, fits(case)),
+    ]
+    return int(max(grown) > MOST_GROWTH_MB)
+
+
+def evaluations(problem: FitProblem, renderer: Renderer) -> Iterator[float]:
+    """Losses at random poses, without end."""
+    random = np.random.default_rng(0)
+    spans = problem.chart.spans(problem.start)
+    while True:
+        offset = random.uniform(-SPREAD, SPREAD, len(spans)) * random.uniform()
+        yield pose_loss(problem, renderer, problem.start + offset * spans)
+
+
+def fits(case: Case, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
+    """Losses that short fits end in, from random starts, without end."""
+    random = np.random.default_rng(1)
+    spans = case.usual.chart.spans(case.usual.start)
+    while True:
+        start = case.usual.start + random.uniform(-0.1, 0.1, len(spans)) * spans
+        photo = case.usual.photo
+        own = PhotoAttributes(np.array(photo.channels), np.array(photo.weights), photo.clipped)
+        problem = replace(
+            case.usual, photo=own, start=start, limits=Limits(evaluations=evaluations)
+        )
+        *_, end = fit_pose(problem, case.renderer)
+        yield end.loss
+
+
+def growth(
+    work: Iterator[float], count: int, size: Callable[[], float], say: Callable[[int, float], None]
+) -> float:
+    """How much ``size`` has grown after ``count`` pieces of work, once warmed up."""
+    warm = 0.0
+    for sample in range(1, SAMPLES + 1):
+        for _ in range(count // SAMPLES):
+            next(work)
+        gc.collect()
+        now = size()
+        say(sample * (count // SAMPLES), now)
+        if sample == WARM_SAMPLES:
+            warm = now
+    return size() - warm
+
+
+def _watch(what: str, count: int, work: Iterator[float]) -> float:
+    grown = growth(
+        work, count, resident_mb, lambda done, mb: _say(f"{done:8,} {what}: {mb:7.1f} MB")
+    )
+    _say(f"{what}: grown by {grown:+.2f} MB since the first tenth")
+    return grown
+
+
+def resident_mb() -> float:
+    """Resident memory of this process, in units of 10^6 bytes (Linux)."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmRSS:")[1].split()[0]) * 1024 / 1e6
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201 - a script's report
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""Evaluations and fits leave nothing behind. The long run is ``measure_memory``."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Iterator
+
+import pytest
+
+from poseviewer.bench.case import load_demo, make_case
+from poseviewer.render.software.renderer import SoftwareRenderer
+from tests.measure.memory import evaluations, fits, growth
+
+MOST_BYTES = 30_000
+"""What caches of the interpreter may come to; a ``Moments`` kept has a thousand bytes."""
+EVALUATIONS = 300
+
+
+@pytest.fixture(scope="module")
+def case():
+    return make_case(load_demo(), 5_000, 160, 120)
+
+
+@pytest.fixture
+def traced() -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    tracemalloc.stop()
+
+
+def traced_bytes() -> float:
+    return float(tracemalloc.get_traced_memory()[0])
+
+
+def grown(work: Iterator[float], count: int) -> float:
+    return growth(work, count, traced_bytes, lambda *_: None)
+
+
+@pytest.mark.usefixtures("traced")
+def test_evaluations_leave_nothing_behind(case):
+    assert grown(evaluations(case.usual, case.renderer), EVALUATIONS) < MOST_BYTES
+
+
+@pytest.mark.usefixtures("traced")
+def test_fits_leave_nothing_behind(case):
+    assert grown(fits(case, 10), 20) < MOST_BYTES
+
+
+class Hoarder(SoftwareRenderer):
+    """Keeps all it ever found."""
+
+    def __init__(self, mesh):
+        super().__init__(mesh)
+        self.kept = []
+
+    def moments(self, pose, photo):
+        self.kept.append(super().moments(pose, photo))
+        return self.kept[-1]
+
+
+@pytest.mark.usefixtures("traced")
+def test_what_is_left_behind_is_seen(case):
+    assert grown(evaluations(case.usual, Hoarder(case.mesh)), EVALUATIONS) > 5 * MOST_BYTES

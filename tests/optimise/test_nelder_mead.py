@@ -1,0 +1,163 @@
+"""The downhill simplex against scipy's, and what a generator must do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize, rosen
+
+from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.optimise.restarts import RestartRules, restarted_simplex
+
+
+def bowl(x):
+    return float(np.sum(np.arange(1, len(x) + 1) * (x - 0.3) ** 2))
+
+
+def steps(x):
+    """Piecewise constant, with ties: what a rasterised silhouette looks like."""
+    return float(np.sum(np.abs(np.round(8.0 * (x - 0.3)))))
+
+
+def random_valley(seed: int):
+    matrix = np.random.default_rng(seed).normal(size=(6, 6))
+    return lambda x: float(np.sum((matrix @ (x - 0.2)) ** 2) + 0.3 * np.sum(np.cos(5 * x)))
+
+
+@pytest.mark.parametrize(
+    ("function", "dimensions"),
+    [
+        *[(bowl, d) for d in (1, 2, 6, 7)],
+        *[(rosen, d) for d in (2, 6)],
+        *[(random_valley(seed), 6) for seed in range(4)],
+    ],
+)
+def test_simplex_matches_scipy(function, dimensions):
+    start = np.random.default_rng(dimensions).normal(size=dimensions)
+    simplex = axis_simplex(start, np.full(dimensions, 0.1))
+    visited: list[np.ndarray] = []
+
+    def objective(x):
+        visited.append(np.array(x))
+        return function(x)
+
+    options = {"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9, "maxfev": 20000}
+    expected = minimize(objective, start, method="Nelder-Mead", options=options)
+    theirs, visited[:] = visited.copy(), []
+    states = list(downhill_simplex(objective, simplex, x_tolerance=1e-5, f_tolerance=1e-9))
+    assert len(visited) == len(theirs)
+    assert np.array_equal(np.array(visited), np.array(theirs))
+    assert np.array_equal(states[-1].vertices[0], expected.x)
+    assert states[-1].values[0] == expected.fun
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 6])
+def test_simplex_ends_on_a_staircase(dimensions):
+    """No comparison with scipy here: which of two equal corners is the worse is not defined."""
+    simplex = axis_simplex(np.zeros(dimensions), np.full(dimensions, 0.2))
+    state = list(downhill_simplex(steps, simplex, x_tolerance=1e-4, f_tolerance=1e-9))[-1]
+    assert state.converged
+    assert state.values[0] <= steps(simplex[0])
+    assert np.all(np.isfinite(state.values))
+
+
+def test_simplex_yields_after_every_evaluation_and_can_be_left():
+    count = 0
+
+    def objective(x):
+        nonlocal count
+        count += 1
+        return bowl(x)
+
+    simplex = axis_simplex(np.zeros(6), np.full(6, 0.1))
+    search = downhill_simplex(objective, simplex, x_tolerance=1e-6, f_tolerance=1e-12)
+    best = np.inf
+    for evaluations in range(1, 41):
+        state = next(search)
+        assert count == evaluations
+        assert np.all(np.diff(state.values[np.isfinite(state.values)]) >= 0.0)
+        assert state.values[0] <= best
+        best = state.values[0]
+
+
+def test_restarts_leave_a_collapsed_simplex():
+    """McKinnon's function (1998): a single descent converges to a point that is no minimum."""
+
+    def mckinnon(x):
+        a, b = x
+        return float((360.0 * a * a if a <= 0.0 else 6.0 * a * a) + b + b * b)
+
+    lam = (1.0 + np.sqrt(33.0)) / 8.0, (1.0 - np.sqrt(33.0)) / 8.0
+    start = np.array([[0.0, 0.0], [lam[0], lam[1]], [1.0, 1.0]])
+    once = list(downhill_simplex(mckinnon, start, x_tolerance=1e-8, f_tolerance=1e-12))[-1]
+    assert once.values[0] > -0.01  # the trap works
+    rules = RestartRules(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
+    last = list(restarted_simplex(mckinnon, once.vertices[0], np.eye(2), rules, seed=0))[-1]
+    assert last.value == pytest.approx(-0.25, abs=1e-6)
+
+
+def test_scouts_leave_a_side_valley():
+    """Two valleys; the first simplex reaches into the shallow one, some scout into the other."""
+
+    def valleys(x):
+        deep, shallow = (x[0] + 1.0) ** 2, 0.05 * (x[0] - 0.5) ** 2 + 0.4
+        return float(min(deep, shallow) + x[1] ** 2)
+
+    ends = {}
+    for scouts in (0, 8):
+        rules = RestartRules(step=0.6, scouts=scouts, patience=1)
+        search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.eye(2), rules, seed=0)
+        ends[scouts] = [state.value for state in search]
+    assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
+    assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_restarts_are_deterministic_and_end_finished():
+    rules = RestartRules()
+
+    def run(seed):
+        states = list(restarted_simplex(random_valley(3), np.zeros(6), np.eye(6), rules, seed))
+        assert [s.finished for s in states].count(True) == 1
+        assert states[-1].finished
+        values = [s.value for s in states]
+        assert values == sorted(values, reverse=True)
+        return states
+
+    first, second, other = run(5), run(5), run(6)
+    assert len(first) == len(second)
+    assert np.array_equal(first[-1].best, second[-1].best)
+    assert len(other) != len(first) or not np.array_equal(other[-1].best, first[-1].best)
+
+
+def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
+    valley, counts, seen = random_valley(3), [], []
+
+    def objective(x):
+        seen.append(x)
+        return valley(x)
+
+    search = restarted_simplex(objective, np.zeros(6), np.eye(6), RestartRules(), seed=5)
+    restarts = []
+    for state in search:
+        counts.append(len(seen))
+        restarts.append(state.restart)
+    assert counts == [*range(1, len(seen) + 1), len(seen)]
+    assert max(restarts) > RestartRules().scouts  # some were tried
+
+
+def test_a_simplex_in_the_valleys_own_units_needs_far_fewer_evaluations():
+    """A narrow valley across the numbers: the rules' lengths are told along its axes."""
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
+    lengths = np.geomspace(1.0, 1e-3, 6)
+    counts = {}
+    for name, units in (("spans", np.eye(6)), ("valley", turn * lengths)):
+
+        def objective(x):
+            return float(np.sum((turn.T @ (x - 0.1 * lengths @ turn.T) / lengths) ** 2))
+
+        rules = RestartRules(step=1.0, scouts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1)
+        states = list(restarted_simplex(objective, np.zeros(6), units, rules, seed=0))
+        counts[name] = len(states)
+        if name == "valley":
+            assert states[-1].value < 1e-5
+    assert counts["valley"] < 0.5 * counts["spans"]

@@ -1,0 +1,270 @@
+"""What is drawn, and where: against circles, cubes and residuals that are known exactly."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.overlay.edges import find_lines
+from poseviewer.render.overlay.looks import LINE_COLOUR, LOOKS, View, draw_look
+from poseviewer.render.overlay.residual import (
+    ROUND_RANGES,
+    diverging_colours,
+    paint_residual,
+    symmetric_range,
+)
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import AttributeImage
+
+SIZE = 240
+WITHOUT_LIGHT = [name for name in LOOKS if name not in ("relit", "residual")]
+
+
+def make_mesh(vertices, normals, faces, colours=None, parts=None) -> Mesh:
+    count = len(vertices)
+    colours = np.full((count, 3), 0.6, np.float32) if colours is None else colours
+    return Mesh(
+        vertices,
+        faces,
+        normals,
+        colours,
+        np.zeros((count, 2), np.float32),
+        np.full(len(faces), -1, np.int32),
+        np.zeros(len(faces), np.int32) if parts is None else parts,
+    )
+
+
+def make_sphere(rings: int = 60) -> Mesh:
+    """The unit sphere, smooth."""
+    polar, around = np.linspace(0, np.pi, rings), np.linspace(0, 2 * np.pi, 2 * rings)
+    p, a = np.meshgrid(polar, around, indexing="ij")
+    points = np.stack([np.sin(p) * np.cos(a), np.cos(p), np.sin(p) * np.sin(a)], -1).reshape(-1, 3)
+    index = np.arange(p.size).reshape(p.shape)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+    return make_mesh(points, points, faces)
+
+
+def make_cube() -> Mesh:
+    """[-1, 1]^3 with its own four vertices for each side."""
+    vertices, normals, faces = [], [], []
+    for axis, sign in itertools.product(range(3), (-1.0, 1.0)):
+        u, v = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        normal = sign * np.eye(3)[axis]
+        corners = [normal - u - v, normal + u - v, normal + u + v, normal - u + v]
+        quad = np.array([[0, 1, 2], [0, 2, 3]]) + len(vertices)
+        faces.extend(quad if sign > 0 else quad[:, ::-1])
+        vertices.extend(corners)
+        normals.extend([normal] * 4)
+    return make_mesh(np.array(vertices), np.array(normals), np.array(faces))
+
+
+def make_view(mesh, pose, relight=None, level=90) -> View:
+    photo = np.full((pose.camera.height, pose.camera.width, 3), level, np.uint8)
+    return View(photo, mesh, SoftwareRenderer(mesh), pose, relight)
+
+
+def cube_pose(size: int = SIZE) -> Pose:
+    camera = Perspective(1.2 * size, 1.2 * size, size / 2, size / 2, size, size)
+    return Pose(camera, RigidTransform.from_rotation_vector([0.55, 0.65, 0.1], [0.0, 0.0, 5.5]))
+
+
+def cyan(picture) -> np.ndarray:
+    """(H, W) in [0, 1]: how much of the line's colour is there, from blue over red."""
+    contrast = picture[..., 2].astype(float) - picture[..., 0]
+    return np.clip(contrast / (LINE_COLOUR[2] - LINE_COLOUR[0]), 0.0, 1.0)
+
+
+@pytest.mark.parametrize("centre", [(120.0, 120.0), (113.37, 127.81)])
+def test_outline_of_a_sphere_is_its_circle(centre):
+    scale = 80.0
+    camera = Parallel(scale, centre[0], centre[1], SIZE, SIZE)
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
+    drawn = cyan(draw_look("outline", make_view(make_sphere(), pose)))
+    rows, columns = np.nonzero(drawn > 0.5)
+    radii = np.hypot(columns + 0.5 - centre[0], rows + 0.5 - centre[1])
+    assert np.abs(radii - scale).max() < 1.3
+    # The line is 1.9 px wide: its middle is known much better than its rim.
+    rows, columns = np.nonzero(drawn > 0.0)
+    x, y, w = columns + 0.5 - centre[0], rows + 0.5 - centre[1], drawn[rows, columns]
+    sector = np.floor(np.arctan2(y, x) / (2 * np.pi) * 36).astype(int) % 36
+    for i in range(36):
+        here = sector == i
+        middle = np.average(np.hypot(x, y)[here], weights=w[here])
+        assert middle == pytest.approx(scale, abs=0.25)
+
+
+def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
+    mesh, pose = make_cube(), cube_pose()
+    drawn = cyan(draw_look("edges", make_view(mesh, pose)))
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.abs(a - b).sum() == 2]
+    strengths = []
+    for a, b in edges:
+        # Away from the ends, where other edges begin; the widest of the neighbours catches
+        # lines that are half a pixel off.
+        points = a + np.linspace(0.12, 0.88, 60)[:, None] * (b - a)
+        u, v = np.floor(pose.project(points)).astype(int).T
+        near = [drawn[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        strengths.append(np.median(np.max(near, axis=0)))
+    strengths = np.sort(strengths)
+    assert len(strengths) == 12
+    assert strengths[:3].max() < 0.05
+    assert strengths[3:].min() > 0.5
+
+
+def test_smooth_surfaces_have_no_feature_edges():
+    pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
+    mesh = make_sphere()
+    lines = find_lines(mesh, SoftwareRenderer(mesh), pose, 1.0)
+    assert lines is not None
+    assert lines.edges(1.0).max() == 0.0
+    assert lines.outline(1.0).max() == 1.0
+
+
+def test_parts_and_materials_have_borders():
+    mesh = make_sphere()
+    half = (mesh.vertices[mesh.faces].mean(axis=1)[:, 1] > 0).astype(np.int32)
+    pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
+    parted = make_mesh(mesh.vertices, mesh.normals, mesh.faces, parts=half)
+    lines = find_lines(parted, SoftwareRenderer(parted), pose, 1.0)
+    assert lines is not None
+    assert lines.edges(1.0).max() > 0.9
+    corners = mesh.faces.ravel()
+    painted = make_mesh(
+        mesh.vertices[corners],
+        mesh.normals[corners],
+        np.arange(len(corners)).reshape(-1, 3),
+        np.repeat(0.3 + 0.5 * half, 9).reshape(-1, 3),
+    )
+    again = find_lines(painted, SoftwareRenderer(painted), pose, 1.0)
+    assert again is not None
+    assert np.array_equal(again.features, lines.features)
+
+
+def test_a_ball_before_a_ball_has_an_outline_of_its_own():
+    ball = make_sphere()
+    small = ball.vertices * 0.4 - [0.0, 0.0, 2.0]
+    mesh = make_mesh(
+        np.concatenate([ball.vertices, small]),
+        np.concatenate([ball.normals, ball.normals]),
+        np.concatenate([ball.faces, ball.faces + len(ball.vertices)]),
+    )
+    camera = Parallel(80, 120, 120, SIZE, SIZE)
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
+    drawn = cyan(draw_look("edges", make_view(mesh, pose)))
+    for angle in np.linspace(0, 2 * np.pi, 17):
+        u, v = (120 + 32 * np.array([np.cos(angle), np.sin(angle)])).astype(int)
+        assert drawn[v - 1 : v + 2, u - 1 : u + 2].max() > 0.5
+
+
+def test_residual_is_white_where_the_model_explains_the_photo():
+    view = make_view(make_cube(), cube_pose(), lambda image: np.full((*image.mask.shape, 1), 0.4))
+    photo = np.full((SIZE, SIZE, 3), 102, np.uint8)
+    mask = view.renderer.render(view.pose).mask
+    picture = draw_look("residual", View(photo, view.mesh, view.renderer, view.pose, view.relight))
+    assert np.all(picture[mask] == np.rint(diverging_colours(np.zeros(1)))[0])
+
+
+def test_residual_is_red_where_the_photo_is_brighter():
+    photo = np.full((10, 20, 3), 100, np.uint8)
+    residual = np.repeat([[-50.0] * 10 + [50.0] * 10], 10, axis=0)
+    picture = paint_residual(photo, (slice(0, 10), slice(0, 20)), residual, np.ones((10, 20), bool))
+    assert np.all(picture[:, :10, 2] > picture[:, :10, 0])
+    assert np.all(picture[:, 10:, 0] > picture[:, 10:, 2])
+
+
+def test_range_of_the_residual_is_round_and_not_set_by_outliers():
+    residuals = np.concatenate([np.linspace(-17.0, 17.0, 990), np.full(10, 250.0)])
+    assert symmetric_range(residuals) == 20
+    assert symmetric_range(np.zeros(0)) == ROUND_RANGES[0]
+    assert symmetric_range(np.full(5, 400.0)) == 255
+
+
+def test_colour_bar_avoids_the_model():
+    photo = np.full((300, 500, 3), 128, np.uint8)
+    mask = np.zeros((300, 500), bool)
+    mask[150:, :] = True
+    mask[:, :250] = True
+    whole = (slice(0, 300), slice(0, 500))
+    picture = paint_residual(photo, whole, np.zeros(mask.shape), mask)
+    white = np.rint(diverging_colours(np.zeros(1)))[0]
+    assert np.all(picture[mask] == white)
+    assert picture[:150, 250:].std() > 0.0
+
+
+def test_relit_shows_the_relit_model_and_the_photo_beside_it():
+    def relight(image: AttributeImage):
+        return image.reflectance @ GREY_WEIGHTS[:, None] * 5.0
+
+    view = make_view(make_cube(), cube_pose(), relight)
+    mask = view.renderer.render(view.pose).mask
+    picture = draw_look("relit", view)
+    assert np.all(picture[mask] == 255)
+    assert np.array_equal(picture[~mask], view.photo[~mask])
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_photo_is_untouched_away_from_the_model(look):
+    view = make_view(make_cube(), cube_pose(), lambda image: np.zeros((*image.mask.shape, 3)))
+    before = view.photo.copy()
+    picture = draw_look(look, view)
+    assert picture.shape == view.photo.shape
+    assert picture.dtype == np.uint8
+    assert np.array_equal(view.photo, before)
+    if look != "residual":
+        assert np.array_equal(picture[:20], before[:20])
+
+
+def test_the_photo_s_border_is_not_an_outline():
+    camera = Perspective(300, 300, 0, SIZE / 2, SIZE, SIZE)
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
+    drawn = cyan(draw_look("outline", make_view(make_cube(), pose)))
+    top, bottom = pose.project([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])[:, 1].round().astype(int)
+    assert drawn[top + 5 : bottom - 5, :4].max() == 0.0
+    assert drawn[top - 2 : top + 2, 0].max() > 0.5
+
+
+@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize(
+    "position",
+    [(40, 0, 5), (0, -40, 5), (0, 0, -5), (0, 0, 0.2), (2.0, 1.5, 5), (0, 0, 4000), (0, 0, 1e9)],
+    ids=["beside", "above", "behind", "inside", "cut", "far", "a-point"],
+)
+@pytest.mark.parametrize("size", [(1, 1), (20, 20), (3, 200)], ids=str)
+def test_any_pose_and_any_small_photo_can_be_drawn(look, position, size):
+    camera = Perspective.from_field_of_view(50.0, size[0], size[1])
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0.3, 0.4, 0.0], position))
+    view = make_view(make_cube(), pose, lambda image: np.zeros((*image.mask.shape, 1)))
+    assert draw_look(look, view).shape == (size[1], size[0], 3)
+
+
+def test_without_a_model_in_sight_the_photo_stays():
+    camera = Perspective.from_field_of_view(50.0, 100, 80)
+    pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, -5]))
+    view = make_view(make_cube(), pose)
+    for look in WITHOUT_LIGHT:
+        assert np.array_equal(draw_look(look, view), view.photo)
+
+
+def test_large_photos_have_wider_lines():
+    mesh, pose = make_cube(), cube_pose(4000)
+    drawn = cyan(draw_look("outline", make_view(mesh, pose)))
+    small = cyan(draw_look("outline", make_view(mesh, cube_pose(1000))))
+    assert drawn.mean() == pytest.approx(small.mean(), rel=0.1)
+
+
+def test_looks_that_need_light_say_so():
+    with pytest.raises(ValueError, match="lighting"):
+        draw_look("relit", make_view(make_cube(), cube_pose()))
+
+
+def test_pictures_are_deterministic():
+    view = make_view(make_cube(), cube_pose())
+    assert np.array_equal(draw_look("outline", view), draw_look("outline", view))

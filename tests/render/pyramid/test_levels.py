@@ -1,0 +1,210 @@
+"""Coarser levels of a photo: what they average, and that they have the full photo's minimum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.files.demo import demo_case
+from poseviewer.fit.loss import lighting_loss
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.render.moments import moments_of_images
+from poseviewer.render.pyramid.levels import (
+    Level,
+    LevelRenderer,
+    coarser,
+    coarsest_factor,
+    level_pose,
+    make_level,
+)
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import PhotoAttributes
+from poseviewer.starts.registration import load_registration
+from tests.meshes import make_bumpy
+
+MESH = make_bumpy(4)
+LIGHT = np.array([0.4, -0.7, -0.6])
+
+
+def make_pose(parallel: bool) -> Pose:
+    camera = (
+        Parallel(90.0, 166.0, 117.0, 320, 240)
+        if parallel
+        else Perspective(600.0, 600.0, 166.0, 117.0, 320, 240)
+    )
+    return Pose(camera, RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]))
+
+
+def make_photo(pose: Pose, **settings) -> PhotoAttributes:
+    """The model lit from one side, on a grey ground with noise that has nothing to do with it."""
+    image = SoftwareRenderer(MESH).render(pose)
+    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
+    ground = np.random.default_rng(1).normal(0.4, 0.05, (*lit.shape[:2], 3))
+    channels = np.where(image.mask[..., None], lit, ground)
+    return PhotoAttributes(
+        channels.astype(np.float32), np.ones(lit.shape[:2], np.float32), **settings
+    )
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("factor", [2, 4])
+def test_the_minimum_along_lines_is_that_of_the_full_photo(parallel, factor):
+    """Along each of the chart's numbers, and a line askew, to within a pixel of the level."""
+    pose = make_pose(parallel)
+    photo = make_photo(pose, clipped=False, colour_reflectance=True)
+    renderer, chart = SoftwareRenderer(MESH), FreeBodyChart.near(MESH, pose)
+    level, small = LevelRenderer(renderer, factor), coarser(photo, factor)
+    truth = chart.from_pose(pose)
+    lines = [*np.eye(len(truth)), np.random.default_rng(2).normal(size=len(truth))]
+    steps = np.linspace(-1.0, 1.0, 41)
+    for line in lines:
+        reach = 4.0 * factor / _pixels_moved(chart, pose, truth, line)
+        poses = [chart.to_pose(truth + step * reach * line) for step in steps]
+        full = [lighting_loss(renderer.moments(p, photo)) for p in poses]
+        coarse = [lighting_loss(level.moments(p, small)) for p in poses]
+        apart = abs(steps[np.argmin(coarse)] - steps[np.argmin(full)]) * 4.0 * factor
+        assert apart <= factor
+        assert min(coarse[0], coarse[-1]) > min(coarse) + 0.01
+
+
+def _pixels_moved(chart, pose, numbers, line) -> float:
+    """How far a vertex goes in the picture, at the most, for a unit step along ``line``."""
+    step = 1e-3
+    moved = chart.to_pose(numbers + step * line).project(MESH.vertices)
+    return float(np.linalg.norm(moved - pose.project(MESH.vertices), axis=1).max() / step)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_pixels_of_a_level_are_those_that_its_poses_project_to(parallel):
+    pose = make_pose(parallel)
+    points = pose.project(MESH.vertices)
+    for factor in (2, 3, 8):
+        assert level_pose(pose, factor).project(MESH.vertices) == pytest.approx(points / factor)
+
+
+def minimum(chart, numbers, level: Level, step: float) -> np.ndarray:
+    """Where the loss of a level is least, about ``numbers``."""
+    spans = chart.spans(numbers)
+
+    def loss(x):
+        return lighting_loss(level.renderer.moments(chart.to_pose(x), level.photo))
+
+    for edge in (step, 0.3 * step):
+        corners = axis_simplex(numbers, edge * spans)
+        *_, end = downhill_simplex(loss, corners, x_tolerance=1e-4 * spans, f_tolerance=1e-6)
+        numbers = end.vertices[0]
+    return numbers
+
+
+def assert_same_minimum(mesh, chart, truth, photo, renderer, factors, step=0.01):
+    """Minima from the truth show the model's vertices within a pixel of the level."""
+    pixels = renderer.moments(chart.to_pose(truth), photo).pixels
+    best = minimum(chart, truth, Level(1, photo, renderer), step)
+    places = chart.to_pose(best).project(mesh.vertices)
+    for factor in factors:
+        level = make_level(photo, renderer, factor, pixels)
+        found = chart.to_pose(minimum(chart, best, level, step)).project(mesh.vertices)
+        assert np.linalg.norm(found - places, axis=1).max() < factor
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_levels_with_simplified_models_have_the_minimum_of_the_full_photo(parallel):
+    pose = make_pose(parallel)
+    photo = make_photo(pose, clipped=False, colour_reflectance=True)
+    chart = FreeBodyChart.near(MESH, pose)
+    renderer = SoftwareRenderer(MESH)
+    assert_same_minimum(MESH, chart, chart.from_pose(pose), photo, renderer, (2, 4))
+
+
+def test_levels_of_the_demo_have_its_minimum():
+    case = demo_case()
+    registration = load_registration(case.photo, case.model, case.truth)
+    problem, _ = make_problem(registration, FitSettings())
+    mesh, renderer = registration.mesh, SoftwareRenderer(registration.mesh)
+    assert_same_minimum(
+        mesh, problem.chart, problem.start, problem.photo, renderer, (4, 8), step=0.005
+    )
+
+
+def test_models_have_no_more_triangles_than_the_level_shows():
+    pose = make_pose(False)
+    photo, renderer = make_photo(pose), SoftwareRenderer(MESH)
+    pixels = renderer.moments(pose, photo).pixels
+    for factor in (2, 4):
+        level = make_level(photo, renderer, factor, pixels)
+        shown = np.unique(level.renderer.render(pose).face_ids)
+        area = pixels / factor**2
+        assert 0.1 * area < len(shown) < area
+    assert make_level(photo, renderer, 1, pixels).renderer is renderer
+
+
+def test_clones_of_a_level_give_its_moments():
+    pose = make_pose(True)
+    photo, renderer = make_photo(pose), SoftwareRenderer(MESH)
+    level = make_level(photo, renderer, 4, 5000)
+    assert isinstance(level.renderer, LevelRenderer)
+    ours, theirs = (r.moments(pose, level.photo) for r in (level.renderer, level.renderer.clone()))
+    assert np.array_equal(ours.covariance, theirs.covariance)
+
+
+def test_the_coarsest_level_still_shows_enough():
+    assert coarsest_factor(100_000, 1500) == 8
+    assert coarsest_factor(1500 * 64, 1500) == 8
+    assert coarsest_factor(1500 * 64 - 1, 1500) == 4
+    assert coarsest_factor(5000, 1500) == 1
+    assert coarsest_factor(0, 1500) == 1
+    assert coarsest_factor(1e12, 1500) == 16
+
+
+def test_a_level_judges_the_pose_that_its_smaller_picture_shows():
+    pose = make_pose(False)
+    renderer, photo = SoftwareRenderer(MESH), coarser(make_photo(pose), 4)
+    fast = LevelRenderer(renderer, 4).moments(pose, photo)
+    plain = moments_of_images(LevelRenderer(renderer, 4).render(pose), photo)
+    assert photo.weights.shape == (60, 80)
+    assert fast.pixels == plain.pixels
+    assert fast.covariance == pytest.approx(plain.covariance, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("width", "height", "factor"), [(320, 240, 4), (317, 241, 4), (5, 3, 8)])
+def test_sizes_are_those_of_level_poses_and_the_mean_stays(width, height, factor):
+    random = np.random.default_rng(3)
+    photo = PhotoAttributes(
+        random.uniform(size=(height, width, 1)).astype(np.float32),
+        random.uniform(0.5, 1.0, (height, width)).astype(np.float32),
+        clipped=False,
+        colour_reflectance=True,
+    )
+    small = coarser(photo, factor)
+    pose = Pose(
+        Perspective(300.0, 300.0, width / 2, height / 2, width, height), RigidTransform.identity()
+    )
+    camera = level_pose(pose, factor).camera
+    assert small.channels.shape == (camera.height, camera.width, 1)
+    assert (small.clipped, small.colour_reflectance) == (False, True)
+    assert small.origin == pytest.approx(photo.origin, abs=1e-5)
+    assert small.weights.sum() * factor**2 == pytest.approx(photo.weights.sum(), rel=1e-5)
+
+
+def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
+    channels = np.full((8, 8, 3), 0.25, np.float32)
+    weights = np.ones((8, 8), np.float32)
+    weights[:, 3:] = 0.0
+    channels[:, 3:] = np.nan
+    small = coarser(PhotoAttributes(channels, weights), 2)
+    assert small.weights.shape == (4, 4)
+    assert small.weights[0] == pytest.approx([1.0, 0.5, 0.0, 0.0])
+    assert small.channels[:, :2] == pytest.approx(np.full((4, 2, 3), 0.25))
+    assert np.all(small.channels[:, 2:] == 0.0)
+
+
+def test_factor_one_is_the_photo_itself_and_less_is_refused():
+    photo = make_photo(make_pose(True))
+    assert coarser(photo, 1) is photo
+    with pytest.raises(ValueError, match="1 time or more, not 0"):
+        coarser(photo, 0)

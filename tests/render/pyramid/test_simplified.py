@@ -1,0 +1,171 @@
+"""Simplified models look like the original from all around, and lie on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from poseviewer.files.demo import demo_case
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import AttributeImage
+from tests.meshes import make_box, make_bumpy, make_mesh, make_soup, make_sphere
+
+VIEWS = Rotation.random(5, rng=np.random.default_rng(7)).as_matrix()
+
+
+def textured_sphere() -> Mesh:
+    """A white ball whose texture is the red of its height and the green of its longitude."""
+    ball = make_sphere(5)
+    u = 0.25 + 0.2 * ball.vertices[:, 0]
+    v = 0.5 + 0.4 * ball.vertices[:, 2]
+    rows, columns = np.mgrid[0:256, 0:256]
+    texture = np.stack([255 - rows, columns, 0 * rows], axis=-1).astype(np.uint8)
+    return make_mesh(
+        ball.vertices,
+        ball.faces,
+        ball.normals,
+        np.ones((len(ball.vertices), 3)),
+        uvs=np.stack([u, v], axis=-1),
+        face_texture=np.zeros(len(ball.faces)),
+        textures=(texture,),
+    )
+
+
+def demo_car() -> Mesh:
+    return load_mesh(demo_case().model)
+
+
+def seen(mesh: Mesh, original: Mesh, size: int) -> list[AttributeImage]:
+    """Pictures of a mesh, ``size`` px, at the views of the original."""
+    camera = Parallel(size / original.diameter, size / 2 + 0.3, size / 2 - 0.2, size, size)
+    renderer = SoftwareRenderer(mesh)
+    return [
+        renderer.render(Pose(camera, RigidTransform(turn, -turn @ original.centre)))
+        for turn in VIEWS
+    ]
+
+
+CASES = {
+    # Mesh, faces, px; silhouettes in common, degrees between normals, reflectance (median, mean).
+    "bumpy": (lambda: make_bumpy(5), 2000, 90, 0.99, 3.0, 5.0, 0.02, 0.03),
+    "texture": (textured_sphere, 2000, 90, 0.99, 2.0, 3.0, 0.02, 0.03),
+    "car": (demo_car, 16384, 250, 0.99, 2.0, 5.0, 0.005, 0.02),
+    "car, coarsely": (demo_car, 4096, 90, 0.95, 15.0, 20.0, 0.01, 0.08),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_simplified_model_looks_the_same(case):
+    make, faces, size, common, median_deg, mean_deg, median, mean = CASES[case]
+    original = make()
+    small = simplify(original, faces)
+    assert len(small.faces) <= faces
+    assert small.textures == ()
+    assert np.all(small.face_texture == -1)
+    assert np.linalg.norm(small.normals, axis=1) == pytest.approx(1.0, abs=1e-9)
+    angles, apart = [], []
+    for before, after in zip(
+        seen(original, original, size), seen(small, original, size), strict=True
+    ):
+        both = before.mask & after.mask
+        assert both.sum() > common * (before.mask | after.mask).sum()
+        cosine = np.sum(before.normals[both] * after.normals[both], axis=-1)
+        angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        apart.append(np.abs(before.reflectance - after.reflectance)[both].max(axis=-1))
+    assert np.median(np.concatenate(angles)) < median_deg
+    assert np.mean(np.concatenate(angles)) < mean_deg
+    assert np.median(np.concatenate(apart)) < median
+    assert np.mean(np.concatenate(apart)) < mean
+
+
+def points_on(mesh: Mesh, count: int) -> np.ndarray:
+    """Random points of the surface, evenly spread."""
+    random = np.random.default_rng(0)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    faces = random.choice(len(area), count, p=area / area.sum())
+    shares = random.dirichlet([1.0, 1.0, 1.0], count)
+    return np.einsum("nk,nki->ni", shares, mesh.vertices[mesh.faces[faces]])
+
+
+@pytest.mark.parametrize("faces", [5000, 1000])
+def test_surfaces_lie_on_one_another(faces):
+    original = make_bumpy(5)
+    small = simplify(original, faces)
+    dense, new = points_on(original, 200_000), points_on(small, 20_000)
+    out = KDTree(dense).query(new)[0]
+    back = KDTree(points_on(small, 200_000)).query(points_on(original, 20_000))[0]
+    # A sphere's facets of this number bulge by 4 pi / (faces * 3 sqrt 3) of the radius or so.
+    bulge = 3.0 * 4.0 * np.pi / (faces * 5.2) * original.diameter / 2
+    spacing = 0.01 * original.diameter
+    assert max(out.max(), back.max()) < bulge + spacing
+
+
+def test_sharp_edges_stay_sharp_and_parts_keep_their_colour():
+    """A finely cut box of six parts, each of a colour of its own."""
+    box = make_box((2.0, 1.2, 0.8))
+    sides = [tuple(normal) for normal in np.unique(box.normals.round(6), axis=0)]
+    vertices, faces = box.vertices, box.faces
+    parts = np.array([sides.index(tuple(box.normals[face[0]].round(6))) for face in faces])
+    for _ in range(4):
+        vertices, faces, parts = divided(vertices, faces, parts)
+    grey = np.linspace(0.1, 0.9, 6)
+    fine = make_mesh(vertices, faces, face_part=parts, part_names=tuple("abcdef"))
+    colours = np.repeat(grey[parts], 3)[:, None] * np.ones(3, np.float32)
+    fine = replace(fine, colours=colours.astype(np.float32))
+    small = simplify(fine, 300)
+    assert len(small.faces) <= 300
+    assert set(small.face_part) == set(range(6))
+    for part in range(6):
+        own = small.faces[small.face_part == part].ravel()
+        wanted = fine.normals[fine.faces[parts == part].ravel()[0]]
+        assert small.colours[own] == pytest.approx(grey[part], abs=1e-6)
+        assert small.normals[own] @ wanted == pytest.approx(1.0, abs=1e-6)
+
+
+def divided(vertices, faces, parts):
+    """Every triangle cut into four."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    corners = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.tile(parts, 4)
+
+
+def test_the_same_mesh_gives_the_same_model():
+    first, second = simplify(make_bumpy(5), 1500), simplify(make_bumpy(5), 1500)
+    for name in ("vertices", "faces", "normals", "colours", "face_part"):
+        assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+@pytest.mark.parametrize("mesh", [make_box(), make_bumpy(2), make_soup(1, triangles=900)])
+def test_small_and_broken_meshes_stay_usable(mesh):
+    small = simplify(mesh, 300)
+    if len(mesh.faces) <= 300:
+        assert small is mesh
+    assert 0 < len(small.faces) <= len(mesh.faces)
+    assert np.isfinite(small.vertices).all()
+    assert np.isfinite(small.normals).all()
+    assert small.colours.min() >= 0.0
+
+
+def test_faces_without_area_are_left_out():
+    ball = make_sphere(4)
+    flat = np.concatenate([ball.faces, np.repeat(ball.faces[:50, :1], 3, axis=1)])
+    settings = {"face_texture": np.full(len(flat), -1), "face_part": np.zeros(len(flat))}
+    mesh = Mesh(ball.vertices, flat, ball.normals, ball.colours, ball.uvs, **settings)
+    small = simplify(mesh, 1000)
+    corners = small.vertices[small.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(cross, axis=1).min() > 0.0
+    point = make_mesh(np.zeros((900, 3)), np.arange(900).reshape(-1, 3))
+    assert simplify(point, 200) is point

@@ -1,0 +1,100 @@
+"""Machine code of kernels: where it cannot be kept, when it is old, and who compiles it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import poseviewer
+
+WITHOUT_A_CACHE = """
+import numpy as np
+from poseviewer.render import kernel_moments
+first, second = np.array([1.0, 2.0]), np.array([[3.0, 0.0], [4.0, 8.0]])
+mean, covariance = kernel_moments.as_moments(1, 2.0, first, second, np.zeros(2), np.eye(3))
+print(*mean, *covariance.ravel())
+from poseviewer.render.software.compiled import kernels_are_compiled
+print(kernels_are_compiled())
+"""
+
+
+def test_kernels_run_from_a_read_only_install_without_a_home(tmp_path: Path):
+    """Files stand where numba would make its folders: so it can write to neither of them."""
+    package = _copy_of_the_package(tmp_path)
+    (package / "render" / "__pycache__").write_text("")
+    home = tmp_path / "home"
+    home.write_text("")
+    found = _run(WITHOUT_A_CACHE, tmp_path, HOME=str(home), XDG_CACHE_HOME=str(home))
+    assert found == ["0.5 1.0 1.25 1.5 1.5 3.0", "False"]
+
+
+CLEAR = """
+import numpy as np
+from poseviewer.render.software.kernel_buffers import clear
+depth, ids = np.ones((4, 4), np.float32), np.zeros((4, 4), np.int32)
+clear((0, 0, 4, 4), 1, 6, depth, ids, np.zeros(2, np.int32), np.zeros(2, np.int32))
+print(sum(clear.stats.cache_hits.values()), sum(clear.stats.cache_misses.values()))
+"""
+
+
+def test_a_change_of_any_kernel_makes_the_code_of_all_kernels_old(tmp_path: Path):
+    """Machine code contains that of the kernels it calls, whose files numba does not look at."""
+    package, cache = _copy_of_the_package(tmp_path), str(tmp_path / "cache")
+    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["0 1"]
+    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["1 0"]
+    other = package / "render" / "kernel_moments.py"
+    other.write_text(other.read_text() + "# changed\n")
+    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["0 1"]
+
+
+COMPILE = """
+from poseviewer.render.software.compiled import compile_kernels, kernels_are_compiled
+assert not kernels_are_compiled()
+compile_kernels()
+print(kernels_are_compiled())
+"""
+EVALUATE = """
+from poseviewer.files.demo import demo_case
+from poseviewer import load
+from poseviewer.render.software.compiled import BY_HELPER, BY_US
+files = demo_case()
+case = load(files.photo, files.model, files.start)
+case.start.loss
+load(files.photo, files.model, files.start, pixels="clip", grey=True).start.loss
+case.renderer.render(case.registration.start)
+kernels = BY_US + BY_HELPER
+print(*(sum(kernel.stats.cache_hits.values()) > 0 for kernel in kernels))
+print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
+"""
+
+
+def test_what_is_compiled_ahead_is_what_evaluations_need(tmp_path: Path):
+    """With the arguments' types that they come with, those that the helper compiled too."""
+    settings = {"PYTHONPATH": str(Path(poseviewer.__file__).parents[1])}
+    settings["NUMBA_CACHE_DIR"] = str(tmp_path)
+    assert _run(COMPILE, tmp_path, **settings) == ["True"]
+    assert _run(EVALUATE, tmp_path, **settings) == ["True True True True True", "0 0 0 0 0"]
+
+
+def _copy_of_the_package(folder: Path) -> Path:
+    package = folder / "poseviewer"
+    ignored = shutil.ignore_patterns("__pycache__", "demo_files")
+    shutil.copytree(Path(poseviewer.__file__).parent, package, ignore=ignored)
+    return package
+
+
+def _run(script: str, folder: Path, **settings: str) -> list[str]:
+    """The lines that a script prints, in an environment of its own."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "XDG"))}
+    found = subprocess.run(
+        [sys.executable, "-c", script],
+        env=inherited | {"PYTHONPATH": str(folder)} | settings,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    assert found.returncode == 0, found.stderr
+    return found.stdout.splitlines()

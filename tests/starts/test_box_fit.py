@@ -1,0 +1,56 @@
+"""A model whose outline is to fill a rectangle does, whatever its rotation and the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.starts.box_fit import Box, box_of, fit_box
+from poseviewer.starts.views import even_rotations, ground_views
+from tests.app.state.documents import make_keypoints
+from tests.meshes import make_box
+
+CAR = make_box((4.0, 1.7, 1.3))
+BOX = Box(20.0, 70.0, 60.0, 35.0)
+CAMERAS = (Perspective(150.0, 140.0, 83.0, 58.0, 160, 120), Parallel(1.0, 83.0, 58.0, 160, 120))
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
+    fits = fit_box(BOX, even_rotations(60), CAR.vertices, CAR.centre, camera)
+    assert len(fits.poses) == 60
+    for pose, misshapen in zip(fits.poses, fits.misshapen, strict=True):
+        seen = box_of(pose, CAR.vertices)
+        np.testing.assert_allclose(seen.centre, BOX.centre, atol=0.5)
+        assert seen.width * seen.height == pytest.approx(BOX.width * BOX.height, rel=0.04)
+        aspect = np.log(seen.width / seen.height) - np.log(BOX.width / BOX.height)
+        assert misshapen == pytest.approx(abs(aspect), abs=1e-6)
+
+
+def test_the_true_view_comes_back():
+    camera = CAMERAS[0]
+    rotation = even_rotations(7)[3]
+    (pose,) = fit_box(BOX, rotation[None], CAR.vertices, CAR.centre, camera).poses
+    # As seen along the line of sight to the rectangle's middle.
+    middle = pose.camera_from_model.apply(CAR.centre)
+    to_middle = Rotation.align_vectors([middle / np.linalg.norm(middle)], [[0.0, 0.0, 1.0]])[0]
+    along = to_middle.as_matrix() @ rotation
+    turn = Rotation.from_matrix(pose.camera_from_model.rotation @ along.T).magnitude()
+    assert turn < np.radians(8.0)  # the outline's middle is not quite the centre
+
+
+def test_even_rotations_leave_no_gap():
+    rotations = Rotation.from_matrix(even_rotations(2000))
+    asked = Rotation.random(300, rng=np.random.default_rng(0))
+    nearest = [float((one.inv() * rotations).magnitude().min()) for one in asked]
+    assert np.degrees(max(nearest)) < 22.0
+
+
+def test_a_vehicle_stands_on_its_wheels():
+    views = ground_views(make_keypoints())
+    np.testing.assert_allclose(views @ np.swapaxes(views, 1, 2), np.tile(np.eye(3), (540, 1, 1)),
+                               atol=1e-12)  # fmt: skip
+    up_in_photo = views @ np.array([0.0, 0.0, 1.0])
+    assert (up_in_photo[:, 1] < -0.75).all()  # v points down

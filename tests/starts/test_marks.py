@@ -1,0 +1,161 @@
+"""``poseviewer fit`` from marks on the photo instead of a pose file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.cli import main as cli
+from poseviewer.errors import QuickStartError
+from poseviewer.files.demo import demo_case
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import load_pose
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.starts.marks import Material, StartCamera, find_wheels, start_from_wheels
+from poseviewer.starts.wheel_search import find_wheel_pairs
+from poseviewer.vehicle.chart import visible_side
+from poseviewer.vehicle.ellipses import Ellipse, ellipse_through
+from poseviewer.vehicle.wheel_pose import Wheels, wheel_rims
+from tests.measure.auto_start import careless_box
+from tests.scene import Scene
+
+SIZE = (160, 120)
+WHEELS = "740,432,50,34,99;401,477,61,50,106"
+"""Of the demo, laid by eye: to a pixel and a degree."""
+
+
+def write_pairs(scene: Scene, folder: Path, count: int) -> Path:
+    truth = load_pose(scene.truth, *SIZE).pose
+    points = load_mesh(scene.model).vertices[:: 640 // count][:count]
+    rows = np.hstack([points, truth.project(points) - 0.5])
+    path = folder / "pairs.csv"
+    np.savetxt(path, rows, delimiter=",", header="x,y,z,u,v", comments="")
+    return path
+
+
+def fit(photo: Path, model: Path, out: Path, *more: object) -> int:
+    arguments = ["fit", photo, model, "--out", out, "--evaluations", 40, *more]
+    return cli.main([str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("more", [(), ("--free-focal",)])
+def test_pairs_lead_into_the_search(scene: Scene, tmp_path: Path, capsys, more):
+    path, out = write_pairs(scene, tmp_path, 8), tmp_path / "out.json"
+    assert fit(scene.photo, scene.model, out, "--pairs", path, "--focal", 300, *more) == 0
+    printed = capsys.readouterr().err
+    assert "start from 8 point pairs, off by 0.0, 0.0" in printed
+    assert ("focal length from the pairs: 30" in printed) == bool(more)
+    found, truth = (load_pose(p, *SIZE).pose for p in (out, scene.truth))
+    # The camera's middle is taken for the photo's, which is 3 px off here.
+    assert pose_error(load_mesh(scene.model), found, truth).percent < 4.0
+
+
+def test_parallel_pairs_find_the_scale(scene: Scene, tmp_path: Path):
+    path, out = write_pairs(scene, tmp_path, 8), tmp_path / "out.json"
+    more = ("--pairs", path, "--projection", "parallel")
+    assert fit(scene.photo, scene.model, out, *more) == 0
+    assert isinstance(load_pose(out, *SIZE).pose.camera, Parallel)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (
+            ("--pairs", "PAIRS"),
+            "3 point pairs (of different model points); a pose needs at least 4",
+        ),
+        (("--pairs", "none.csv"), "none.csv: no such file"),
+        (("--wheels", WHEELS), "The model has no wheels that poseviewer knows of"),
+        (("--wheels", "1,2;3"), "the rear wheel has 2 values"),
+    ],
+)
+def test_marks_that_give_no_start_are_one_sentence(
+    scene: Scene, tmp_path: Path, capsys, more, words
+):
+    path, out = write_pairs(scene, tmp_path, 3), tmp_path / "out.json"
+    more = [path if word == "PAIRS" else word for word in more]
+    assert fit(scene.photo, scene.model, out, *more) == 2
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert printed.count("\n") == 1
+    assert not out.exists()
+
+
+def test_one_start_is_wanted(scene: Scene, tmp_path: Path, capsys):
+    for more in ((), ("--pose", scene.start, "--pairs", "p.csv")):
+        with pytest.raises(SystemExit) as ended:
+            fit(scene.photo, scene.model, tmp_path / "out.json", *more)
+        assert ended.value.code == 2
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_the_demos_wheels_place_it(projection: str):
+    case = demo_case(projection)
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    keypoints = load_keypoints(case.model, mesh)
+    assert keypoints is not None
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    wheels = seen_wheels(truth, keypoints)
+    known = StartCamera(parallel=projection == "parallel")
+    start = start_from_wheels(Material(photo, mesh, keypoints), wheels, known)
+    wanted = Parallel if known.parallel else Perspective
+    assert isinstance(start.pose.camera, wanted)
+    assert pose_error(mesh, start.pose, truth).percent < 4.0
+    assert "start from two wheels of radius 0.3" in start.notes[0]
+
+
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
+    case = demo_case(projection)
+    photo = load_photo(case.photo)
+    keypoints = load_keypoints(case.model, load_mesh(case.model))
+    assert keypoints is not None
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    side = visible_side(keypoints, truth)
+    wanted = truth.project([side.front_wheel, side.rear_wheel])
+    best = find_wheel_pairs(photo.grey(), (140, 220, 670, 330))[0]
+    for wheel, centre in zip((best.left, best.right), wanted, strict=True):
+        assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
+
+
+@pytest.mark.parametrize("is_guess", [False, True], ids=["known", "guessed"])
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess: bool):
+    case = demo_case(projection)
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    camera = photo.default_camera() if is_guess else truth.camera
+    material = Material(photo, mesh, load_keypoints(case.model, mesh))
+    found = find_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)
+    assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
+    assert found.fit.from_above
+
+
+@pytest.mark.parametrize(
+    ("rectangle", "words"),
+    [((0, 0, 300, 120), "No two wheels were found"), ((2000, 0, 50, 50), "has no 16x16 px")],
+)
+def test_where_no_wheels_are_that_is_said(rectangle, words: str):
+    grey = np.tile(np.linspace(0.2, 0.9, 400, dtype=np.float32), (200, 1))
+    with pytest.raises(QuickStartError, match=words):
+        find_wheel_pairs(grey, rectangle)
+
+
+def seen_wheels(truth, keypoints) -> Wheels:
+    """The ellipses that the tyres have at the true pose, to a pixel and a degree."""
+    rims = wheel_rims(truth, visible_side(keypoints, truth), 0.31)
+    rear, front = (rounded(ellipse_through(rim)) for rim in rims)
+    return Wheels(rear, front)
+
+
+def rounded(ellipse: Ellipse) -> Ellipse:
+    degrees = round(math.degrees(ellipse.angle))
+    numbers = [round(v) for v in (ellipse.cx, ellipse.cy, ellipse.a, ellipse.b)]
+    return Ellipse(numbers[0], numbers[1], numbers[2], numbers[3], math.radians(degrees))

@@ -1,0 +1,159 @@
+"""A model placed in a photo is seen whole, from the side asked for; surface points are visible."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poseviewer.errors import SettingsError
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.placing import FILLED, SIDES, look_from, surface_point
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from tests.geometry.test_charts import make_keypoints
+from tests.meshes import make_box, make_bumpy, make_soup
+
+SEEDS = st.integers(0, 2**32 - 1)
+CAMERAS = pytest.mark.parametrize(
+    "camera",
+    [
+        Parallel(1.0, 250.0, 270.0, 640, 480),
+        Perspective(700.0, 560.0, 250.0, 270.0, 640, 480),
+        Perspective(350.0, 350.0, 150.0, 320.0, 300, 640),
+    ],
+    ids=["parallel", "pinhole", "wide and upright"],
+)
+MESHES = {"box": make_box((2.0, 1.0, 0.5)), "bumpy": make_bumpy(3), "soup": make_soup(1, 60)}
+RENDERERS = {name: SoftwareRenderer(mesh) for name, mesh in MESHES.items()}
+
+
+def make_car() -> VehicleKeypoints:
+    """Wheels about the origin of a car that looks along +x, its left at +y, z upwards."""
+    sides = [
+        SideKeypoints(*np.array([[-1.3, y, 0.0], [1.3, y, 0.0], [0.0, np.sign(y), 0.0]]))
+        for y in (0.8, -0.8)
+    ]
+    return VehicleKeypoints(*sides)
+
+
+CAR_MESH = make_box((4.2, 1.7, 1.4))
+
+
+@CAMERAS
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("side", SIDES)
+def test_every_side_shows_the_whole_model_in_the_photo(camera, name, side):
+    mesh = MESHES[name]
+    for keypoints in (None, make_keypoints(np.random.default_rng(0))):
+        pose = look_from(side, mesh, keypoints, camera)
+        seen = pose.project(mesh.vertices)
+        assert np.all((seen >= 0.0) & (seen <= [camera.width, camera.height]))
+        assert np.linalg.det(pose.camera_from_model.rotation) == pytest.approx(1.0)
+        middle = np.array([camera.width, camera.height]) / 2.0
+        assert pose.project(mesh.centre) == pytest.approx(middle, abs=1e-9)
+        # Not lost in the photo, either.
+        assert np.ptp(seen, axis=0).max() > 0.3 * FILLED * min(camera.width, camera.height)
+
+
+@CAMERAS
+def test_sides_of_a_vehicle_are_those_of_its_wheels(camera):
+    car = make_car()
+
+    def depths_and_places(side: str):
+        pose = look_from(side, CAR_MESH, car, camera)
+        wheels = [
+            car.left.rear_wheel,
+            car.left.front_wheel,
+            car.right.rear_wheel,
+            car.right.front_wheel,
+        ]
+        return pose.camera_from_model.apply(wheels)[:, 2], pose.project(wheels)
+
+    depth, at = depths_and_places("front")
+    assert max(depth[[1, 3]]) < min(depth[[0, 2]])
+    assert at[1, 0] > at[3, 0]  # face to face, its left is on our right
+    depth, at = depths_and_places("back")
+    assert max(depth[[0, 2]]) < min(depth[[1, 3]])
+    assert at[0, 0] < at[2, 0]
+    depth, at = depths_and_places("left")
+    assert max(depth[[0, 1]]) < min(depth[[2, 3]])
+    assert at[1, 0] < at[0, 0]  # it drives to the left of the photo
+    depth, at = depths_and_places("right")
+    assert max(depth[[2, 3]]) < min(depth[[0, 1]])
+    assert at[3, 0] > at[2, 0]
+    depth, at = depths_and_places("three-quarter")
+    assert np.argmin(depth) == 1  # the left front wheel is the nearest
+    _, at = depths_and_places("top")
+    assert max(at[[1, 3], 1]) < min(at[[0, 2], 1])  # its front at the upper edge
+
+
+@CAMERAS
+def test_a_model_stands_upright(camera):
+    for keypoints, mesh in ((None, MESHES["box"]), (make_car(), CAR_MESH)):
+        for side in ("front", "back", "left", "right", "three-quarter"):
+            pose = look_from(side, mesh, keypoints, camera)
+            foot, head = pose.project([mesh.centre, mesh.centre + np.array([0.0, 0.0, 0.2])])
+            assert head[1] < foot[1]
+            # Off the principal point, what is looked down upon leans a little.
+            lean = 0.1 if side == "three-quarter" else 1e-9
+            assert abs(head[0] - foot[0]) <= lean * (foot[1] - head[1])
+
+
+def test_an_unknown_side_is_refused():
+    with pytest.raises(SettingsError, match="below"):
+        look_from("below", CAR_MESH, None, Parallel(1.0, 5.0, 5.0, 10, 10))
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=20)
+def test_a_surface_point_is_what_the_renderer_sees_there(name, parallel, seed):
+    random = np.random.default_rng(seed)
+    mesh, renderer = MESHES[name], RENDERERS[name]
+    camera = Perspective(120.0, 100.0, 50.0, 40.0, 96, 72)
+    if parallel:
+        camera = Parallel(15.0, 50.0, 40.0, 96, 72)
+    place = [*random.uniform(-0.5, 0.5, 2), random.uniform(9.0, 14.0)]
+    pose = Pose(camera, RigidTransform.from_rotation_vector(random.normal(size=3) * 2.0, place))
+    image = renderer.render(pose)
+    rows, columns = random.integers(0, 72, 40), random.integers(0, 96, 40)
+    for row, column in zip(rows, columns, strict=True):
+        pixel = np.array([column, row]) + 0.5
+        point = surface_point(mesh, pose, pixel)
+        assert (point is not None) == image.mask[row, column]
+        if point is None:
+            continue
+        assert pose.project(point) == pytest.approx(pixel, abs=1e-6)
+        face = image.face_ids[row, column]
+        corners = mesh.vertices[mesh.faces[face]]
+        shares = np.linalg.lstsq(
+            np.vstack([corners.T, np.ones(3)]), np.append(point, 1.0), rcond=None
+        )[0]
+        depth = pose.camera_from_model.apply(point)[2]
+        if shares.min() < -1e-6 or abs(shares @ corners - point).max() > 1e-6:
+            # Another face, then, at the same depth: an edge that both share.
+            own = pose.camera_from_model.apply(corners)[:, 2]
+            assert own.min() - 1e-5 <= depth <= own.max() + 1e-5
+
+
+@CAMERAS
+def test_beside_the_model_there_is_no_surface_point(camera):
+    mesh = MESHES["bumpy"]
+    pose = look_from("front", mesh, None, camera)
+    for corner in itertools.product((0.5, camera.width - 0.5), (0.5, camera.height - 0.5)):
+        assert surface_point(mesh, pose, corner) is None
+
+
+def test_a_surface_behind_the_camera_is_not_seen():
+    mesh = MESHES["box"]
+    behind = Pose(
+        Perspective(100.0, 100.0, 50.0, 50.0, 100, 100),
+        RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0])),
+    )
+    assert surface_point(mesh, behind, [50.0, 50.0]) is None

@@ -1,0 +1,97 @@
+"""Starts of a folder of cases: every case is fitted, and the rows say how far off it was."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from poseviewer.cli import main as cli
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.study.real import real_tasks, run_real_trial
+from poseviewer.study.real_cases import load_cases
+from tests.study.real_folder import write_real_folder
+
+WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
+          "evaluations", "seconds", "verdict")  # fmt: skip
+
+
+@pytest.fixture
+def folder(scene):
+    return write_real_folder(scene)
+
+
+def run(folder, out, *more) -> int:
+    options = ["study", "--real", folder, "--out", out, "--degrees", "5", "--jobs", 1, "--quiet"]
+    return cli.main([str(x) for x in (*options, *more)])
+
+
+def rows_of(out) -> list[dict[str, str]]:
+    with (out / "trials.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_start_is_fitted_and_both_methods_share_a_table(folder, tmp_path, capsys):
+    assert run(folder, tmp_path) == 0
+    assert run(folder, tmp_path, "--method", "paper", "--evaluations", 20_000) == 0
+    rows = rows_of(tmp_path)
+    assert set(WANTED) <= set(rows[0])
+    assert [(r["case"], r["draw"], r["method"]) for r in rows] == [
+        (case, draw, method)
+        for method in ("default", "paper")
+        for case in ("ball-a", "ball-b")
+        for draw in "01"
+    ]
+    for row in rows[:4]:
+        assert float(row["error_percent_end"]) < 1.0 < float(row["error_percent_start"])
+        assert float(row["accuracy_percent"]) == pytest.approx(2.0)
+    assert "100%" in capsys.readouterr().out
+    assert "default, near" in (tmp_path / "study.md").read_text()
+
+
+def test_cases_degrees_and_draws_are_chosen(folder, tmp_path):
+    assert run(folder, tmp_path, "--cases", "*-b", "--draws", 1, "--evaluations", 30) == 0
+    assert [(row["case"], row["draw"]) for row in rows_of(tmp_path)] == [("ball-b", "0")]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--cases", "dog"], "dog"),
+        (["--degrees", "7"], "7"),
+        (["--starts", 3], "--starts"),
+        (["--projection", "parallel"], "--projection"),
+        (["--method", "paper", "--pixels", "near"], "--pixels"),
+    ],
+)
+def test_what_cannot_work_is_said_in_a_line(folder, tmp_path, capsys, more, said):
+    assert run(folder, tmp_path / "out", *more) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert said in message
+    assert not (tmp_path / "out" / "trials.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["cases.json", "starts.json"])
+@pytest.mark.parametrize("content", [None, "{", "[1]", '{"cases": [{"id": "a"}]}'])
+def test_a_folder_without_cases_or_starts_is_said(folder, tmp_path, capsys, name, content):
+    if content is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_text(content)
+    assert run(folder, tmp_path / "out") == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert name in message
+
+
+def test_every_real_case_can_be_fitted(shared_data):
+    settings = FitSettings(chart="free-body", limits=Limits(evaluations=40))
+    tasks = real_tasks(shared_data, (5,), 1, "", settings)
+    assert [task.case.name for task in tasks] == [case.name for case in load_cases(shared_data)]
+    for task in tasks:
+        trial = run_real_trial(task)
+        assert np.isfinite([trial.error_percent_end, trial.loss_end]).all(), trial
+        assert 0.0 < trial.loss_end <= trial.loss_start, trial
+        assert trial.status == "EVALUATIONS_SPENT", trial

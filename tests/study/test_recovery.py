@@ -1,0 +1,107 @@
+"""Fits end at the truth: on photos drawn by OpenGL, and on the bundled path-traced photos."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.files.demo import demo_case
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.file import load_pose
+from poseviewer.fit.problem import FitProgress, fit_pose, make_problem
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.pose_error import PoseError, pose_error
+from poseviewer.render.renderers import make_renderer
+from poseviewer.starts.registration import load_registration
+from poseviewer.study.light import random_lighting
+from poseviewer.study.synthetic import Ground, Photographer, PhotoQuality
+from poseviewer.vehicle.chart import VehicleChart
+from tests.opengl import require_opengl
+
+CAMERAS = {
+    "parallel": Parallel(1.0, 320.0, 240.0, 640, 480),
+    "perspective": Perspective.from_field_of_view(40.0, 640, 480),
+}
+THETA = np.array([0.7, 0.62, -0.42, 0.06, 0.45, 0.2])
+"""A car seen from its front left, from somewhat above."""
+
+
+def photograph(mesh: Mesh, chart: VehicleChart, ground: Ground | None, seed: int) -> Photo:
+    """A diffuse car before a plain background, on plain ground if wanted, in light that the fit
+    does not know, with sensor noise."""
+    require_opengl()
+    photographer = Photographer(mesh, "diffuse", ground)
+    lighting = random_lighting(np.random.default_rng(seed))
+    pixels = photographer.photograph(
+        chart.to_pose(THETA), lighting, quality=PhotoQuality(noise=1.0), seed=seed
+    )
+    photographer.close()
+    return Photo(pixels, "synthetic.png", "0" * 64)
+
+
+def fit_from(registration: Registration, numbers, chart: VehicleChart) -> FitProgress:
+    start = chart.to_pose(numbers)
+    registration = Registration(
+        registration.photo, registration.mesh, "", "", registration.keypoints, start, ()
+    )
+    problem, note = make_problem(registration, FitSettings(chart="vehicle"))
+    assert note == ""
+    *_, end = fit_pose(problem, make_renderer(registration.mesh))
+    return end
+
+
+@pytest.mark.parametrize("projection", CAMERAS)
+def test_demo_car_is_found_from_8_per_cent_off(projection):
+    case = demo_case()
+    mesh = load_mesh(case.model)
+    keypoints = load_keypoints(case.model, mesh)
+    assert keypoints is not None
+    chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
+    photo = photograph(mesh, chart, Ground((0.0, 0.0, 1.0)), seed=1)
+    registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
+    random = np.random.default_rng(8)
+    for _ in range(3):
+        start = THETA * (1.0 + 0.08 * random.choice([-1.0, 1.0], 6))
+        end = fit_from(registration, start, chart)
+        assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
+
+
+@pytest.mark.parametrize("projection", CAMERAS)
+def test_the_bmw_is_found_from_ten_starts_within_4_per_cent(shared_data, projection):
+    path = shared_data / "mesh_bmw_e34" / "car.glb"
+    mesh = load_mesh(path)
+    keypoints = load_keypoints(path, mesh)
+    assert keypoints is not None
+    chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
+    photo = photograph(mesh, chart, None, seed=2)
+    registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
+    random = np.random.default_rng(4)
+    for _ in range(10):
+        start = THETA * (1.0 + random.uniform(-0.04, 0.04, 6))
+        end = fit_from(registration, start, chart)
+        assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
+
+
+def demo_error(projection: str, settings: FitSettings) -> tuple[PoseError, PoseError]:
+    """Errors of the bundled start and of where a fit from it ends."""
+    case = demo_case(projection)
+    registration = load_registration(case.photo, case.model, case.start)
+    photo = load_photo(case.photo)
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    problem, _ = make_problem(registration, settings)
+    *_, end = fit_pose(problem, make_renderer(registration.mesh))
+    before = pose_error(registration.mesh, registration.start, truth)
+    return before, pose_error(registration.mesh, end.pose, truth)
+
+
+@pytest.mark.parametrize("projection", CAMERAS)
+def test_the_bundled_photo_is_registered_within_1_5_per_cent(projection):
+    before, after = demo_error(projection, FitSettings())
+    assert before.percent > 4.0
+    assert after.percent < 1.5

@@ -1,0 +1,164 @@
+"""Synthetic photographs are where, and as bright as, the models of the program say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.opengl.renderer import OpenGLRenderer
+from poseviewer.study.light import DirectionalLight, Lighting, random_lighting
+from poseviewer.study.synthetic import Ground, Photographer, PhotoQuality, make_photo
+from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
+from tests.opengl import require_opengl
+
+LIGHTING = Lighting(
+    np.array([0.3, 0.25, 0.28]),
+    (
+        DirectionalLight(np.array([0.3, -0.5, -0.8]), np.array([0.6, 0.55, 0.5])),
+        DirectionalLight(np.array([-0.8, 0.1, -0.3]), np.array([0.1, 0.12, 0.1])),
+    ),
+)
+PLACE = RigidTransform.from_rotation_vector([0.7, -0.4, 0.2], [0.1, -0.05, 4.0])
+POSES = pytest.mark.parametrize(
+    "pose",
+    [
+        Pose(Perspective(310.0, 300.0, 103.3, 91.8, 240, 181), PLACE),
+        Pose(Parallel(70.0, 131.2, 81.7, 240, 181), PLACE),
+    ],
+    ids=["perspective", "parallel"],
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _opengl():
+    require_opengl()
+
+
+def make_textured_bumpy():
+    mesh = make_bumpy()
+    return make_mesh(
+        mesh.vertices,
+        mesh.faces,
+        mesh.normals,
+        mesh.colours,
+        uvs=mesh.vertices[:, :2] * 0.4,
+        face_texture=np.where(mesh.vertices[mesh.faces[:, 0], 2] > 0.0, 0, -1),
+        textures=(make_waves(64, 128),),
+    )
+
+
+def on_border(values):
+    """Where a neighbour has another value: there, a photo's pixel shows a mixture."""
+    differs = np.zeros(values.shape, bool)
+    for axis in (0, 1):
+        for step in (-1, 1):
+            differs |= np.roll(values, step, axis) != values
+    return differs
+
+
+@POSES
+@pytest.mark.parametrize("mesh", [make_bumpy(), make_textured_bumpy()], ids=["colours", "texture"])
+def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(mesh, pose):
+    colour, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
+    image = OpenGLRenderer(mesh).render(pose)
+    cosines = [image.normals @ light.towards for light in LIGHTING.lights]
+    lit = (coverage == 1.0) & image.mask & (cosines[0] > 0.05) & (cosines[1] > 0.05)
+    lit &= ~on_border(mesh.face_texture[image.face_ids])
+    assert lit.sum() > 1000
+    for channel in range(3):
+        k = image.reflectance[lit][:, channel].astype(float)
+        attributes = np.column_stack([k, k[:, None] * image.normals[lit]])
+        seen = colour[lit][:, channel].astype(float)
+        found, *_ = np.linalg.lstsq(attributes, seen, rcond=None)
+        light = np.sum([o.intensity[channel] * o.towards for o in LIGHTING.lights], axis=0)
+        assert found == pytest.approx([LIGHTING.ambient[channel], *light], abs=0.005)
+        residual = seen - attributes @ found
+        assert np.median(np.abs(residual)) < 0.5 / 255
+        assert 1 - residual.var() / seen.var() > 0.999
+
+
+@POSES
+@pytest.mark.parametrize("mesh", [make_box(), make_bumpy()], ids=["box", "bumpy"])
+def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
+    _, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
+    opengl = OpenGLRenderer(mesh)
+    fine = opengl.face_ids(pose.scaled(12)) >= 0
+    exact = fine.reshape(pose.camera.height, 12, pose.camera.width, 12).mean(axis=(1, 3))
+    assert np.abs(coverage - exact).max() < 0.1  # of 36 samples each
+    for axis in (0, 1):
+        place = np.arange(exact.shape[1 - axis]) + 0.5
+        sums = coverage.sum(axis=axis, dtype=float), exact.sum(axis=axis)
+        first, second = (np.average(place, weights=w) for w in sums)
+        assert first == pytest.approx(second, abs=0.005)
+    mask = opengl.render(pose).mask
+    assert mask[coverage == 1.0].all()
+    assert not mask[coverage == 0.0].any()
+
+
+def test_highlights_only_add_light():
+    pose = Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE)
+    mesh = make_bumpy()
+    diffuse, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
+    phong, _ = Photographer(mesh, "phong").cut_out(pose, LIGHTING)
+    physical, _ = Photographer(mesh, "physical").cut_out(pose, LIGHTING)
+    assert (phong >= diffuse - 1 / 255).all()
+    assert (phong - diffuse).max() > 0.1
+    inside = coverage == 1.0
+    assert np.corrcoef(physical[inside].ravel(), diffuse[inside].ravel())[0, 1] > 0.8
+
+
+def test_shadow_falls_on_the_ground_away_from_the_light():
+    light = DirectionalLight(np.array([1.0, -1.0, 0.0]), np.full(3, 0.6))
+    lighting = Lighting(np.full(3, 0.3), (light,))
+    camera = Perspective.from_field_of_view(50.0, 240, 180)
+    tilt = RigidTransform.from_rotation_vector([0.5, 0.0, 0.0], [0.0, 0.0, 6.0])
+    photographer = Photographer(make_box((1.0, 1.0, 1.0)), ground=Ground((0.0, -1.0, 0.0)))
+    lit, _ = photographer.cut_out(Pose(camera, tilt), lighting)
+    shadowed, _ = photographer.cut_out(Pose(camera, tilt), lighting, shadows=True)
+    darker = lit.sum(axis=-1) - shadowed.sum(axis=-1) > 0.2
+    assert (shadowed <= lit + 2 / 255).all()
+    assert darker.mean() > 0.01
+    assert np.nonzero(darker)[1].mean() < 110
+
+
+def test_background_blur_and_noise():
+    pose = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE)
+    mesh = make_box()
+    picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
+    photographer = Photographer(mesh)
+    photo = photographer.photograph(pose, LIGHTING, picture)
+    _, coverage = photographer.cut_out(pose, LIGHTING)
+    assert photo.dtype == np.uint8
+    assert (photo[coverage == 0.0] == picture[coverage == 0.0]).all()
+    plain = photographer.photograph(pose, LIGHTING, (0.5, 0.5, 0.5))
+    noisy = [
+        photographer.photograph(pose, LIGHTING, (0.5, 0.5, 0.5), PhotoQuality(noise=4.0), seed=s)
+        for s in (1, 1, 2)
+    ]
+    assert (noisy[0] == noisy[1]).all()
+    assert (noisy[0] != noisy[2]).any()
+    assert np.std(noisy[0].astype(float) - plain) == pytest.approx(4.0, rel=0.1)
+    blurred = photographer.photograph(pose, LIGHTING, picture, PhotoQuality(blur_px=2.0))
+    assert (
+        np.abs(np.diff(blurred.astype(float), axis=0)).mean()
+        < 0.3 * np.abs(np.diff(photo.astype(float), axis=0)).mean()
+    )
+
+
+def test_same_seed_makes_the_same_photo():
+    pose = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE)
+    quality = PhotoQuality(noise=2.0, supersampling=2)
+    one, again, other = (make_photo(make_box(), pose, quality=quality, seed=s) for s in (3, 3, 4))
+    assert (one == again).all()
+    assert (one != other).any()
+
+
+def test_random_light_comes_from_before_the_model():
+    for seed in range(50):
+        lighting = random_lighting(np.random.default_rng(seed))
+        assert 1 <= len(lighting.lights) <= 2
+        for light in lighting.lights:
+            assert np.linalg.norm(light.towards) == pytest.approx(1.0)
+            assert light.towards @ [0.0, -0.6, -0.8] >= np.cos(np.radians(65.0)) - 1e-9
