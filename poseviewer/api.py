@@ -70,7 +70,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 
 from poseviewer.files.pose.file import (
-    ChartNumbers,
+    ChartParameters,
     ModelReference,
     PhotoReference,
 )
@@ -262,7 +262,7 @@ class Case:
         centre = chart.from_pose(pose)
         title = f"{photo.label}: loss about the pose, ±{half_width:.0%}"
         return LossMaps(
-            tuple(slices), chart.names, centre, chart.spans(centre), title, photo_text(photo)
+            tuple(slices), chart.names, centre, chart.scales(centre), title, photo_text(photo)
         )
 
 
@@ -392,12 +392,12 @@ def make_record(
 ) -> PoseRecord:
     """All that the pose file of a fit says."""
     photo, chart = registration.photo, problem.chart
-    numbers = tuple(float(number) for number in chart.from_pose(pose))
+    parameters = tuple(float(number) for number in chart.from_pose(pose))
     return PoseRecord(
         pose,
         PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
         ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
-        ChartNumbers(chart.name, chart.names, numbers),
+        ChartParameters(chart.name, chart.names, parameters),
         loss,
         {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
         {"name": "poseviewer", "version": version("poseviewer")},
@@ -408,6 +408,6 @@ def make_record(
 
 def as_recorded(verdict: Verdict) -> RecordedVerdict:
     """The verdict as a pose file says it."""
-    evidence = {} if verdict.evidence is None else asdict(verdict.evidence)
-    numbers = {name: value for name, value in evidence.items() if name != "weak"}
-    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, numbers)
+    features = {} if verdict.features is None else asdict(verdict.features)
+    parameters = {name: value for name, value in features.items() if name != "weak"}
+    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, parameters)

@@ -111,7 +111,7 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert steps[-1].loss == found.loss
     assert steps[-1].verdict == found.verdict
     assert found.progress is not None
-    assert np.array_equal(steps[-1].numbers, found.progress.numbers)
+    assert np.array_equal(steps[-1].parameters, found.progress.parameters)
 
 
 def test_what_is_prepared_is_what_a_search_begins_with(scene, monkeypatch):

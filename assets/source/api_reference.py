@@ -13,11 +13,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from poseviewer import api, errors, registration
+from poseviewer import api, errors
 from poseviewer.files.pose import file as pose_file
-from poseviewer.fit import landscape
-from poseviewer.fit import problem as pose_fit
+from poseviewer.fit import landscape, problem, registration, settings
 from poseviewer.geometry import camera, transform
+from poseviewer.starts import registration as opening
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
 HEAD = """# API reference
@@ -31,8 +31,10 @@ unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer", api, ("load", "make_case", "Case", "FitResult", "LossMaps")),
-    ("poseviewer.registration", registration, ("FitSettings", "load_model", "Registration")),
-    ("poseviewer.fit.problem", pose_fit, ("FitProgress", "Status", "Limits")),
+    ("poseviewer.starts.registration", opening, ("load_model",)),
+    ("poseviewer.fit.registration", registration, ("Registration",)),
+    ("poseviewer.fit.settings", settings, ("FitSettings", "Limits")),
+    ("poseviewer.fit.problem", problem, ("FitProgress", "Status")),
     ("poseviewer.fit.landscape", landscape, ("Slice",)),
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),

@@ -48,7 +48,7 @@ class Case:
     mesh: Mesh
     renderer: SoftwareRenderer
     poses: tuple[Pose, ...]
-    numbers: tuple[FloatArray, ...]
+    parameters: tuple[FloatArray, ...]
     """The poses in the problems' chart."""
     paper: FitProblem
     """The paper's loss: grey, over the pixels that the model covers."""
@@ -69,7 +69,7 @@ class Case:
 
     def loss(self) -> float:
         """The paper's loss at the first pose, for checks."""
-        return pose_loss(self.paper, self.renderer, self.numbers[0])
+        return pose_loss(self.paper, self.renderer, self.parameters[0])
 
 
 def load_demo() -> Demo:
@@ -124,13 +124,13 @@ def place(demo: Demo, model: Model, width: int, height: int, share: float = USUA
     usual = lit_problem(registration)
     paper = make_problem(registration, FitSettings(grey=True, pixels="clip"))[0]
     offsets = np.random.default_rng(0).uniform(-JITTER, JITTER, (POSES, len(usual.start)))
-    numbers = tuple(usual.start + offset * usual.chart.spans(usual.start) for offset in offsets)
+    parameters = tuple(usual.start + offset * usual.chart.scales(usual.start) for offset in offsets)
     return Case(
         model.triangles,
         model.mesh,
         model.renderer,
-        tuple(usual.chart.to_pose(n) for n in numbers),
-        numbers,
+        tuple(usual.chart.to_pose(n) for n in parameters),
+        parameters,
         paper,
         usual,
         int(model.renderer.covers(truth).sum()),

@@ -174,11 +174,11 @@ class SpreadPath:
         for stage, problem in _problems(case).items():
 
             def evaluate(
-                renderer: Renderer, numbers: FloatArray, problem: FitProblem = problem
+                renderer: Renderer, parameters: FloatArray, problem: FitProblem = problem
             ) -> float:
-                return pose_loss(problem, renderer, numbers)
+                return pose_loss(problem, renderer, parameters)
 
-            stages[stage] = self._time(evaluate, case.numbers, k)
+            stages[stage] = self._time(evaluate, case.parameters, k)
         return stages
 
     def _time(self, task: Callable[[Renderer, P], object], items: Sequence[P], k: int) -> float:
@@ -220,9 +220,9 @@ def _picture_path(letter: str, case: Case, renderer: Renderer) -> Path:
 def _through_chart(case: Case, renderer: Renderer, k: int) -> Seconds:
     seconds = {}
     for step, (stage, problem) in enumerate(_problems(case).items(), 2):
-        numbers = case.numbers[(k + STEP * step) % len(case.numbers)]
+        parameters = case.parameters[(k + STEP * step) % len(case.parameters)]
         began = perf_counter()
-        pose_loss(problem, renderer, numbers)
+        pose_loss(problem, renderer, parameters)
         seconds[stage] = perf_counter() - began
     return seconds
 

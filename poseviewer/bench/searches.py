@@ -228,7 +228,7 @@ def _time_on(case: Case, level: Level, threads: int | None, size: int, limit_s: 
 def _known(problem: FitProblem, pool: RendererPool, case: Case, size: int, end: float) -> int:
     """How many losses of all maps are known when they are complete, or the time is up."""
     known: dict[Pair, int] = {}
-    for piece in landscape(problem, pool, case.numbers[0], size=size):
+    for piece in landscape(problem, pool, case.parameters[0], size=size):
         known[piece.first, piece.second] = int(np.isfinite(piece.losses).sum())
         if perf_counter() > end:
             break

@@ -31,7 +31,7 @@ from poseviewer.files.state.last_pose import keep_last_pose, last_pose
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.problem import FitProgress
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.marks import (
@@ -252,7 +252,7 @@ def _settings(options: Namespace) -> FitSettings:
     given = vars(options)
     method = given.get("method", "default")
     _check_method(options, method)
-    rules = RestartRules()
+    rules = RestartOptions()
     if given.get("tolerance"):
         rules = replace(rules, x_tolerance=given["tolerance"])
     if given.get("step"):

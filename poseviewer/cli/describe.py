@@ -216,7 +216,7 @@ def _distortion_of(record: PoseRecord) -> str:
 def _chart_of(record: PoseRecord) -> str:
     if record.chart is None:
         return "not said"
-    pairs = zip(record.chart.names, record.chart.numbers, strict=True)
+    pairs = zip(record.chart.names, record.chart.parameters, strict=True)
     return f"{record.chart.name}: " + ", ".join(f"{name} {value:.5f}" for name, value in pairs)
 
 

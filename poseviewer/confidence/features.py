@@ -16,7 +16,7 @@ from poseviewer.fit.loss import EDGE_WEIGHT
 from poseviewer.fit.probing import Cost, Descent, Probe, compared_photo, probe_about
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.turns import turning_steps
-from poseviewer.fit.verdict import Evidence
+from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -57,9 +57,9 @@ class _Around:
     drift: float
 
 
-def gather_evidence(
+def gather_features(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
-) -> Evidence | None:
+) -> Features | None:
     """The evidence about a pose of the problem; the same each time, on any number of threads.
 
     None where there is none to be had: the model is not in sight, or in part behind the camera.
@@ -82,7 +82,7 @@ def _evidence(
     renderer: Renderer,
     pose: Pose,
     covered: NDArray[np.bool_],
-) -> Evidence | None:
+) -> Features | None:
     (here,) = probe.costs([np.zeros(len(probe.motions))])
     if here is None:
         return None
@@ -99,7 +99,7 @@ def _evidence(
     outline = outline_support(photo.channels, photo.weights, covered)
     size = math.sqrt(np.count_nonzero(covered))
     explained, share = _explained(photo, renderer, pose)
-    return Evidence(
+    return Features(
         loss_margin=(float(np.median(losses)) - here.loss) / scale,
         edge_margin=(here.edge_cosine - float(np.median(cosines))) / _spread(cosines),
         light_margin=(float(np.median(light)) - _light(here)) / _spread(light),

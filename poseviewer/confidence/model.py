@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 
-from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.reasons import reasons_for
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem, FitProgress, Status
-from poseviewer.fit.verdict import Evidence, Verdict, Word
+from poseviewer.fit.verdict import Features, Verdict, Word
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.types import Renderer
 
@@ -23,31 +23,31 @@ def judge_end(
     progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Verdict:
     """The verdict on the pose that a search ended in: ``lost`` where no model is to be seen."""
-    evidence: Evidence | None = None
+    features: Features | None = None
     if progress.status is not Status.NOTHING_SEEN:
         with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
-            evidence = gather_evidence(problem, mesh, renderer, progress.pose, threads)
-    return judge(evidence)
+            features = gather_features(problem, mesh, renderer, progress.pose, threads)
+    return judge(features)
 
 
-def judge(evidence: Evidence | None) -> Verdict:
+def judge(features: Features | None) -> Verdict:
     """The verdict that the evidence comes to; None: the model is not to be seen at the pose."""
-    if evidence is None:
+    if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
-    probability = probability_of(evidence)
+    probability = probability_of(features)
     word: Word = "doubtful"
     if probability >= FOUND_FROM:
         word = "found"
     elif probability < LOST_BELOW:
         word = "lost"
-    return Verdict(word, probability, reasons_for(evidence), evidence)
+    return Verdict(word, probability, reasons_for(features), features)
 
 
-def probability_of(evidence: Evidence) -> float:
+def probability_of(features: Features) -> float:
     """By logistic regression on the evidence's numbers."""
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
-        away = (tamed(name, getattr(evidence, name)) - mean) / deviation
+        away = (tamed(name, getattr(features, name)) - mean) / deviation
         score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
     return 1.0 / (1.0 + math.exp(-score))
 

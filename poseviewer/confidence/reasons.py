@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from poseviewer.fit.verdict import Evidence
+from poseviewer.fit.verdict import Features
 
 MOST_WEAK = 3
 """Directions that are named."""
@@ -15,28 +15,28 @@ GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 FEW_PIXELS = 1000
 
 
-def reasons_for(evidence: Evidence) -> tuple[str, ...]:
+def reasons_for(features: Features) -> tuple[str, ...]:
     """What speaks for and against the pose, a sentence each."""
     found = [
-        _loss(evidence),
-        _restarts(evidence),
-        _rival(evidence),
-        _turned(evidence),
-        _outline(evidence),
-        _explained(evidence),
-        _hidden(evidence),
+        _loss(features),
+        _restarts(features),
+        _rival(features),
+        _turned(features),
+        _outline(features),
+        _explained(features),
+        _hidden(features),
         *(
             f"The photo does not tell {weak.words}."
             if index == 0
             else f"Nor does it tell {weak.words}."
-            for index, weak in enumerate(evidence.weak[:MOST_WEAK])
+            for index, weak in enumerate(features.weak[:MOST_WEAK])
         ),
     ]
     return tuple(sentence for sentence in found if sentence)
 
 
-def _loss(evidence: Evidence) -> str:
-    margin = evidence.loss_margin
+def _loss(features: Features) -> str:
+    margin = features.loss_margin
     if margin <= 0.0:
         return "Wrong poses of this model cost no more on this photo."
     how = "no more than " if margin < HARDLY_BETTER else ""
@@ -46,50 +46,50 @@ def _loss(evidence: Evidence) -> str:
     )
 
 
-def _restarts(evidence: Evidence) -> str:
-    share = evidence.agreement
+def _restarts(features: Features) -> str:
+    share = features.agreement
     if share >= 0.99:
         return "All searches from near by came back to it."
     if share <= 0.01:
         return (
             "No search from near by came back to it: they ended "
-            f"{evidence.spread_percent:.0f} % of the model's size away."
+            f"{features.spread_percent:.0f} % of the model's size away."
         )
     return f"Of the searches from near by, {share:.0%} came back to it."
 
 
-def _rival(evidence: Evidence) -> str:
-    if evidence.rival_percent <= 0.0:
+def _rival(features: Features) -> str:
+    if features.rival_percent <= 0.0:
         return ""
-    where = f"Another pose, {evidence.rival_percent:.0f} % of the model's size away,"
-    if evidence.rival_margin < 0.0:
+    where = f"Another pose, {features.rival_percent:.0f} % of the model's size away,"
+    if features.rival_margin < 0.0:
         return f"{where} has a lower loss on the coarse photo."
-    if evidence.rival_margin < 1.0:
+    if features.rival_margin < 1.0:
         return f"{where} is nearly as good."
     return ""
 
 
-def _turned(evidence: Evidence) -> str:
-    if evidence.turn_margin < 0.0:
+def _turned(features: Features) -> str:
+    if features.turn_margin < 0.0:
         return "Turned about one of its own axes the model costs less on the coarse photo."
-    if evidence.turn_margin < HARDLY_TURNED:
+    if features.turn_margin < HARDLY_TURNED:
         return "Turned about one of its own axes the model costs hardly more: it may be turned."
     return ""
 
 
-def _outline(evidence: Evidence) -> str:
-    share = evidence.outline
+def _outline(features: Features) -> str:
+    share = features.outline
     how = "" if share >= GOOD_OUTLINE else "only " if share < POOR_OUTLINE else "some "
     return f"Along {how}{share:.0%} of its outline the photo has an edge of that direction."
 
 
-def _explained(evidence: Evidence) -> str:
-    return f"Light explains {evidence.explained:.0%} of the model's pixels."
+def _explained(features: Features) -> str:
+    return f"Light explains {features.explained:.0%} of the model's pixels."
 
 
-def _hidden(evidence: Evidence) -> str:
-    if evidence.seen < 0.9:
-        return f"Only {evidence.seen:.0%} of the model lies on pixels that count."
-    if 10.0**evidence.pixels < FEW_PIXELS:
-        return f"The model covers only {10.0**evidence.pixels:.0f} pixels."
+def _hidden(features: Features) -> str:
+    if features.seen < 0.9:
+        return f"Only {features.seen:.0%} of the model lies on pixels that count."
+    if 10.0**features.pixels < FEW_PIXELS:
+        return f"The model covers only {10.0**features.pixels:.0f} pixels."
     return ""

@@ -61,8 +61,8 @@ def make_landscape_sheet(
         shared_scale: one colour for one loss over all maps, with a colour bar; otherwise each map
             has its own range, from its least to its greatest loss, which shows faint basins.
     """
-    numbers = sorted({i for piece in slices for i in (piece.first, piece.second)})
-    columns, rows = numbers[:-1], numbers[1:]
+    parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
+    columns, rows = parameters[:-1], parameters[1:]
     side = max(CELL_INCHES * len(rows), SMALLEST_INCHES)
     # A triangle leaves a corner free for the colour bar and the key; a single map does not.
     above = 0.65 if len(rows) > 1 else 2.0

@@ -21,7 +21,7 @@ class LossMaps:
     names: tuple[str, ...]
     centre: FloatArray
     """(d,): the pose in the middle."""
-    spans: FloatArray
+    scales: FloatArray
     """(d,): what counts as 100 % of each number."""
     title: str = ""
     photo: str = ""
@@ -35,10 +35,10 @@ class LossMaps:
             ValueError: the kind is unknown.
         """
         if kind == "npz":
-            about = self.names, self.centre, self.spans
+            about = self.names, self.centre, self.scales
             return landscape_npz_bytes(*about, self.slices, self.photo)
         if kind == "csv":
-            return landscape_csv_bytes(self.names, self.centre, self.spans, self.slices)
+            return landscape_csv_bytes(self.names, self.centre, self.scales, self.slices)
         # Half a second of Matplotlib, which opening the app need not wait for.
         from poseviewer.figures.landscape_sheet import make_landscape_sheet
         from poseviewer.figures.save import figure_bytes

@@ -58,7 +58,7 @@ class LossSlice(Protocol):
 def landscape_npz_bytes(
     names: Sequence[str],
     centre: ArrayLike,
-    spans: ArrayLike,
+    scales: ArrayLike,
     slices: Sequence[LossSlice],
     photo: str = "",
 ) -> bytes:
@@ -69,7 +69,7 @@ def landscape_npz_bytes(
         names=np.array(names, dtype=str),
         photo=np.array(photo),
         centre=np.asarray(centre, dtype=float),
-        spans=np.asarray(spans, dtype=float),
+        scales=np.asarray(scales, dtype=float),
         pairs=np.array([[piece.first, piece.second] for piece in slices]),
         first_values=np.array([piece.first_values for piece in slices]),
         second_values=np.array([piece.second_values for piece in slices]),
@@ -79,10 +79,10 @@ def landscape_npz_bytes(
 
 
 def landscape_csv_bytes(
-    names: Sequence[str], centre: ArrayLike, spans: ArrayLike, slices: Sequence[LossSlice]
+    names: Sequence[str], centre: ArrayLike, scales: ArrayLike, slices: Sequence[LossSlice]
 ) -> bytes:
     """A table in UTF-8: ``centre`` and ``spans`` (d,), slices of any sizes."""
-    middle, span = np.asarray(centre, dtype=float), np.asarray(spans, dtype=float)
+    middle, span = np.asarray(centre, dtype=float), np.asarray(scales, dtype=float)
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
@@ -91,6 +91,6 @@ def landscape_csv_bytes(
         for row, column in np.argwhere(~np.isnan(piece.losses)):
             x, y = piece.first_values[column], piece.second_values[row]
             offsets = (x - middle[i]) / span[i], (y - middle[j]) / span[j]
-            numbers = (x, y, piece.losses[row, column], *offsets)
-            writer.writerow([names[i], names[j], *(repr(float(number)) for number in numbers)])
+            parameters = (x, y, piece.losses[row, column], *offsets)
+            writer.writerow([names[i], names[j], *(repr(float(number)) for number in parameters)])
     return text.getvalue().encode()

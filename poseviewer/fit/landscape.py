@@ -119,7 +119,7 @@ def landscape(
     steps = half_width * np.linspace(-1.0, 1.0, size)
     steps[size // 2] = 0.0
     # Column i: the values that number i takes along its axis.
-    values = centre + steps[:, None] * problem.chart.spans(centre)
+    values = centre + steps[:, None] * problem.chart.scales(centre)
     known: dict[Place, float] = {}
     grids = {pair: np.full((size, size), np.nan) for pair in pairs}
     for stride in strides(size):
@@ -165,10 +165,10 @@ def _place(middle: int, steps: dict[int, int]) -> Place:
 
 
 def _numbers_at(place: Place, centre: FloatArray, values: FloatArray) -> FloatArray:
-    numbers = centre.copy()
+    parameters = centre.copy()
     for i, step in place:
-        numbers[i] = values[step, i]
-    return numbers
+        parameters[i] = values[step, i]
+    return parameters
 
 
 def _losses(
@@ -176,8 +176,8 @@ def _losses(
 ) -> Iterator[float]:
     """The losses of all points, in order, each worked out when it is asked for or before."""
     if isinstance(renderer, RendererPool):
-        return renderer.map(lambda one, numbers: pose_loss(problem, one, numbers), points)
-    return (pose_loss(problem, renderer, numbers) for numbers in points)
+        return renderer.map(lambda one, parameters: pose_loss(problem, one, parameters), points)
+    return (pose_loss(problem, renderer, parameters) for parameters in points)
 
 
 def strides(size: int) -> list[int]:

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.stages import Stage
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import Level
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 
@@ -36,7 +36,7 @@ def paper_loss(moments: Moments, clipped: bool) -> float:
 
 
 def paper_stages(
-    photo: PhotoAttributes, renderer: Renderer, rules: RestartRules
+    photo: PhotoAttributes, renderer: Renderer, rules: RestartOptions
 ) -> tuple[Stage, ...]:
     """One stage: the photo itself, without scouts."""
     step = rules.step if photo.clipped else WHOLE_STEP

@@ -161,12 +161,12 @@ def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttribut
     return structured(plain, working_factor(mesh, pose))
 
 
-def free_motions(problem: FitProblem, numbers: FloatArray, chart: FreeBodyChart) -> FloatArray:
+def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
     size = len(chart.names)
     if len(problem.free_indices) == size:
         return np.eye(size)
-    motions = [_motion(problem, numbers, index, chart) for index in problem.free_indices]
+    motions = [_motion(problem, parameters, index, chart) for index in problem.free_indices]
     motions = [motion for motion in motions if motion is not None]
     if not motions:
         return np.eye(size)
@@ -175,14 +175,14 @@ def free_motions(problem: FitProblem, numbers: FloatArray, chart: FreeBodyChart)
 
 
 def _motion(
-    problem: FitProblem, numbers: FloatArray, index: int, chart: FreeBodyChart
+    problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
 ) -> FloatArray | None:
     """What a number's change does, per span; forwards or, at the border of the problem's chart,
     backwards. None where neither leads to a pose.
     """
-    step = SMALL_STEP * problem.chart.spans(numbers)[index]
+    step = SMALL_STEP * problem.chart.scales(parameters)[index]
     for sign in (1.0, -1.0):
-        changed = numbers.copy()
+        changed = parameters.copy()
         changed[index] += sign * step
         try:
             return chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)

@@ -24,10 +24,10 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
-from poseviewer.optimise.cma_es import CloudState, EvolutionRules, evolve
+from poseviewer.optimise.cma_es import CloudState, CmaOptions, evolve
 from poseviewer.optimise.nelder_mead import SimplexState
-from poseviewer.optimise.quadratic import QuadraticRules, quadratic_descent
-from poseviewer.optimise.restarts import RestartRules, SearchState, restarted_simplex
+from poseviewer.optimise.quadratic import QuadraticOptions, quadratic_descent
+from poseviewer.optimise.restarts import RestartOptions, SearchState, restarted_simplex
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, smaller, structured, with_structure
 from poseviewer.render.types import PhotoAttributes, Renderer
@@ -72,7 +72,7 @@ class FitProblem:
     """(d,): the chart's numbers of the start pose."""
     free: tuple[bool, ...] = ()
     """(d,): which numbers the search may change; empty: all."""
-    rules: RestartRules = field(default_factory=RestartRules)
+    rules: RestartOptions = field(default_factory=RestartOptions)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     method: Method = "default"
@@ -99,10 +99,10 @@ class FitProblem:
 
     def complete(self, free_numbers: FloatArray) -> FloatArray:
         """(..., d): the start's numbers with the free ones replaced by (..., k)."""
-        numbers = np.empty((*free_numbers.shape[:-1], len(self.start)))
-        numbers[...] = self.start
-        numbers[..., self.free_indices] = free_numbers
-        return numbers
+        parameters = np.empty((*free_numbers.shape[:-1], len(self.start)))
+        parameters[...] = self.start
+        parameters[..., self.free_indices] = free_numbers
+        return parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +113,7 @@ class FitProgress:
     the simplex is on.
     """
 
-    numbers: FloatArray
+    parameters: FloatArray
     """(d,): the best numbers, in the problem's chart."""
     pose: Pose
     loss: float
@@ -133,16 +133,16 @@ class FitProgress:
     """Of the last one of a ``judged_fit``: whether the pose is right."""
 
 
-def pose_loss(problem: FitProblem, renderer: Renderer, numbers: FloatArray) -> float:
+def pose_loss(problem: FitProblem, renderer: Renderer, parameters: FloatArray) -> float:
     """The loss at the chart's ``numbers`` (d,); numbers that stand for no pose cost the most."""
-    return _loss(problem, problem.photo, renderer, numbers)
+    return _loss(problem, problem.photo, renderer, parameters)
 
 
 def _loss(
-    problem: FitProblem, photo: PhotoAttributes, renderer: Renderer, numbers: FloatArray
+    problem: FitProblem, photo: PhotoAttributes, renderer: Renderer, parameters: FloatArray
 ) -> float:
     try:
-        pose = problem.chart.to_pose(numbers)
+        pose = problem.chart.to_pose(parameters)
     except OutsideChartError:
         return problem.worst_loss
     moments = renderer.moments(pose, photo)
@@ -182,7 +182,7 @@ class _Search:
         self._evaluations, self._restart = 0, 0
         self._start_loss, self._loss = np.inf, np.inf
         self._best = problem.start[problem.free_indices]
-        self._spans = problem.chart.spans(problem.start)[problem.free_indices]
+        self._spans = problem.chart.scales(problem.start)[problem.free_indices]
         self._units = np.diag(self._spans)
         self._numbers, self._pose = problem.start, problem.chart.to_pose(problem.start)
 
@@ -240,7 +240,7 @@ class _Search:
 
     def _states(self, stage: Stage) -> Iterator[SearchState]:
         problem, before, rules = self._problem, self._restart, stage.rules
-        if not isinstance(rules, RestartRules):
+        if not isinstance(rules, RestartOptions):
             with RendererPool(stage.level.renderer, self._threads) as pool:
                 objective = self._of_many(stage.level.photo, pool)
                 for cloud in self._clouds(rules, objective):
@@ -253,9 +253,9 @@ class _Search:
             self._restart = before + state.restart
             yield state
 
-    def _clouds(self, rules: EvolutionRules | QuadraticRules, objective: OfMany) -> Clouds:
+    def _clouds(self, rules: CmaOptions | QuadraticOptions, objective: OfMany) -> Clouds:
         best, seed = self._best, self._problem.seed
-        if isinstance(rules, EvolutionRules):
+        if isinstance(rules, CmaOptions):
             return evolve(objective, best, self._spans, rules, seed)
         return quadratic_descent(objective, best, self._units, rules, seed)
 
@@ -264,16 +264,16 @@ class _Search:
 
         def objective(free_numbers: FloatArray) -> float:
             self._evaluations += 1
-            numbers = problem.complete(free_numbers)
-            return _loss(problem, level.photo, level.renderer, numbers)
+            parameters = problem.complete(free_numbers)
+            return _loss(problem, level.photo, level.renderer, parameters)
 
         return objective
 
     def _of_many(self, photo: PhotoAttributes, pool: RendererPool) -> OfMany:
         problem = self._problem
 
-        def loss(renderer: Renderer, numbers: FloatArray) -> float:
-            return _loss(problem, photo, renderer, numbers)
+        def loss(renderer: Renderer, parameters: FloatArray) -> float:
+            return _loss(problem, photo, renderer, parameters)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
             for found in pool.map(loss, [problem.complete(point) for point in points]):
@@ -294,7 +294,7 @@ class _Search:
     def _progress(self, simplex: SimplexState, factor: int, finished: bool = False) -> FitProgress:
         seconds = time.perf_counter() - self._began
         return FitProgress(
-            numbers=self._numbers,
+            parameters=self._numbers,
             pose=self._pose,
             loss=self._loss,
             start_loss=self._start_loss,

@@ -128,7 +128,7 @@ def _searched(problem: FitProblem, renderer: Renderer, threads: int) -> Iterator
             yield progress
             return
         yield replace(progress, status=Status.RUNNING)
-        done, problem = progress, replace(problem, start=progress.numbers, limits=rest)
+        done, problem = progress, replace(problem, start=progress.parameters, limits=rest)
 
 
 def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:
@@ -161,7 +161,7 @@ def further_search(
     if best.status is not Status.CONVERGED or is_trusted or not has_a_cloud or rest is None:
         return None
     scope: Scope = "wide" if way == "wide" else "near"
-    start = problem.start if way == "wide" else best.numbers
+    start = problem.start if way == "wide" else best.parameters
     seed = problem.seed + (1 if way == "wide" else 2 + best.restart)
     return replace(problem, scope=scope, start=start, seed=seed, limits=rest)
 
@@ -184,7 +184,7 @@ def _together(first: FitProgress, second: FitProgress) -> FitProgress:
     is_running = second.status is Status.RUNNING
     return replace(
         second,
-        numbers=first.numbers,
+        parameters=first.parameters,
         pose=first.pose,
         loss=first.loss,
         start_loss=first.start_loss,
@@ -202,7 +202,11 @@ def _better(both: FitProgress, second: FitProgress, way: Way) -> FitProgress:
     if second.verdict is None or not is_taken(second.verdict.probability, before, way):
         return both
     return replace(
-        both, numbers=second.numbers, pose=second.pose, loss=second.loss, verdict=second.verdict
+        both,
+        parameters=second.parameters,
+        pose=second.pose,
+        loss=second.loss,
+        verdict=second.verdict,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.chart_choice import ChartName
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.renderers import RendererName
 
 Method = Literal["default", "paper"]
@@ -61,7 +61,7 @@ class FitSettings:
     mask: str | None = None
     """File name of the mask, for the record."""
     renderer: RendererName = "software"
-    rules: RestartRules = field(default_factory=RestartRules)
+    rules: RestartOptions = field(default_factory=RestartOptions)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
 
@@ -91,7 +91,7 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
     given = {key: value for key, value in data.items() if key in known}
     try:
         if "rules" in given:
-            given["rules"] = RestartRules(**given["rules"])
+            given["rules"] = RestartOptions(**given["rules"])
         if "limits" in given:
             given["limits"] = Limits(**given["limits"])
         for key in ("lock", "region"):

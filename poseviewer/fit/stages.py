@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from poseviewer.geometry.camera import Pose
-from poseviewer.optimise.cma_es import EvolutionRules
-from poseviewer.optimise.quadratic import QuadraticRules
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.cma_es import CmaOptions
+from poseviewer.optimise.quadratic import QuadraticOptions
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level
 from poseviewer.render.types import PhotoAttributes, Renderer
 
@@ -32,12 +32,12 @@ COARSE_SCOUTS, COARSE_STEP = 1.5, 2.0
 """Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
 COARSE_TOLERANCE = 8.0
 """How many times less exactly a coarse level is searched than the photo itself."""
-COARSE_CLOUD = EvolutionRules(least_width=0.04)
+COARSE_CLOUD = CmaOptions(least_width=0.04)
 """Narrower than this a coarse level tells little: its minimum
 is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
 WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
 """For another search, where the first ones ended in a pose that is not ``found``."""
-FINE_CLOUD = EvolutionRules(width=0.06, generations=24, least_width=2e-3)
+FINE_CLOUD = CmaOptions(width=0.06, generations=24, least_width=2e-3)
 """On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
 without it, one in ten runs away to where the model fills the photo. Along a flat valley, a black
 car in front of black, it is still on its way after 16 generations: there 75 per cent of 40
@@ -45,10 +45,10 @@ starts found the pose, with 24 it is 97 of 60, and no more with 32."""
 FINE_STEP = 0.3
 """Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
 pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
-LAST_STEPS = QuadraticRules(reach=2.0, rise=0.6)
+LAST_STEPS = QuadraticOptions(reach=2.0, rise=0.6)
 """After a cloud, in units of its standard deviations. The loss is a sum of logarithms there, some
 40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel."""
-CLOSER_STEPS = QuadraticRules(reach=1.0, rise=0.3)
+CLOSER_STEPS = QuadraticOptions(reach=1.0, rise=0.3)
 """On the finer photo, whose least loss is a pixel of the photo away at most; in units of the reach
 of the models before."""
 
@@ -72,7 +72,7 @@ class Stage:
     """A part of a search."""
 
     level: Level
-    rules: RestartRules | EvolutionRules | QuadraticRules
+    rules: RestartOptions | CmaOptions | QuadraticOptions
     on: On = "the photo"
 
 
@@ -80,7 +80,7 @@ def make_stages(
     photo: PhotoAttributes,
     renderer: Renderer,
     start: Pose,
-    rules: RestartRules,
+    rules: RestartOptions,
     finer: PhotoAttributes | None = None,
     scope: Scope = "usual",
 ) -> tuple[Stage, ...]:
@@ -112,7 +112,7 @@ def make_stages(
     return Stage(coarse, coarse_rules(rules), "a sketch"), Stage(full, fine_rules(rules))
 
 
-def coarse_rules(rules: RestartRules) -> RestartRules:
+def coarse_rules(rules: RestartOptions) -> RestartOptions:
     """How to search a coarse level: widely, and less exactly than the photo."""
     return replace(
         rules,
@@ -125,6 +125,6 @@ def coarse_rules(rules: RestartRules) -> RestartRules:
     )
 
 
-def fine_rules(rules: RestartRules) -> RestartRules:
+def fine_rules(rules: RestartOptions) -> RestartOptions:
     """How to search the photo from where a coarse level led: at once, and nearby."""
     return replace(rules, scouts=0, step=FINE_STEP * rules.step, patience=1)

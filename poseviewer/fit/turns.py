@@ -67,6 +67,6 @@ def better_turn(
             if loss > own - LEAST_GAIN:
                 break
             if probe.overlap(starts[0], step) >= SAME_OUTLINE:
-                numbers = problem.chart.from_pose(probe.pose(step))
-                return problem.complete(numbers[problem.free_indices])
+                parameters = problem.chart.from_pose(probe.pose(step))
+                return problem.complete(parameters[problem.free_indices])
     return None

@@ -27,7 +27,7 @@ class WeakDirection:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class Features:
     """All finite. Margins are in standard deviations (robust ones) of what wrong poses cost."""
 
     loss_margin: float
@@ -79,7 +79,7 @@ class Verdict:
     """That the pose is right, in [0, 1], as among the trials that the verdict was calibrated on."""
     reasons: tuple[str, ...]
     """Sentences."""
-    evidence: Evidence | None
+    features: Features | None
     """None where there was nothing to see."""
 
     def __str__(self) -> str:

@@ -25,11 +25,11 @@ class Chart(Protocol):
         """What each number is called."""
         ...
 
-    def spans(self, numbers: FloatArray) -> FloatArray:
+    def scales(self, parameters: FloatArray) -> FloatArray:
         """(d,): the change of each number, near ``numbers``, that counts as 100 %."""
         ...
 
-    def to_pose(self, numbers: FloatArray) -> Pose:
+    def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that the numbers (d,) stand for.
 
         Raises:

@@ -96,17 +96,17 @@ class FreeBodyChart:
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"
         return (*_NUMBERS, size, *(("log_focal",) if self.free_focal else ()))
 
-    def spans(self, numbers: FloatArray) -> FloatArray:
+    def scales(self, parameters: FloatArray) -> FloatArray:
         """100 % is 1: a radian, a radius, a factor e."""
-        return np.ones(len(numbers))
+        return np.ones(len(parameters))
 
-    def to_pose(self, numbers: FloatArray) -> Pose:
+    def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that lies ``numbers`` away from the start."""
-        values = np.asarray(numbers, dtype=float).tolist()
+        values = np.asarray(parameters, dtype=float).tolist()
         log_zoom = values[6] * self._focal_gain if self.free_focal else 0.0
         sound = all(abs(value) <= LARGEST for value in values)  # and so is none that is nan
         if not (sound and max(abs(values[5]), abs(log_zoom)) <= LARGEST_LOGARITHM):
-            raise OutsideChartError(f"numbers {numbers} out of all proportion")
+            raise OutsideChartError(f"numbers {parameters} out of all proportion")
         camera, start = self.start.camera, self.start.camera_from_model
         rotation = rotation_about(*values[:3]) @ start.rotation
         u = self._place_px[0] + values[3] * self._radius_px[0]
@@ -138,10 +138,10 @@ class FreeBodyChart:
         if not (isinstance(camera, Perspective) and isinstance(first, Perspective)):
             raise SettingsError("a free-body chart does not change the projection")
         zoom = camera.fx / first.fx if self.free_focal else 1.0
-        numbers = [*turn, *shift, np.log(centre[2] / was[2] / zoom)]
+        parameters = [*turn, *shift, np.log(centre[2] / was[2] / zoom)]
         if self.free_focal:
-            numbers.append(np.log(zoom) / self._focal_gain)
-        return np.array(numbers)
+            parameters.append(np.log(zoom) / self._focal_gain)
+        return np.array(parameters)
 
 
 def _centre_depth(pose: Pose, centre: FloatArray) -> float:

@@ -17,7 +17,7 @@ from poseviewer.optimise.nelder_mead import SimplexState
 
 
 @dataclass(frozen=True, slots=True)
-class EvolutionRules:
+class CmaOptions:
     """How wide the cloud is at first, how many points it has, and when it is done."""
 
     width: float = 0.12
@@ -47,8 +47,8 @@ class CloudState(SimplexState):
 def evolve(
     objective: Callable[[Sequence[FloatArray]], Iterator[float]],
     start: FloatArray,
-    spans: FloatArray,
-    rules: EvolutionRules,
+    scales: FloatArray,
+    rules: CmaOptions,
     seed: int,
 ) -> Iterator[CloudState]:
     """Search from ``start`` (d,); yields after every evaluation, and once more at the end
@@ -61,7 +61,7 @@ def evolve(
     cloud = _Cloud(size, rules, np.random.default_rng(seed))
 
     def judged(offsets: FloatArray) -> Iterator[float]:
-        losses = objective([start + spans * offset for offset in offsets])
+        losses = objective([start + scales * offset for offset in offsets])
         for offset, loss in zip(offsets, losses, strict=True):
             yield loss + rules.nearness * float(offset @ offset)
 
@@ -70,7 +70,7 @@ def evolve(
     corners = np.tile(start, (size + 1, 1))
     values = np.full(size + 1, np.inf)
     values[0] = value
-    axes = spans[:, None] * cloud.axes
+    axes = scales[:, None] * cloud.axes
     yield CloudState(corners.copy(), values.copy(), axes=axes)
     for _ in range(rules.generations):
         offsets = cloud.draw()
@@ -78,13 +78,13 @@ def evolve(
         for index, loss in enumerate(judged(offsets)):
             losses[index] = loss
             if loss < value:
-                best, value = start + spans * offsets[index], loss
+                best, value = start + scales * offsets[index], loss
             order = np.argsort(losses)[:size]
-            corners[0], corners[1:] = best, start + spans * offsets[order]
+            corners[0], corners[1:] = best, start + scales * offsets[order]
             values[0], values[1:] = value, losses[order]
             yield CloudState(corners.copy(), values.copy(), axes=axes)
         cloud.follow(offsets[np.argsort(losses)])
-        axes = spans[:, None] * cloud.axes
+        axes = scales[:, None] * cloud.axes
         if cloud.width < rules.least_width:
             break
     yield CloudState(corners.copy(), values.copy(), converged=True, axes=axes)
@@ -93,7 +93,7 @@ def evolve(
 class _Cloud:
     """The normal distribution: N(mean, width^2 C), in units of the spans about the start."""
 
-    def __init__(self, size: int, rules: EvolutionRules, random: np.random.Generator) -> None:
+    def __init__(self, size: int, rules: CmaOptions, random: np.random.Generator) -> None:
         self._random, self._points, self._size = random, rules.points, size
         self._mean, self._covariance = np.zeros(size), np.eye(size)
         self._step = rules.width

@@ -30,7 +30,7 @@ FLATTEST = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
-class QuadraticRules:
+class QuadraticOptions:
     """How far about the best place points are drawn, and when the search is done."""
 
     reach: float
@@ -50,7 +50,7 @@ def quadratic_descent(
     objective: Callable[[Sequence[FloatArray]], Iterator[float]],
     start: FloatArray,
     units: FloatArray,
-    rules: QuadraticRules,
+    rules: QuadraticOptions,
     seed: int,
 ) -> Iterator[CloudState]:
     """Search from ``start`` (d,) along ``units`` (d, d), columns; yields after every evaluation,

@@ -12,7 +12,7 @@ from poseviewer.optimise.nelder_mead import SimplexState, downhill_simplex
 
 
 @dataclass(frozen=True, slots=True)
-class RestartRules:
+class RestartOptions:
     """How wide to look, how finely, and when to give up. Lengths are in units that the search is
     told: the numbers' spans, or what a search before it found of the landscape's shape.
     """
@@ -51,7 +51,7 @@ def restarted_simplex(
     objective: Callable[[FloatArray], float],
     start: FloatArray,
     units: FloatArray,
-    rules: RestartRules,
+    rules: RestartOptions,
     seed: int,
 ) -> Iterator[SearchState]:
     """Descend, rebuild the simplex at the minimum with random directions, descend again.

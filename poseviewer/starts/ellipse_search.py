@@ -60,10 +60,10 @@ def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
     field = edge_field(_resized(grey, fine))
     found: list[Supported] = []
     for start in _tried_everywhere(edge_field(_resized(grey, coarse))):
-        numbers = _improved(field, _scaled(start, fine / coarse))
-        support = _support(field, numbers)
-        if support >= LEAST_SUPPORT and _is_wheel_like(numbers, field.shape[1]):
-            x, y, longer, shorter, tilt = _scaled(numbers, 1.0 / fine)
+        parameters = _improved(field, _scaled(start, fine / coarse))
+        support = _support(field, parameters)
+        if support >= LEAST_SUPPORT and _is_wheel_like(parameters, field.shape[1]):
+            x, y, longer, shorter, tilt = _scaled(parameters, 1.0 / fine)
             ellipse = Ellipse(x, y, np.exp(longer), np.exp(shorter), tilt + np.pi / 2.0)
             found.append(Supported(ellipse, support))
     kept: list[Supported] = []
@@ -162,28 +162,33 @@ def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
     simplex = np.vstack([start, start + np.diag([3.0, 3.0, 0.08, 0.1, 0.1])])
     options = {"initial_simplex": simplex, "maxfev": STEPS, "xatol": 0.02, "fatol": 1e-4}
     end = optimize.minimize(
-        lambda numbers: -_support(field, numbers), start, method="Nelder-Mead", options=options
+        lambda parameters: -_support(field, parameters),
+        start,
+        method="Nelder-Mead",
+        options=options,
     )
     return np.asarray(end.x)
 
 
-def _support(field: FieldImage, numbers: FloatArray) -> float:
-    outline = _outline(np.exp(numbers[2]), np.exp(numbers[3]), numbers[4], OUTLINE)
-    columns, rows = (outline.points + numbers[:2] - 0.5).T
+def _support(field: FieldImage, parameters: FloatArray) -> float:
+    outline = _outline(np.exp(parameters[2]), np.exp(parameters[3]), parameters[4], OUTLINE)
+    columns, rows = (outline.points + parameters[:2] - 0.5).T
     parts = field.real, field.imag
     real, imaginary = (ndimage.map_coordinates(part, (rows, columns), order=1) for part in parts)
     agreement = real * outline.doubled.real + imaginary * outline.doubled.imag
     return float(np.sum(outline.shares * agreement))
 
 
-def _scaled(numbers: FloatArray, factor: float) -> FloatArray:
+def _scaled(parameters: FloatArray, factor: float) -> FloatArray:
     """The same ellipse in a picture so many times as large."""
-    return np.concatenate([numbers[:2] * factor, numbers[2:4] + np.log(factor), numbers[4:]])
+    return np.concatenate(
+        [parameters[:2] * factor, parameters[2:4] + np.log(factor), parameters[4:]]
+    )
 
 
-def _is_wheel_like(numbers: FloatArray, width: int) -> bool:
+def _is_wheel_like(parameters: FloatArray, width: int) -> bool:
     """Whether its size and its shape are still about those that are looked for."""
-    longer, aspect = np.exp(numbers[2]) / width, np.exp(numbers[3] - numbers[2])
+    longer, aspect = np.exp(parameters[2]) / width, np.exp(parameters[3] - parameters[2])
     return bool(SIZES[0] / 1.2 <= longer <= 1.2 * SIZES[-1] and ASPECTS[0] / 1.2 <= aspect <= 1.25)
 
 

@@ -176,9 +176,9 @@ def descended(
     chart = FreeBodyChart(start, problem.centre, problem.radius)
     worst = worst_registration_loss(photo)
 
-    def objective(numbers: FloatArray) -> float:
+    def objective(parameters: FloatArray) -> float:
         try:
-            pose = chart.to_pose(numbers)
+            pose = chart.to_pose(parameters)
         except OutsideChartError:
             return worst
         loss = registration_loss(renderer.moments(pose, photo))

@@ -20,8 +20,8 @@ TRIES = 1000
 
 
 def draw_start(
-    numbers: FloatArray,
-    spans: FloatArray,
+    parameters: FloatArray,
+    scales: FloatArray,
     reading: Reading,
     share: float,
     seed: int,
@@ -34,9 +34,9 @@ def draw_start(
         SingularChartError: there is none in a thousand draws.
     """
     random = np.random.default_rng(seed)
-    size = np.abs(numbers) if reading == "relative" else spans
+    size = np.abs(parameters) if reading == "relative" else scales
     for _ in range(TRIES):
-        start = numbers + share * size * random.uniform(-1.0, 1.0, len(numbers))
+        start = parameters + share * size * random.uniform(-1.0, 1.0, len(parameters))
         if is_pose(start):
             return start
     raise SingularChartError(

@@ -18,7 +18,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.types import Renderer
-from poseviewer.study.evidence_text import evidence_as_text
+from poseviewer.study.features_text import evidence_as_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class Outcome:
     """Name of the ``Status``, or of the error that kept the fit from beginning."""
     verdict: str
     """What the fit itself thinks of where it ended; empty where it says nothing."""
-    evidence: str
+    features: str
     """The numbers that the verdict comes from: ``name=value``, with blanks between them."""
 
 
@@ -65,7 +65,7 @@ def fit_from(
         seconds = perf_counter() - began
         return np.zeros(0), _refused(mesh, start, truth, type(error).__name__, seconds)
     seconds = perf_counter() - began
-    return end.numbers, Outcome(
+    return end.parameters, Outcome(
         **_errors(mesh, start, end.pose, truth),
         loss_start=end.start_loss,
         loss_end=end.loss,
@@ -74,7 +74,7 @@ def fit_from(
         seconds=round(seconds, 3),
         status=end.status.name,
         verdict=verdict_of(end),
-        evidence=evidence_as_text(None if end.verdict is None else end.verdict.evidence),
+        features=evidence_as_text(None if end.verdict is None else end.verdict.features),
     )
 
 
@@ -94,7 +94,7 @@ def _refused(mesh: Mesh, start: Pose, truth: Pose, why: str, seconds: float) -> 
         seconds=round(seconds, 3),
         status=why,
         verdict="",
-        evidence="",
+        features="",
     )
 
 

@@ -91,10 +91,10 @@ def run_trial(task: Task) -> Trial:
     photo = task.photo
     model = _load_model(photo.model)
     chart = VehicleChart.near(model.keypoints, photo.centre, photo.free_focal)
-    numbers = chart.from_pose(photo.centre)
+    parameters = chart.from_pose(photo.centre)
     start = draw_start(
-        numbers,
-        chart.spans(numbers),
+        parameters,
+        chart.scales(parameters),
         task.reading,
         task.percent / 100.0,
         task.seed,
@@ -121,7 +121,7 @@ def run_trial(task: Task) -> Trial:
         photo=photo.photo.name,
         seed=task.seed,
         names=" ".join(chart.names),
-        truth=_listed(numbers),
+        truth=_listed(parameters),
         start=_listed(start),
         end=_listed(end),
         found=photo.is_found(outcome.error_px_end, outcome.error_percent_end),
@@ -129,17 +129,17 @@ def run_trial(task: Task) -> Trial:
     )
 
 
-def _is_regular(chart: VehicleChart, keypoints: VehicleKeypoints, numbers: FloatArray) -> bool:
+def _is_regular(chart: VehicleChart, keypoints: VehicleKeypoints, parameters: FloatArray) -> bool:
     """Whether a fit can start there, on the same side of the vehicle."""
     try:
-        there = VehicleChart.near(keypoints, chart.to_pose(numbers), chart.free_focal)
+        there = VehicleChart.near(keypoints, chart.to_pose(parameters), chart.free_focal)
     except (OutsideChartError, SingularChartError):
         return False
     return there.side is chart.side
 
 
-def _listed(numbers: Sequence[float] | FloatArray) -> str:
-    return " ".join(repr(float(number)) for number in np.asarray(numbers))
+def _listed(parameters: Sequence[float] | FloatArray) -> str:
+    return " ".join(repr(float(number)) for number in np.asarray(parameters))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

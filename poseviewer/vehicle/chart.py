@@ -88,20 +88,20 @@ class VehicleChart:
         """The paper's symbols, and the seventh number."""
         return (*_NUMBERS, "width_per_focal") if self.free_focal else _NUMBERS
 
-    def spans(self, numbers: FloatArray) -> FloatArray:
+    def scales(self, parameters: FloatArray) -> FloatArray:
         """100 % is the wheelbase's length in the photo for mu and delta, 1 for psi and focal."""
         size = np.array([self.camera.width, self.camera.height])
-        length = np.linalg.norm(numbers[2:4] * size) / size
-        return np.concatenate([length, length, np.ones(len(numbers) - 4)])
+        length = np.linalg.norm(parameters[2:4] * size) / size
+        return np.concatenate([length, length, np.ones(len(parameters) - 4)])
 
-    def to_pose(self, numbers: FloatArray) -> Pose:
+    def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose of six or seven numbers, in closed form."""
-        values = np.asarray(numbers, dtype=float).tolist()
+        values = np.asarray(parameters, dtype=float).tolist()
         psi_x, psi_y = values[4], values[5]
         in_plane = psi_x * psi_x + psi_y * psi_y
         outside = in_plane > 1.0 - LEAST_AXLE_COMPONENT**2
         if outside or not all(map(math.isfinite, values)):
-            raise OutsideChartError(f"psi {numbers[4:6]} leaves no axle towards the camera")
+            raise OutsideChartError(f"psi {parameters[4:6]} leaves no axle towards the camera")
         axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
         width, height = self.camera.width, self.camera.height
         rear = (values[0] * width, values[1] * height)
@@ -119,12 +119,12 @@ class VehicleChart:
         _require_regular(pose.camera, rear, front, axle)
         size = np.array([pose.camera.width, pose.camera.height])
         rear_px, front_px = pose.camera.project([rear, front])
-        numbers = [*rear_px / size, *(front_px - rear_px) / size, axle[0], axle[1]]
+        parameters = [*rear_px / size, *(front_px - rear_px) / size, axle[0], axle[1]]
         if self.free_focal:
             camera = pose.camera
             perspective = isinstance(camera, Perspective)
-            numbers.append(camera.width / camera.fx if perspective else 0.0)
-        return np.array(numbers)
+            parameters.append(camera.width / camera.fx if perspective else 0.0)
+        return np.array(parameters)
 
     def _camera_at(self, values: list[float]) -> Camera:
         if not self.free_focal:

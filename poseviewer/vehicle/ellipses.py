@@ -34,8 +34,8 @@ class Ellipse:
     """Radians from the u axis towards the v axis (clockwise as seen)."""
 
     def __post_init__(self) -> None:
-        numbers = (self.cx, self.cy, self.a, self.b, self.angle)
-        if not all(map(math.isfinite, numbers)) or min(self.a, self.b) <= 0.0:
+        parameters = (self.cx, self.cy, self.a, self.b, self.angle)
+        if not all(map(math.isfinite, parameters)) or min(self.a, self.b) <= 0.0:
             raise QuickStartError(
                 f"An ellipse with half axes {self.a:g} and {self.b:g} px is none; both must be "
                 "above 0 px."

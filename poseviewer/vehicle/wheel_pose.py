@@ -143,15 +143,15 @@ def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels) -> FloatArray 
     size = np.array([chart.camera.width, chart.camera.height])
     rear = np.array([wheels.rear.cx, wheels.rear.cy]) / size
     front = np.array([wheels.front.cx, wheels.front.cy]) / size
-    numbers = np.array([*rear, *(front - rear), axle[0], axle[1]])
+    parameters = np.array([*rear, *(front - rear), axle[0], axle[1]])
     try:
-        pose = chart.to_pose(numbers)
+        pose = chart.to_pose(parameters)
     except OutsideChartError:
         return None
     px_per_unit = np.linalg.norm(wheel_rims(pose, chart.side, 1.0)[0] - rear * size, axis=1).max()
     if not 0.0 < px_per_unit < math.inf:  # a wheel that reaches behind the camera
         return None
-    return np.append(numbers, math.log(wheels.rear.a / px_per_unit))
+    return np.append(parameters, math.log(wheels.rear.a / px_per_unit))
 
 
 def wheel_rims(pose: Pose, side: SideKeypoints, radius: float) -> tuple[FloatArray, FloatArray]:

@@ -206,7 +206,7 @@ def test_picked_point_of_a_map_is_the_pose(running: RunningApp) -> None:
         page.report(kind="pick", first=0, second=2, u=0.75, v=0.5)
         page.wait_until(lambda: running.pose is not pose)
         x, y = piece.first_values, piece.second_values
-        wanted = np.array(news.numbers)
+        wanted = np.array(news.parameters)
         wanted[0] = x[0] + 0.75 * (x[-1] - x[0])
         wanted[2] = y[0] + 0.5 * (y[-1] - y[0])
         assert same_pose(running.pose, news.case.problem.chart.to_pose(wanted))

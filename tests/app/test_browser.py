@@ -85,9 +85,9 @@ def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
     )
 
 
-def demo_pins(numbers: list[float]) -> np.ndarray:
+def demo_pins(parameters: list[float]) -> np.ndarray:
     """(3, 2): where the paper's numbers put the pins, by hand."""
-    mu, delta, psi = np.array(numbers).reshape(3, 2)
+    mu, delta, psi = np.array(parameters).reshape(3, 2)
     size = np.array(DEMO_PHOTO)
     return np.array([mu * size, (mu + delta) * size, mu * size + 0.25 * min(DEMO_PHOTO) * psi])
 
@@ -241,7 +241,7 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProce
     problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
     (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
     # The file's numbers are worked out from the pose: they may differ in the last digit.
-    np.testing.assert_allclose(found["chart"]["numbers"], last.numbers, rtol=1e-12)
+    np.testing.assert_allclose(found["chart"]["numbers"], last.parameters, rtol=1e-12)
     assert found["loss"] == last.loss
     page.page.get_by_role("button", name="Go back").click()
 

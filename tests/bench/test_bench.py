@@ -265,9 +265,9 @@ def test_all_paths_find_the_same_losses(case, letter):
     (path,) = make_paths(case, letter, 1)
     renderer = path.renderer  # pyright: ignore[reportAttributeAccessIssue]
     for problem in (case.paper, case.usual):
-        for numbers, pose in zip(case.numbers, case.poses, strict=True):
-            found = pose_loss(problem, renderer, numbers)
-            assert found == pytest.approx(pose_loss(problem, case.renderer, numbers), abs=0.02)
+        for parameters, pose in zip(case.parameters, case.poses, strict=True):
+            found = pose_loss(problem, renderer, parameters)
+            assert found == pytest.approx(pose_loss(problem, case.renderer, parameters), abs=0.02)
             image = alike(letter, case.renderer.render(pose), renderer.render(pose))
             expected = lighting_loss(moments_of_images(image, problem.photo))
             tolerance = 0.007 if letter == "a" else 1e-4

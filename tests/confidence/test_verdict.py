@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import as_recorded
-from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge
 from poseviewer.fit.probing import free_motions
 from poseviewer.fit.problem import make_problem
@@ -29,8 +29,8 @@ def verdicts(scene):
     registration = load_registration(scene.photo, scene.model, scene.truth)
     problem, _ = make_problem(registration, FitSettings(chart="free-body"))
     renderer = SoftwareRenderer(registration.mesh)
-    poses = [problem.chart.to_pose(numbers) for numbers in (np.zeros(6), OFF)]
-    return [judge(gather_evidence(problem, registration.mesh, renderer, pose)) for pose in poses]
+    poses = [problem.chart.to_pose(parameters) for parameters in (np.zeros(6), OFF)]
+    return [judge(gather_features(problem, registration.mesh, renderer, pose)) for pose in poses]
 
 
 def test_the_true_pose_is_likely_and_one_far_off_is_lost(verdicts):
@@ -41,17 +41,17 @@ def test_the_true_pose_is_likely_and_one_far_off_is_lost(verdicts):
 
 
 def test_the_numbers_speak_for_the_true_pose(verdicts):
-    right, wrong = (verdict.evidence for verdict in verdicts)
+    right, wrong = (verdict.features for verdict in verdicts)
     assert right.loss_margin > wrong.loss_margin
     assert right.outline_excess > wrong.outline_excess
-    assert all(np.isfinite(list(as_recorded(verdicts[0]).evidence.values())))
+    assert all(np.isfinite(list(as_recorded(verdicts[0]).features.values())))
 
 
 def test_evidence_gathered_side_by_side_is_the_same(scene, verdicts):
     registration = load_registration(scene.photo, scene.model, scene.truth)
     problem, _ = make_problem(registration, FitSettings(chart="free-body"))
     renderer, pose = SoftwareRenderer(registration.mesh), problem.chart.to_pose(OFF)
-    assert gather_evidence(problem, registration.mesh, renderer, pose, 3) == verdicts[1].evidence
+    assert gather_features(problem, registration.mesh, renderer, pose, 3) == verdicts[1].features
 
 
 def test_nothing_to_see_is_lost():
@@ -60,7 +60,7 @@ def test_nothing_to_see_is_lost():
 
 
 def test_worse_evidence_is_never_more_probable(verdicts):
-    best = verdicts[0].evidence
+    best = verdicts[0].features
     worse = replace(best, spread_percent=best.spread_percent + 20.0, outline=0.0)
     assert judge(worse).probability < judge(best).probability
 
@@ -73,12 +73,12 @@ def test_a_pose_at_the_border_of_its_chart_is_judged(scene, free):
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
-    numbers = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
+    parameters = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
     with pytest.raises(OutsideChartError):
-        chart.to_pose(numbers + 1e-4 * np.eye(6)[5])
-    pose = chart.to_pose(numbers)
+        chart.to_pose(parameters + 1e-4 * np.eye(6)[5])
+    pose = chart.to_pose(parameters)
     body = FreeBodyChart.near(registration.mesh, pose, False)
-    here = replace(problem, chart=chart, start=numbers, free=free)
-    motions = free_motions(here, numbers, body)
+    here = replace(problem, chart=chart, start=parameters, free=free)
+    motions = free_motions(here, parameters, body)
     assert motions.shape == (sum(free), 6)
     np.testing.assert_allclose(motions @ motions.T, np.eye(sum(free)), atol=1e-9)

@@ -24,8 +24,8 @@ def make_maps(shift: float = 0.0) -> LossMaps:
         Slice(i, j, np.linspace(i, i + 1, 5), np.linspace(j, j + 1, 5), random.uniform(size=(5, 5)))
         for i, j in PAIRS
     ]
-    centre, spans = frozen_array(np.arange(3) + 0.5 + shift, (3,)), frozen_array(np.ones(3), (3,))
-    return LossMaps(slices, ("mu_x", "mu_y", "psi_x"), centre, spans, "About a pose", "p.jpg")
+    centre, scales = frozen_array(np.arange(3) + 0.5 + shift, (3,)), frozen_array(np.ones(3), (3,))
+    return LossMaps(slices, ("mu_x", "mu_y", "psi_x"), centre, scales, "About a pose", "p.jpg")
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg", "npz", "csv"])

@@ -58,8 +58,8 @@ def test_files_hold_no_pickles():
 
 
 def test_a_table_reads_back_to_the_last_digit():
-    slices, centre, spans = make_slices(), [1 / 3, 2.0, 3.0], [0.1, 0.2, 1.0]
-    data = landscape_csv_bytes(NAMES, centre, spans, slices).decode()
+    slices, centre, scales = make_slices(), [1 / 3, 2.0, 3.0], [0.1, 0.2, 1.0]
+    data = landscape_csv_bytes(NAMES, centre, scales, slices).decode()
     rows = list(csv.DictReader(data.splitlines()))
     assert tuple(rows[0]) == CSV_COLUMNS
     assert len(rows) == sum(np.isfinite(piece.losses).sum() for piece in slices)
@@ -69,9 +69,9 @@ def test_a_table_reads_back_to_the_last_digit():
         column = np.flatnonzero(piece.first_values == float(row["first_value"]))
         line = np.flatnonzero(piece.second_values == float(row["second_value"]))
         assert piece.losses[line[0], column[0]] == float(row["loss"])
-        moved = centre[i] + spans[i] * float(row["first_offset"])
+        moved = centre[i] + scales[i] * float(row["first_offset"])
         assert np.isclose(moved, float(row["first_value"]), rtol=0, atol=1e-14)
-        moved = centre[j] + spans[j] * float(row["second_offset"])
+        moved = centre[j] + scales[j] * float(row["second_offset"])
         assert np.isclose(moved, float(row["second_value"]), rtol=0, atol=1e-14)
 
 

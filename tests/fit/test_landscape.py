@@ -24,16 +24,16 @@ class ToyChart:
         self.count, self.limit = count, limit
         self.name, self.names = "toy", tuple(f"x{i}" for i in range(count))
 
-    def spans(self, numbers):
-        return np.arange(1.0, len(numbers) + 1.0)
+    def scales(self, parameters):
+        return np.arange(1.0, len(parameters) + 1.0)
 
-    def to_pose(self, numbers):
-        if np.any(np.abs(numbers) > self.limit):
+    def to_pose(self, parameters):
+        if np.any(np.abs(parameters) > self.limit):
             raise OutsideChartError("beyond the limit")
-        rotation = 0.1 * np.resize(np.append(numbers[3:6], np.zeros(3)), 3)
-        focal = 10.0 + (numbers[6] if self.count > 6 else 0.0)
+        rotation = 0.1 * np.resize(np.append(parameters[3:6], np.zeros(3)), 3)
+        focal = 10.0 + (parameters[6] if self.count > 6 else 0.0)
         camera = Perspective(focal, 10.0, 4.0, 3.0, 8, 6)
-        position = np.append(numbers[:3], np.zeros(3))[:3]
+        position = np.append(parameters[:3], np.zeros(3))[:3]
         return Pose(camera, RigidTransform.from_rotation_vector(rotation, position))
 
     def from_pose(self, pose):
@@ -91,9 +91,12 @@ def test_ends_equal_to_the_direct_grid():
             centre[first] + 0.3 * (first + 1) * np.linspace(-1, 1, 9)
         )
         for row, column in np.ndindex(9, 9):
-            numbers = centre.copy()
-            numbers[first], numbers[second] = piece.first_values[column], piece.second_values[row]
-            assert piece.losses[row, column] == pose_loss(problem, CountingRenderer(), numbers)
+            parameters = centre.copy()
+            parameters[first], parameters[second] = (
+                piece.first_values[column],
+                piece.second_values[row],
+            )
+            assert piece.losses[row, column] == pose_loss(problem, CountingRenderer(), parameters)
 
 
 def test_in_the_middle_is_the_loss_at_the_centre():

@@ -13,7 +13,7 @@ from poseviewer.fit.problem import FitProblem, Status, fit_pose, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
@@ -59,11 +59,11 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
 
 @pytest.mark.parametrize("clipped", [True, False])
 def test_it_searches_the_photo_alone_and_without_scouts(clipped):
-    usual = RestartRules()
+    usual = RestartOptions()
     stages = paper_stages(make_photo(clipped, 0.0), RENDERER, usual)
     assert [stage.level.factor for stage in stages] == [1]
     rules = stages[0].rules
-    assert isinstance(rules, RestartRules)
+    assert isinstance(rules, RestartOptions)
     assert (rules.scouts, rules.patience) == (0, PATIENCE)
     assert rules.step == usual.step if clipped else rules.step > usual.step
 
@@ -78,5 +78,5 @@ def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     assert end.status is Status.CONVERGED
     assert {progress.factor for progress in search} == {1}
     assert end.restart >= PATIENCE
-    assert end.loss == pose_loss(problem, RENDERER, end.numbers) < end.start_loss
-    assert np.abs(end.numbers).max() < 1e-2  # where it stops, hangs on the last digits
+    assert end.loss == pose_loss(problem, RENDERER, end.parameters) < end.start_loss
+    assert np.abs(end.parameters).max() < 1e-2  # where it stops, hangs on the last digits

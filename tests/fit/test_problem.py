@@ -13,7 +13,7 @@ from poseviewer.fit.stages import FEWEST_PIXELS, coarse_rules, fine_rules, make_
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartRules
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
@@ -75,8 +75,8 @@ def test_losses_are_those_of_the_photo(coarse_problem, search):
     seen = {progress.loss: progress for progress in search}
     assert len(seen) > 5
     for loss, progress in seen.items():
-        assert loss == pose_loss(coarse_problem, RENDERER, progress.numbers)
-        shown = coarse_problem.chart.to_pose(progress.numbers).camera_from_model
+        assert loss == pose_loss(coarse_problem, RENDERER, progress.parameters)
+        shown = coarse_problem.chart.to_pose(progress.parameters).camera_from_model
         assert np.array_equal(progress.pose.camera_from_model.translation, shown.translation)
     losses = [progress.loss for progress in search]
     assert losses == sorted(losses, reverse=True)
@@ -97,13 +97,13 @@ def test_limits_hold_on_every_level(evaluations):
     *_, end = fit_pose(problem, RENDERER)
     assert end.status is Status.EVALUATIONS_SPENT
     assert end.evaluations == evaluations
-    assert end.loss == pose_loss(problem, RENDERER, end.numbers)
+    assert end.loss == pose_loss(problem, RENDERER, end.parameters)
 
 
 def test_locked_numbers_stay_on_every_level():
     problem = make_problem(320, free=(True, False, True, True, True, False))
     *_, end = fit_pose(problem, RENDERER)
-    assert np.array_equal(end.numbers[[1, 5]], [0.0, 0.0])
+    assert np.array_equal(end.parameters[[1, 5]], [0.0, 0.0])
     assert end.loss < end.start_loss
 
 
@@ -111,7 +111,7 @@ def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
     again = list(fit_pose(coarse_problem, RENDERER.clone()))
     assert len(again) == len(search)
     for one, other in zip(search, again, strict=True):
-        assert np.array_equal(one.numbers, other.numbers)
+        assert np.array_equal(one.parameters, other.parameters)
         assert np.array_equal(one.simplex, other.simplex)
 
 
@@ -128,7 +128,7 @@ def test_a_cloud_judged_on_several_threads_is_the_same_search():
         for one, other in zip(alone, together, strict=True):
             assert one.evaluations == other.evaluations
             assert one.loss == other.loss
-            assert np.array_equal(one.numbers, other.numbers)
+            assert np.array_equal(one.parameters, other.parameters)
             assert np.array_equal(one.simplex, other.simplex)
     left = fit_pose(problem, RENDERER, 2)
     assert next(left).status is Status.RUNNING
@@ -149,11 +149,11 @@ def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
         for end in (coarse, fine)
     ]
     assert off[1] < 0.5 * off[0]
-    assert fine.loss == pose_loss(problem, RENDERER, fine.numbers)
+    assert fine.loss == pose_loss(problem, RENDERER, fine.parameters)
 
 
 def test_small_models_are_searched_on_the_photo_alone():
-    problem, rules = make_problem(160), RestartRules(scouts=3)
+    problem, rules = make_problem(160), RestartOptions(scouts=3)
     start = problem.chart.to_pose(problem.start)
     pixels = np.count_nonzero(RENDERER.covers(start))
     assert pixels < 4 * FEWEST_PIXELS
@@ -163,7 +163,7 @@ def test_small_models_are_searched_on_the_photo_alone():
 
 
 def test_coarse_searches_are_wide_and_fine_ones_near():
-    rules = RestartRules()
+    rules = RestartOptions()
     coarse, fine = coarse_rules(rules), fine_rules(rules)
     assert coarse.scouts > rules.scouts > fine.scouts == 0
     assert coarse.step > rules.step > fine.step

@@ -37,7 +37,7 @@ def start_off_by(registration: Registration, share: float, seed: int, **more) ->
     """The demo from a start, off its own by up to a share of each number's span."""
     problem, _ = make_problem(registration, FitSettings(**more))
     off = share * np.random.default_rng(seed).uniform(-1.0, 1.0, len(problem.start))
-    pose = problem.chart.to_pose(problem.start + off * problem.chart.spans(problem.start))
+    pose = problem.chart.to_pose(problem.start + off * problem.chart.scales(problem.start))
     moved = replace(registration, start=replace(registration.start, pose=pose))
     return make_problem(moved, FitSettings(**more))[0]
 
@@ -85,7 +85,7 @@ def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farth
     wide = further_search(problem, alone, "wide", 0.0)
     assert near is not None
     assert wide is not None
-    assert np.array_equal(near.start, alone.numbers)
+    assert np.array_equal(near.start, alone.parameters)
     assert np.array_equal(wide.start, problem.start)
     stages = [stages_of(one, renderer, alone.pose) for one in (problem, near, wide)]
     assert [len(each) for each in stages] == [len(stages[0]), len(stages[0]) - 1, len(stages[0])]

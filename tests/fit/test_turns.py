@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge, judge_end
 from poseviewer.fit.probing import probe_about
 from poseviewer.fit.problem import FitProblem, make_problem
@@ -95,18 +95,18 @@ def test_what_is_held_stays_to_the_last_digit():
     start = turned(TRUTH, 25.0)
     problem = replace(fitted_from(start), free=(False,) + (True,) * 5)
     off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
-    numbers = better_turn(problem, CAN, make_renderer(CAN), problem.chart.to_pose(off))
-    assert numbers is not None
-    assert numbers[0] == problem.start[0]
+    parameters = better_turn(problem, CAN, make_renderer(CAN), problem.chart.to_pose(off))
+    assert parameters is not None
+    assert parameters[0] == problem.start[0]
 
 
 @pytest.mark.parametrize("degrees", [-38.0, 25.0])
 def test_the_right_turn_is_found(degrees):
     start = turned(TRUTH, degrees)
     problem, renderer = fitted_from(start), make_renderer(CAN)
-    numbers = better_turn(problem, CAN, renderer, start, 2)
-    assert numbers is not None
-    assert pose_error(CAN, problem.chart.to_pose(numbers), TRUTH).rotation_deg < 4.0
+    parameters = better_turn(problem, CAN, renderer, start, 2)
+    assert parameters is not None
+    assert pose_error(CAN, problem.chart.to_pose(parameters), TRUTH).rotation_deg < 4.0
     assert better_turn(problem, CAN, renderer, TRUTH) is None
 
 
@@ -122,10 +122,10 @@ def test_a_fit_that_would_end_turned_ends_right():
 def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem, renderer = fitted_from(TRUTH), make_renderer(CAN)
     poses = TRUTH, turned(TRUTH, 30.0)
-    right, wrong = (judge(gather_evidence(problem, CAN, renderer, pose)) for pose in poses)
-    assert right.evidence is not None
-    assert wrong.evidence is not None
-    assert right.evidence.turn_margin > 1.0 > wrong.evidence.turn_margin
+    right, wrong = (judge(gather_features(problem, CAN, renderer, pose)) for pose in poses)
+    assert right.features is not None
+    assert wrong.features is not None
+    assert right.features.turn_margin > 1.0 > wrong.features.turn_margin
     assert right.word == "found"
     assert wrong.word != "found"
     assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)

@@ -87,11 +87,11 @@ def test_vehicle_chart_round_trip(camera, free_focal, seed):
     keypoints = make_keypoints(random)
     pose = make_vehicle_pose(random, keypoints, camera)
     chart = VehicleChart.near(keypoints, pose, free_focal)
-    numbers = chart.from_pose(pose)
-    again = chart.to_pose(numbers)
+    parameters = chart.from_pose(pose)
+    again = chart.to_pose(parameters)
     assert_same_picture(again, pose, corners(keypoints))
-    assert chart.from_pose(again) == pytest.approx(numbers, abs=1e-9)
-    assert len(numbers) == len(chart.names) == len(chart.spans(numbers)) == 6 + free_focal
+    assert chart.from_pose(again) == pytest.approx(parameters, abs=1e-9)
+    assert len(parameters) == len(chart.names) == len(chart.scales(parameters)) == 6 + free_focal
 
 
 @CAMERAS
@@ -101,13 +101,13 @@ def test_vehicle_numbers_are_the_papers(camera, seed):
     random = np.random.default_rng(seed)
     keypoints = make_keypoints(random)
     pose = make_vehicle_pose(random, keypoints, camera)
-    numbers = VehicleChart.near(keypoints, pose).from_pose(pose)
+    parameters = VehicleChart.near(keypoints, pose).from_pose(pose)
     rear, front = pose.project([keypoints.left.rear_wheel, keypoints.left.front_wheel])
-    assert numbers[0:2] * [640, 480] == pytest.approx(rear)
-    assert numbers[2:4] * [640, 480] == pytest.approx(front - rear)
+    assert parameters[0:2] * [640, 480] == pytest.approx(rear)
+    assert parameters[2:4] * [640, 480] == pytest.approx(front - rear)
     psi = pose.camera_from_model.rotation @ keypoints.left.axle
-    assert numbers[4:6] == pytest.approx(psi[:2])
-    assert psi[2] == pytest.approx(-np.sqrt(1.0 - numbers[4] ** 2 - numbers[5] ** 2))
+    assert parameters[4:6] == pytest.approx(psi[:2])
+    assert psi[2] == pytest.approx(-np.sqrt(1.0 - parameters[4] ** 2 - parameters[5] ** 2))
 
 
 @CAMERAS
@@ -151,13 +151,13 @@ def test_a_long_focal_length_goes_over_into_parallel_projection():
     keypoints = make_keypoints(random)
     square = replace(PERSPECTIVE, fy=PERSPECTIVE.fx)  # as parallel projection has them
     chart = VehicleChart(keypoints.left, square, free_focal=True)
-    numbers = np.array([0.4, 0.6, 0.35, -0.05, 0.3, -0.2, 0.0])
-    parallel = chart.to_pose(numbers)
+    parameters = np.array([0.4, 0.6, 0.35, -0.05, 0.3, -0.2, 0.0])
+    parallel = chart.to_pose(parameters)
     assert isinstance(parallel.camera, Parallel)
     points = corners(keypoints)
     for width_per_focal, tolerance_px in [(1e-2, 3.0), (1e-3, 0.3), (1e-4, 0.03)]:
-        numbers[6] = width_per_focal
-        pose = chart.to_pose(numbers)
+        parameters[6] = width_per_focal
+        pose = chart.to_pose(parameters)
         assert isinstance(pose.camera, Perspective)
         difference = np.abs(pose.project(points) - parallel.project(points)).max()
         assert 1e-3 * tolerance_px < difference < tolerance_px
@@ -174,10 +174,10 @@ def test_a_long_focal_length_goes_over_into_parallel_projection():
     ],
 )
 @CAMERAS
-def test_vehicle_numbers_outside_the_chart_are_refused(camera, numbers):
+def test_vehicle_numbers_outside_the_chart_are_refused(camera, parameters):
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     with pytest.raises(OutsideChartError):
-        chart.to_pose(np.array(numbers))
+        chart.to_pose(np.array(parameters))
 
 
 def make_free_body(random, camera, free_focal=False):
@@ -205,11 +205,11 @@ def test_free_body_round_trip(camera, free_focal, size, seed):
     chart, start, rim = make_free_body(random, camera, free_focal)
     assert chart.from_pose(start) == pytest.approx(np.zeros(6 + free_focal), abs=1e-12)
     assert_same_picture(chart.to_pose(np.zeros(6 + free_focal)), start, rim)
-    numbers = random.uniform(-size, size, 6 + free_focal)
-    numbers[6:] *= 0.02  # or the model swallows the camera
-    numbers.setflags(write=False)
-    pose = chart.to_pose(numbers)
-    assert chart.from_pose(pose) == pytest.approx(numbers, abs=1e-9)
+    parameters = random.uniform(-size, size, 6 + free_focal)
+    parameters[6:] *= 0.02  # or the model swallows the camera
+    parameters.setflags(write=False)
+    pose = chart.to_pose(parameters)
+    assert chart.from_pose(pose) == pytest.approx(parameters, abs=1e-9)
     assert_same_picture(chart.to_pose(chart.from_pose(pose)), pose, rim)
     assert len(chart.names) == 6 + free_focal
 
@@ -224,9 +224,9 @@ def test_free_body_numbers_move_the_picture_by_comparable_amounts(camera, free_f
     before = start.project(rim)
     radius_px = np.abs(before - before.mean(axis=0)).max()
     for k in range(len(chart.names)):
-        numbers = np.zeros(len(chart.names))
-        numbers[k] = 0.01
-        moved = np.linalg.norm(chart.to_pose(numbers).project(rim) - before, axis=1).max()
+        parameters = np.zeros(len(chart.names))
+        parameters[k] = 0.01
+        moved = np.linalg.norm(chart.to_pose(parameters).project(rim) - before, axis=1).max()
         assert 0.002 * radius_px < moved < 0.03 * radius_px, chart.names[k]
 
 

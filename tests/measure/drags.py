@@ -245,12 +245,12 @@ def _random_drag(page: SocketPage, chance: random.Random) -> None:
 def _memory(pid: int) -> tuple[float, int]:
     """Resident memory in MiB and number of threads of a process (Linux)."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    numbers = {
+    parameters = {
         name: rest.split()[0]
         for name, _, rest in (line.partition(":") for line in lines)
         if name in ("VmRSS", "Threads")
     }
-    return int(numbers["VmRSS"]) / 1024.0, int(numbers["Threads"])
+    return int(parameters["VmRSS"]) / 1024.0, int(parameters["Threads"])
 
 
 def _wait_until(moment: float) -> None:

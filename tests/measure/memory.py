@@ -46,18 +46,18 @@ def main() -> int:
 def evaluations(problem: FitProblem, renderer: Renderer) -> Iterator[float]:
     """Losses at random poses, without end."""
     random = np.random.default_rng(0)
-    spans = problem.chart.spans(problem.start)
+    scales = problem.chart.scales(problem.start)
     while True:
-        offset = random.uniform(-SPREAD, SPREAD, len(spans)) * random.uniform()
-        yield pose_loss(problem, renderer, problem.start + offset * spans)
+        offset = random.uniform(-SPREAD, SPREAD, len(scales)) * random.uniform()
+        yield pose_loss(problem, renderer, problem.start + offset * scales)
 
 
 def fits(case: Case, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
     """Losses that short fits end in, from random starts, without end."""
     random = np.random.default_rng(1)
-    spans = case.usual.chart.spans(case.usual.start)
+    scales = case.usual.chart.scales(case.usual.start)
     while True:
-        start = case.usual.start + random.uniform(-0.1, 0.1, len(spans)) * spans
+        start = case.usual.start + random.uniform(-0.1, 0.1, len(scales)) * scales
         photo = case.usual.photo
         own = PhotoAttributes(np.array(photo.channels), np.array(photo.weights), photo.clipped)
         problem = replace(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.optimise.cma_es import EvolutionRules, evolve
+from poseviewer.optimise.cma_es import CmaOptions, evolve
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(5, 5)))[0]
 LENGTHS = np.geomspace(1.0, 0.02, 5)
@@ -18,7 +18,7 @@ def valley(points):
         yield float(np.sum((TURN.T @ ((point - LEAST) / SPANS) / LENGTHS) ** 2))
 
 
-RULES = EvolutionRules(width=0.3, generations=60, nearness=0.0, least_width=1e-4)
+RULES = CmaOptions(width=0.3, generations=60, nearness=0.0, least_width=1e-4)
 
 
 def test_it_ends_at_the_least_loss_and_has_the_valleys_shape():

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize, rosen
 
 from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
-from poseviewer.optimise.restarts import RestartRules, restarted_simplex
+from poseviewer.optimise.restarts import RestartOptions, restarted_simplex
 
 
 def bowl(x):
@@ -91,7 +91,7 @@ def test_restarts_leave_a_collapsed_simplex():
     start = np.array([[0.0, 0.0], [lam[0], lam[1]], [1.0, 1.0]])
     once = list(downhill_simplex(mckinnon, start, x_tolerance=1e-8, f_tolerance=1e-12))[-1]
     assert once.values[0] > -0.01  # the trap works
-    rules = RestartRules(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
+    rules = RestartOptions(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
     last = list(restarted_simplex(mckinnon, once.vertices[0], np.eye(2), rules, seed=0))[-1]
     assert last.value == pytest.approx(-0.25, abs=1e-6)
 
@@ -105,7 +105,7 @@ def test_scouts_leave_a_side_valley():
 
     ends = {}
     for scouts in (0, 8):
-        rules = RestartRules(step=0.6, scouts=scouts, patience=1)
+        rules = RestartOptions(step=0.6, scouts=scouts, patience=1)
         search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.eye(2), rules, seed=0)
         ends[scouts] = [state.value for state in search]
     assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
@@ -113,7 +113,7 @@ def test_scouts_leave_a_side_valley():
 
 
 def test_restarts_are_deterministic_and_end_finished():
-    rules = RestartRules()
+    rules = RestartOptions()
 
     def run(seed):
         states = list(restarted_simplex(random_valley(3), np.zeros(6), np.eye(6), rules, seed))
@@ -136,13 +136,13 @@ def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
         seen.append(x)
         return valley(x)
 
-    search = restarted_simplex(objective, np.zeros(6), np.eye(6), RestartRules(), seed=5)
+    search = restarted_simplex(objective, np.zeros(6), np.eye(6), RestartOptions(), seed=5)
     restarts = []
     for state in search:
         counts.append(len(seen))
         restarts.append(state.restart)
     assert counts == [*range(1, len(seen) + 1), len(seen)]
-    assert max(restarts) > RestartRules().scouts  # some were tried
+    assert max(restarts) > RestartOptions().scouts  # some were tried
 
 
 def test_a_simplex_in_the_valleys_own_units_needs_far_fewer_evaluations():
@@ -155,7 +155,7 @@ def test_a_simplex_in_the_valleys_own_units_needs_far_fewer_evaluations():
         def objective(x):
             return float(np.sum((turn.T @ (x - 0.1 * lengths @ turn.T) / lengths) ** 2))
 
-        rules = RestartRules(step=1.0, scouts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1)
+        rules = RestartOptions(step=1.0, scouts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1)
         states = list(restarted_simplex(objective, np.zeros(6), units, rules, seed=0))
         counts[name] = len(states)
         if name == "valley":

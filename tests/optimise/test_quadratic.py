@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.optimise.quadratic import QuadraticRules, quadratic_descent
+from poseviewer.optimise.quadratic import QuadraticOptions, quadratic_descent
 
-RULES = QuadraticRules(reach=2.0, rise=0.5)
+RULES = QuadraticOptions(reach=2.0, rise=0.5)
 JUMPS = 0.02
 
 
@@ -93,7 +93,7 @@ def test_rounds_end_when_nothing_is_gained():
     states = list(quadratic_descent(losses, np.zeros(6), units, RULES, seed=0))
     many = list(
         quadratic_descent(
-            losses, np.zeros(6), units, QuadraticRules(2.0, 0.5, least_gain=-1.0), seed=0
+            losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, least_gain=-1.0), seed=0
         )
     )
     assert len(states) < len(many)

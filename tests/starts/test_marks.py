@@ -157,5 +157,7 @@ def seen_wheels(truth, keypoints) -> Wheels:
 
 def rounded(ellipse: Ellipse) -> Ellipse:
     degrees = round(math.degrees(ellipse.angle))
-    numbers = [round(v) for v in (ellipse.cx, ellipse.cy, ellipse.a, ellipse.b)]
-    return Ellipse(numbers[0], numbers[1], numbers[2], numbers[3], math.radians(degrees))
+    parameters = [round(v) for v in (ellipse.cx, ellipse.cy, ellipse.a, ellipse.b)]
+    return Ellipse(
+        parameters[0], parameters[1], parameters[2], parameters[3], math.radians(degrees)
+    )

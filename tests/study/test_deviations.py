@@ -30,7 +30,7 @@ def test_a_seed_gives_one_start(reading):
 
 
 def test_what_is_no_pose_is_drawn_again():
-    start = draw("absolute", 0.3, 1, lambda numbers: numbers[0] > 0.75)
+    start = draw("absolute", 0.3, 1, lambda parameters: parameters[0] > 0.75)
     assert start[0] > 0.75
     with pytest.raises(SingularChartError, match="30%"):
         draw("absolute", 0.3, 1, lambda _: False)

@@ -45,8 +45,8 @@ def photograph(mesh: Mesh, chart: VehicleChart, ground: Ground | None, seed: int
     return Photo(pixels, "synthetic.png", "0" * 64)
 
 
-def fit_from(registration: Registration, numbers, chart: VehicleChart) -> FitProgress:
-    start = chart.to_pose(numbers)
+def fit_from(registration: Registration, parameters, chart: VehicleChart) -> FitProgress:
+    start = chart.to_pose(parameters)
     registration = Registration(
         registration.photo, registration.mesh, "", "", registration.keypoints, start, ()
     )

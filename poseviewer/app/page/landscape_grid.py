@@ -41,7 +41,7 @@ _CROSS = "M-5-5L5 5M-5 5L5-5"
 class GridOptions:
     """How the maps are shown."""
 
-    numbers: tuple[int, ...] | None = None
+    parameters: tuple[int, ...] | None = None
     """Indices of the numbers whose pairs have a place, ascending; None for all."""
     shared_scale: bool = True
     """One colour for one loss over all maps; else each map has its own range, which shows faint
@@ -64,29 +64,29 @@ def landscape_grid(
         marks: places in the space of the d numbers. A pose beside a map is held at its border.
         options: see there.
     """
-    numbers = options.numbers if options.numbers is not None else tuple(range(len(names)))
+    parameters = options.parameters if options.parameters is not None else tuple(range(len(names)))
     pieces = {(s.first, s.second): s for s in slices if not np.isnan(s.losses).all()}
-    pairs = list(combinations(numbers, 2))
+    pairs = list(combinations(parameters, 2))
     known = [pieces[pair] for pair in pairs if pair in pieces]
     shared = loss_range([piece.losses for piece in known]) if options.shared_scale else None
     cells = []
     for pair in pairs:
-        place = f"grid-area:{numbers.index(pair[1])}/{numbers.index(pair[0]) + 2}"
+        place = f"grid-area:{parameters.index(pair[1])}/{parameters.index(pair[0]) + 2}"
         cells.append(_cell(pieces.get(pair), pair, names, marks, shared, place))
-    columns = max(len(numbers) - 1, FEWEST_COLUMNS)
+    columns = max(len(parameters) - 1, FEWEST_COLUMNS)
     return (
         f'<div class="pv-land{" pv-dim" if options.dimmed else ""}" '
         f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
-        f"<style>{STYLE}</style>{_labels(numbers, names)}{''.join(cells)}"
+        f"<style>{STYLE}</style>{_labels(parameters, names)}{''.join(cells)}"
         f"{_key(shared, marks, options)}</div>"
     )
 
 
-def _labels(numbers: Sequence[int], names: Sequence[str]) -> str:
+def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
     """The second numbers left of their rows, the first ones below their columns."""
-    last = len(numbers)
+    last = len(parameters)
     labels = []
-    for i, number in enumerate(numbers):
+    for i, number in enumerate(parameters):
         name = short_name(names[number])
         turned = " pv-turned" if len(name) > 3 else ""
         if i > 0:
@@ -152,9 +152,9 @@ def _marks(piece: Slice, marks: Marks) -> str:
         drawn.append(f'<polygon class="pv-simplex" points="{points}"/>')
     least = slice_minimum(piece)
     if least is not None:
-        numbers = np.array(marks.pose)
-        numbers[[piece.first, piece.second]] = least.first_value, least.second_value
-        x, y = _on_picture(on_map(piece, numbers))
+        parameters = np.array(marks.pose)
+        parameters[[piece.first, piece.second]] = least.first_value, least.second_value
+        x, y = _on_picture(on_map(piece, parameters))
         drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
     u, v = on_map(piece, marks.pose)
     beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"

@@ -22,7 +22,7 @@ _LEAST = {"symbol": "circle", "size": 9, "color": "#ffffff", "line": {"color": P
 
 
 def contour_figure(
-    piece: Slice, names: Sequence[str], marks: Marks, spans: FloatArray, centre: FloatArray
+    piece: Slice, names: Sequence[str], marks: Marks, scales: FloatArray, centre: FloatArray
 ) -> go.Figure:
     """The map with contour lines and their values; what is under the cursor is read out.
 
@@ -32,8 +32,8 @@ def contour_figure(
     x, y = piece.first_values, piece.second_values
     shares = np.stack(
         np.broadcast_arrays(
-            100.0 * (x - centre[piece.first])[None] / spans[piece.first],
-            100.0 * (y - centre[piece.second])[:, None] / spans[piece.second],
+            100.0 * (x - centre[piece.first])[None] / scales[piece.first],
+            100.0 * (y - centre[piece.second])[:, None] / scales[piece.second],
         ),
         axis=-1,
     )
@@ -150,8 +150,8 @@ def _line(points: FloatArray, name: str, colour: str) -> go.Scatter:
     )
 
 
-def _point(piece: Slice, numbers: FloatArray, name: str, marker: dict[str, Any]) -> go.Scatter:
-    place = {"x": [numbers[piece.first]], "y": [numbers[piece.second]]}
+def _point(piece: Slice, parameters: FloatArray, name: str, marker: dict[str, Any]) -> go.Scatter:
+    place = {"x": [parameters[piece.first]], "y": [parameters[piece.second]]}
     return _marker(place, name, marker)
 
 

@@ -33,14 +33,14 @@ class Marks:
                 object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
 
 
-def on_map(piece: Slice, numbers: FloatArray) -> FloatArray:
+def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     """(..., 2): where numbers (..., d) lie on a slice's map, from its left and lower border, as
     shares of its width and height; beyond 0 and 1 they lie beside it.
     """
-    numbers = np.asarray(numbers, dtype=float)
+    parameters = np.asarray(parameters, dtype=float)
     x, y = piece.first_values, piece.second_values
-    u = (numbers[..., piece.first] - x[0]) / (x[-1] - x[0])
-    v = (numbers[..., piece.second] - y[0]) / (y[-1] - y[0])
+    u = (parameters[..., piece.first] - x[0]) / (x[-1] - x[0])
+    v = (parameters[..., piece.second] - y[0]) / (y[-1] - y[0])
     return np.stack([u, v], axis=-1)
 
 

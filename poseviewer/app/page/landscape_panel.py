@@ -105,8 +105,8 @@ class LandscapePanel:
         if session.maps.surface:
             figure = surface_figure(piece, names, marks)
         else:
-            spans = news.case.problem.chart.spans(news.numbers)
-            figure = contour_figure(piece, names, marks, spans, news.numbers)
+            scales = news.case.problem.chart.scales(news.parameters)
+            figure = contour_figure(piece, names, marks, scales, news.parameters)
         if self._large is None:  # plotly's script is large: sent to pages when first wanted
             with self._container:
                 self._large = self._gui.add_plotly(
@@ -127,7 +127,7 @@ class LandscapePanel:
         free = tuple(int(i) for i in problem.free_indices)
         moving = session.searching or session.grip is not None
         options = GridOptions(
-            numbers=free,
+            parameters=free,
             shared_scale=session.maps.shared_scale,
             dimmed=news.centre is not session.document.pose and not moving,
             half_width=news.half_width,
@@ -140,10 +140,10 @@ def marks_of(session: Session, news: LandscapeNews) -> Marks:
     try:
         pose = news.case.problem.chart.from_pose(session.document.pose)
     except (PoseViewerError, OutsideChartError):
-        pose = np.array(news.numbers)
+        pose = np.array(news.parameters)
     search = session.search
     if search is None or search.news is None or search.news.case is not news.case:
         return Marks(pose)
     progress = search.news.progress
-    trail = np.array([step.numbers for step in search.news.improvements])
+    trail = np.array([step.parameters for step in search.news.improvements])
     return Marks(pose, progress.simplex if session.searching else None, trail)

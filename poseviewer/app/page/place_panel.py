@@ -55,12 +55,12 @@ class PlacePanel:
         document = session.document
         self._rings.show(session.look.rings)
         chart = document.chart
-        numbers = document.numbers
+        parameters = document.parameters
         self._names = chart.names
         for index, field in enumerate(self._numbers):
             if index < len(self._names):
                 set_property(field.handle, "label", label(self._names[index]))
-                field.show(round(float(numbers[index]), SHOWN_DIGITS))
+                field.show(round(float(parameters[index]), SHOWN_DIGITS))
             else:
                 field.show(0.0, visible=False)
         self._show_camera(session)

@@ -34,8 +34,10 @@ def with_typed_camera(document: Document, typed: c.SetCamera) -> Pose:
     _require_centre(typed, photo.width, photo.height)
     if not isinstance(now, Parallel):
         _require_focal(typed, LARGEST_FOCAL * max(photo.width, photo.height))
-    numbers = (typed.fx, typed.fy, typed.cx, typed.cy)
-    camera: Camera = camera_from_integer_centres(Perspective(*numbers, photo.width, photo.height))
+    parameters = (typed.fx, typed.fy, typed.cx, typed.cy)
+    camera: Camera = camera_from_integer_centres(
+        Perspective(*parameters, photo.width, photo.height)
+    )
     if isinstance(now, Parallel):
         camera = replace(now, cx=camera.cx, cy=camera.cy)
     return with_camera(document.pose, camera, document.registration.mesh.centre)

@@ -67,7 +67,7 @@ class Document:
         return start if camera == start.camera else with_camera(start, camera, centre)
 
     @property
-    def numbers(self) -> FloatArray:
+    def parameters(self) -> FloatArray:
         """(d,): the pose in ``chart``."""
         return self.chart.from_pose(self.pose)
 

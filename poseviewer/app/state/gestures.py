@@ -76,8 +76,8 @@ class VehiclePinGrip:
 
     def drag(self, document: Document, point: FloatArray) -> Document:
         """The numbers of the pin follow the pointer."""
-        numbers = self.chart.from_pose(self.held.pose)
-        changed = with_vehicle_pin(self.chart, numbers, self.pin, point + self.offset)
+        parameters = self.chart.from_pose(self.held.pose)
+        changed = with_vehicle_pin(self.chart, parameters, self.pin, point + self.offset)
         return replace(document, pose=self.chart.to_pose(changed))
 
 
@@ -216,9 +216,9 @@ def picked_numbers(piece: Slice, centre: FloatArray, u: float, v: float) -> Floa
     ``u`` and ``v`` are the place from the map's left and lower border as a share of its side;
     beyond 0 and 1 the border is meant. Nothing snaps to the grid.
     """
-    numbers = np.array(centre, dtype=float)
+    parameters = np.array(centre, dtype=float)
     u, v = (min(max(float(share), 0.0), 1.0) for share in (u, v))
     x, y = piece.first_values, piece.second_values
-    numbers[piece.first] = x[0] + u * (x[-1] - x[0])
-    numbers[piece.second] = y[0] + v * (y[-1] - y[0])
-    return numbers
+    parameters[piece.first] = x[0] + u * (x[-1] - x[0])
+    parameters[piece.second] = y[0] + v * (y[-1] - y[0])
+    return parameters

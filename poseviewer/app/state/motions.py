@@ -116,42 +116,44 @@ def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose
         return with_point_at(pose, points[0], pixels[0])
     chart = FreeBodyChart.near(mesh, pose)
 
-    def residuals(numbers: FloatArray) -> FloatArray:
+    def residuals(parameters: FloatArray) -> FloatArray:
         try:
-            seen = chart.to_pose(numbers).project(points)
+            seen = chart.to_pose(parameters).project(points)
         except OutsideChartError:
             seen = np.full(pixels.shape, 1e6)
         away = np.nan_to_num(seen - pixels, nan=1e6)
-        return np.append(away.ravel(), STIFFNESS * numbers)
+        return np.append(away.ravel(), STIFFNESS * parameters)
 
     found = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
     return chart.to_pose(found.x)
 
 
-def vehicle_pins(chart: VehicleChart, numbers: FloatArray) -> FloatArray:
+def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
     """(3, 2): rear wheel, front wheel and axle tip in px: the vehicle chart's six numbers.
 
     The tip lies ``axle_length`` times psi from the rear wheel.
     """
     size = np.array([chart.camera.width, chart.camera.height])
-    rear = numbers[0:2] * size
-    return np.array([rear, rear + numbers[2:4] * size, rear + numbers[4:6] * axle_length(chart)])
+    rear = parameters[0:2] * size
+    return np.array(
+        [rear, rear + parameters[2:4] * size, rear + parameters[4:6] * axle_length(chart)]
+    )
 
 
 def with_vehicle_pin(
-    chart: VehicleChart, numbers: FloatArray, pin: int, pixel: ArrayLike
+    chart: VehicleChart, parameters: FloatArray, pin: int, pixel: ArrayLike
 ) -> FloatArray:
     """The chart's numbers with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held.
 
     An axle that would point away from the camera stays at the rim of what the chart allows.
     """
-    pins = vehicle_pins(chart, numbers)
+    pins = vehicle_pins(chart, parameters)
     pins[pin] = pixel
     size = np.array([chart.camera.width, chart.camera.height])
     psi = (pins[2] - pins[0]) / axle_length(chart)
     rim = math.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-6
     psi *= min(1.0, rim / max(float(np.linalg.norm(psi)), 1e-12))
-    changed = np.array(numbers)
+    changed = np.array(parameters)
     if pin != 2:
         changed[0:2] = pins[0] / size
         changed[2:4] = (pins[1] - pins[0]) / size

@@ -160,14 +160,14 @@ def _nudge(session: Session, command: c.Nudge) -> Session:
 
 
 def _set_number(session: Session, command: c.SetNumber) -> Session:
-    chart, numbers = session.document.chart, np.array(session.document.numbers)
+    chart, parameters = session.document.chart, np.array(session.document.parameters)
     if command.name not in chart.names or not math.isfinite(command.value):
         raise SettingsError(f"{command.name} = {command.value} is no number of the chart")
     index = chart.names.index(command.name)
-    if float(numbers[index]) == command.value:
+    if float(parameters[index]) == command.value:
         return session
-    numbers[index] = command.value
-    changed = _with_pose(session, chart.to_pose(numbers))
+    parameters[index] = command.value
+    changed = _with_pose(session, chart.to_pose(parameters))
     if session.typed == (command.name, session.document) and not session.history.future:
         # One step back leads to before the whole of what was typed, not to its first digit.
         changed = replace(changed, history=session.history)
@@ -284,8 +284,8 @@ def _pick(session: Session, command: c.PickInLandscape) -> Session:
     piece = pairs.get((command.first, command.second))
     if piece is None:
         return session
-    numbers = picked_numbers(piece, news.numbers, command.u, command.v)
-    return _with_pose(session, news.case.problem.chart.to_pose(numbers))
+    parameters = picked_numbers(piece, news.parameters, command.u, command.v)
+    return _with_pose(session, news.case.problem.chart.to_pose(parameters))
 
 
 _RECTANGLES = {"region": RegionGrip, "box": proposing.BoxGrip}

@@ -17,7 +17,7 @@ from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.photo.calibrated import photo_text
 from poseviewer.files.photo.picture_text import described
 from poseviewer.files.pose.file import (
-    ChartNumbers,
+    ChartParameters,
     ModelReference,
     PhotoReference,
     PoseRecord,
@@ -50,7 +50,7 @@ def _plain_record(session: Session) -> PoseRecord:
         document.pose,
         PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
         ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
-        ChartNumbers(chart.name, chart.names, tuple(float(v) for v in document.numbers)),
+        ChartParameters(chart.name, chart.names, tuple(float(v) for v in document.parameters)),
         None,
         settings_as_json(document.settings),
         {"name": "poseviewer", "version": version("poseviewer")},

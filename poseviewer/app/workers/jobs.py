@@ -200,7 +200,7 @@ class LandscapeNews:
 
     centre: Pose
     case: Case
-    numbers: FloatArray
+    parameters: FloatArray
     """(d,): the centre in the case's chart."""
     half_width: float
     slices: tuple[Slice, ...]
@@ -230,7 +230,7 @@ def maps(
     Raises:
         PoseViewerError: there are fewer than two free numbers.
     """
-    numbers = case.problem.chart.from_pose(centre)
+    parameters = case.problem.chart.from_pose(centre)
     newest: dict[tuple[int, int], Slice] = {}
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
@@ -243,7 +243,9 @@ def maps(
         newest[pair] = piece
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeNews(centre, case, numbers, half_width, tuple(seen.values()), known / total)
+        yield LandscapeNews(
+            centre, case, parameters, half_width, tuple(seen.values()), known / total
+        )
 
 
 def case_at(

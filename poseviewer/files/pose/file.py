@@ -51,12 +51,12 @@ class ModelReference:
 
 
 @dataclass(frozen=True, slots=True)
-class ChartNumbers:
+class ChartParameters:
     """The pose as the numbers of a chart."""
 
     name: str
     names: tuple[str, ...]
-    numbers: tuple[float, ...]
+    parameters: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class PoseRecord:
     """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
     photo: PhotoReference | None = None
     model: ModelReference | None = None
-    chart: ChartNumbers | None = None
+    chart: ChartParameters | None = None
     loss: float | None = None
     settings: Mapping[str, Any] | None = None
     software: Mapping[str, str] | None = None
@@ -182,9 +182,9 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
     if record.chart is not None:
-        numbers = [float(number) for number in record.chart.numbers]
+        parameters = [float(number) for number in record.chart.parameters]
         names = list(record.chart.names)
-        data["chart"] = {"name": record.chart.name, "names": names, "numbers": numbers}
+        data["chart"] = {"name": record.chart.name, "names": names, "numbers": parameters}
     return {key: value for key, value in data.items() if value is not None}
 
 
@@ -267,16 +267,16 @@ def _model(reading: Reading, value: Any) -> ModelReference | None:
     )
 
 
-def _chart(reading: Reading, value: Any) -> ChartNumbers | None:
+def _chart(reading: Reading, value: Any) -> ChartParameters | None:
     if value is None:
         return None
     value = reading.object(value, "chart")
     names = value.get("names")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise reading.error(f"chart.names is {kind_of(names)}", "wanted a list of texts")
-    numbers = reading.numbers(value.get("numbers"), "chart.numbers", len(names))
+    parameters = reading.numbers(value.get("numbers"), "chart.numbers", len(names))
     name = reading.text(value.get("name"), "chart.name") or ""
-    return ChartNumbers(name, tuple(names), tuple(numbers))
+    return ChartParameters(name, tuple(names), tuple(parameters))
 
 
 def _optional_object(reading: Reading, data: dict[str, Any], key: str) -> Any:

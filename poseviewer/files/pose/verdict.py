@@ -21,18 +21,18 @@ class RecordedVerdict:
     probability: float
     """That the pose is right, in [0, 1]."""
     reasons: tuple[str, ...] = ()
-    evidence: Mapping[str, float] = field(default_factory=dict)
+    features: Mapping[str, float] = field(default_factory=dict)
     """The numbers that it comes from, by name."""
 
 
 def verdict_as_json(verdict: RecordedVerdict) -> dict[str, Any]:
     """As JSON has it; numbers that are not finite are left out."""
-    evidence = {name: float(value) for name, value in verdict.evidence.items()}
+    features = {name: float(value) for name, value in verdict.features.items()}
     return {
         "word": verdict.word,
         "probability": float(verdict.probability),
         "reasons": list(verdict.reasons),
-        "evidence": {name: value for name, value in evidence.items() if math.isfinite(value)},
+        "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
     }
 
 
@@ -51,13 +51,13 @@ def verdict_from_json(reading: Reading, value: Any) -> RecordedVerdict | None:
     reasons = data.get("reasons", [])
     if not isinstance(reasons, list) or not all(isinstance(text, str) for text in reasons):
         raise reading.error(f"verdict.reasons is {kind_of(reasons)}", "wanted a list of texts")
-    evidence = reading.object(data.get("evidence", {}), "verdict.evidence")
+    features = reading.object(data.get("evidence", {}), "verdict.evidence")
     return RecordedVerdict(
         word,
         reading.number(data.get("probability"), "verdict.probability"),
         tuple(reasons),
         {
             name: reading.number(number, f"verdict.evidence.{name}")
-            for name, number in evidence.items()
+            for name, number in features.items()
         },
     )

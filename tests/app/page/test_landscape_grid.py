@@ -73,11 +73,11 @@ def test_a_shared_scale_gives_one_loss_one_colour():
 
 def test_a_pick_at_a_mark_gives_the_marks_numbers():
     for piece in make_slices(11):
-        numbers = np.array(CENTRE)
-        numbers[piece.first] += 0.137
-        numbers[piece.second] -= 0.071
-        u, v = on_map(piece, numbers)
-        np.testing.assert_allclose(picked_numbers(piece, CENTRE, u, v), numbers, atol=1e-12)
+        parameters = np.array(CENTRE)
+        parameters[piece.first] += 0.137
+        parameters[piece.second] -= 0.071
+        u, v = on_map(piece, parameters)
+        np.testing.assert_allclose(picked_numbers(piece, CENTRE, u, v), parameters, atol=1e-12)
 
 
 def test_a_pick_beside_the_map_takes_its_border():

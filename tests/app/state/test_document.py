@@ -111,10 +111,10 @@ def test_there_and_back_between_projections_is_the_same_pose():
 def test_numbers_are_of_the_pose_and_zero_at_the_start(camera):
     document = make_document(camera)
     assert isinstance(document.chart, FreeBodyChart)
-    assert document.numbers == pytest.approx(np.zeros(6), abs=1e-9)
+    assert document.parameters == pytest.approx(np.zeros(6), abs=1e-9)
     away = moved_document(document, 0.3)
-    assert away.numbers[3] != pytest.approx(0.0, abs=0.01)
-    seen = away.chart.to_pose(away.numbers)
+    assert away.parameters[3] != pytest.approx(0.0, abs=0.01)
+    seen = away.chart.to_pose(away.parameters)
     assert seen.project(BUMPY.vertices) == pytest.approx(
         away.pose.project(BUMPY.vertices), abs=1e-7
     )
@@ -135,7 +135,7 @@ def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, cam
     document = make_document(start, settings=FitSettings(free_focal=free_focal))
     pose = with_camera(moved_document(document, 0.3).pose, camera, BUMPY.centre)
     document = replace(document, pose=pose)
-    again = document.chart.to_pose(document.numbers)
+    again = document.chart.to_pose(document.parameters)
     assert type(again.camera) is type(camera)
     assert again.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-7)
     if isinstance(camera, Perspective) and isinstance(again.camera, Perspective):
@@ -143,7 +143,7 @@ def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, cam
         assert again.camera.fy == pytest.approx(camera.fy)
         assert again.camera.cx == camera.cx
     # Not all zero: they are told from the start, not from the pose itself.
-    assert abs(document.numbers[3]) > 0.05
+    assert abs(document.parameters[3]) > 0.05
 
 
 @CAMERAS
@@ -153,7 +153,7 @@ def test_a_vehicle_seen_head_on_has_the_other_chart(camera):
     front = look_from("front", CAR, document.registration.keypoints, camera)
     document = replace(document, pose=front)
     assert isinstance(document.chart, FreeBodyChart)
-    again = document.chart.to_pose(document.numbers)
+    again = document.chart.to_pose(document.parameters)
     assert again.project(CAR.vertices) == pytest.approx(front.project(CAR.vertices), abs=1e-6)
 
 
@@ -164,4 +164,4 @@ def test_another_start_is_the_pose_too():
     assert started.pose is pose
     assert started.registration.start is pose
     assert started.registration.photo is document.registration.photo
-    assert started.numbers == pytest.approx(np.zeros(6), abs=1e-9)
+    assert started.parameters == pytest.approx(np.zeros(6), abs=1e-9)

@@ -253,17 +253,17 @@ def test_a_vehicles_pin_lands_under_the_pointer_and_the_others_hold(camera, pin,
     random = np.random.default_rng(seed)
     keypoints = make_keypoints(random)
     chart = VehicleChart.near(keypoints, make_vehicle_pose(random, keypoints, camera, (0.5, 0.95)))
-    numbers = chart.from_pose(make_vehicle_pose(random, keypoints, camera, (0.5, 0.95)))
-    before = vehicle_pins(chart, numbers)
+    parameters = chart.from_pose(make_vehicle_pose(random, keypoints, camera, (0.5, 0.95)))
+    before = vehicle_pins(chart, parameters)
     # A tip pulled only a little, so that it stays inside the rim.
     pixel = before[pin] + random.uniform(-8.0, 8.0, 2)
-    changed = with_vehicle_pin(chart, numbers, pin, pixel)
+    changed = with_vehicle_pin(chart, parameters, pin, pixel)
     after = vehicle_pins(chart, changed)
     assert after[pin] == pytest.approx(pixel, abs=1e-9)
     others = [i for i in range(3) if i != pin]
     assert after[others] == pytest.approx(before[others], abs=1e-9)
     same = {0: [], 1: [0, 1, 4, 5], 2: [0, 1, 2, 3]}[pin]
-    assert np.array_equal(changed[same], numbers[same])
+    assert np.array_equal(changed[same], parameters[same])
 
 
 @CAMERAS
@@ -288,10 +288,10 @@ def test_an_axle_pulled_beyond_the_rim_stays_in_the_chart(seed, pin):
     keypoints = make_keypoints(random)
     pose = make_vehicle_pose(random, keypoints, PARALLEL)
     chart = VehicleChart.near(keypoints, pose)
-    numbers = chart.from_pose(pose)
+    parameters = chart.from_pose(pose)
     direction = random.uniform(0.0, 2.0 * math.pi)
-    pixel = vehicle_pins(chart, numbers)[pin]
+    pixel = vehicle_pins(chart, parameters)[pin]
     pixel = pixel + 3000.0 * np.array([math.cos(direction), math.sin(direction)])
-    changed = with_vehicle_pin(chart, numbers, pin, pixel)
+    changed = with_vehicle_pin(chart, parameters, pin, pixel)
     assert chart.from_pose(chart.to_pose(changed)) == pytest.approx(changed, abs=1e-6)
     assert np.linalg.norm(changed[4:]) == pytest.approx(math.sqrt(1.0 - 0.05**2), abs=1e-5)

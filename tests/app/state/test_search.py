@@ -146,18 +146,18 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     piece = landscape.slices[0]
     for u, v in ((0.0, 0.0), (1.0, 0.25), (0.5, 0.5)):
         picked = after(with_maps, c.PickInLandscape(piece.first, piece.second, u, v))
-        numbers = picked.document.numbers
-        wanted = np.array(landscape.numbers)
+        parameters = picked.document.parameters
+        wanted = np.array(landscape.parameters)
         for index, values, share in (
             (piece.first, piece.first_values, u),
             (piece.second, piece.second_values, v),
         ):
             wanted[index] = values[0] + share * (values[-1] - values[0])
-        assert numbers == pytest.approx(wanted, abs=1e-9)
+        assert parameters == pytest.approx(wanted, abs=1e-9)
         assert picked.history.past == (session.document,)
     beyond = after(with_maps, c.PickInLandscape(piece.first, piece.second, 7.0, -3.0))
     corner = after(with_maps, c.PickInLandscape(piece.first, piece.second, 1.0, 0.0))
-    assert np.array_equal(beyond.document.numbers, corner.document.numbers)
+    assert np.array_equal(beyond.document.parameters, corner.document.parameters)
     assert after(with_maps, c.PickInLandscape(0, 99, 0.5, 0.5)) is with_maps
     assert after(session, c.PickInLandscape(0, 1, 0.5, 0.5)) is session
 
@@ -238,7 +238,7 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
         command = random_command(random, now, news, landscape, others)
         before, now = now, update(now, command)
         assert now.complaint == "" or now.complaint.endswith((".", "!", "?"))
-        assert np.isfinite(now.document.numbers).all()
+        assert np.isfinite(now.document.parameters).all()
         if now.complaint and not isinstance(command, (c.SearchFailed, *NEWS)):
             assert now.document is before.document
     assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach

@@ -206,17 +206,17 @@ def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
         session = after(session, c.SetCamera(400.0, 330.0, 80.0, 55.0), c.Nudge("move", 5.0))
     elif moved:
         session = after(session, c.SetProjection("perspective"), c.Nudge("move", 5.0))
-    numbers = session.document.numbers
+    parameters = session.document.parameters
     for index, name in enumerate(session.document.chart.names):
-        value = float(numbers[index]) + 0.03
+        value = float(parameters[index]) + 0.03
         found = after(session, c.SetNumber(name, value))
-        wanted = np.array(numbers)
+        wanted = np.array(parameters)
         wanted[index] = value
-        assert found.document.numbers == pytest.approx(wanted, abs=1e-9)
+        assert found.document.parameters == pytest.approx(wanted, abs=1e-9)
         if not isinstance(camera, Parallel):
             assert found.document.pose.camera == session.document.pose.camera
         assert found.history.past[-1] is session.document
-        same = after(session, c.SetNumber(name, float(numbers[index])))
+        same = after(session, c.SetNumber(name, float(parameters[index])))
         assert same is session
 
 
@@ -224,7 +224,7 @@ def test_what_is_typed_digit_by_digit_is_one_step():
     session = make_session()
     name, other = session.document.chart.names[0], session.document.chart.names[1]
     typed = after(session, *(c.SetNumber(name, value) for value in (0.1, 0.12, 0.125)))
-    assert typed.document.numbers[0] == pytest.approx(0.125)
+    assert typed.document.parameters[0] == pytest.approx(0.125)
     assert after(typed, c.Undo()).document is session.document
     both = after(typed, c.SetNumber(other, 0.2), c.SetNumber(name, 0.3))
     assert after(both, c.Undo(), c.Undo()).document is typed.document

@@ -67,10 +67,10 @@ def test_the_loss_is_that_of_the_search(registration, renderer):
     problem, _ = make_problem(registration, SETTINGS)
     painter = Painter(renderer)
     for shift in (0.0, 0.05, -0.1):
-        numbers = problem.start + shift
-        request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(numbers))
+        parameters = problem.start + shift
+        request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(parameters))
         (painting,) = painter.paint(request)
-        assert painting.loss == pytest.approx(pose_loss(problem, renderer, numbers), rel=1e-12)
+        assert painting.loss == pytest.approx(pose_loss(problem, renderer, parameters), rel=1e-12)
 
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(registration, renderer):
@@ -113,7 +113,7 @@ def test_a_search_ends_where_a_fit_ends(registration, renderer):
     *_, last = fit_pose(problem, renderer)
     pose = registration.start
     news = list(search(registration, pose, SETTINGS, renderer))
-    assert np.array_equal(news[-1].progress.numbers, last.numbers)
+    assert np.array_equal(news[-1].progress.parameters, last.parameters)
     assert news[-1].progress.loss == last.loss
     assert news[-1].progress.status is last.status
     counts = [item.progress.evaluations for item in news]

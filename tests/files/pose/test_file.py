@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.pose.file import (
-    ChartNumbers,
+    ChartParameters,
     ModelReference,
     PhotoReference,
     PoseRecord,
@@ -41,7 +41,7 @@ def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
         pose=Pose(camera, TRANSFORM),
         photo=PhotoReference("Straße 道.jpg", WIDTH, HEIGHT, SHA),
         model=ModelReference("car.glb", SHA[::-1], "m"),
-        chart=ChartNumbers("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
+        chart=ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
         loss=0.1 + 0.2,
         settings={"restarts": 8, "clipped": True},
         software={"name": "poseviewer", "version": "0.1.0"},

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import AutosaveError
-from poseviewer.files.pose.file import ChartNumbers, ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose.file import ChartParameters, ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     discard,
@@ -38,7 +38,7 @@ def record(camera: Camera = PARALLEL, turn: float = 0.3) -> PoseRecord:
         Pose(camera, transform),
         PhotoReference("Straße 道.jpg", 640, 480, SHA),
         ModelReference("car.glb", SHA[::-1], "m"),
-        ChartNumbers("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
+        ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
         0.1 + 0.2,
         {"restarts": 8},
     )
@@ -62,7 +62,7 @@ def session(**changes: Any) -> AutosavedSession:
     return dataclasses.replace(whole, **changes)
 
 
-def numbers(record: PoseRecord) -> bytes:
+def parameters(record: PoseRecord) -> bytes:
     """All numbers of a pose, bit by bit."""
     camera, transform = record.pose.camera, record.pose.camera_from_model
     values = [*dataclasses.astuple(camera), *transform.rotation.ravel(), *transform.translation]
@@ -73,7 +73,7 @@ def assert_same(a: AutosavedSession, b: AutosavedSession) -> None:
     for which in ("pose", "start"):
         x, y = getattr(a, which), getattr(b, which)
         assert type(x.pose.camera) is type(y.pose.camera)
-        assert numbers(x) == numbers(y)
+        assert parameters(x) == parameters(y)
         assert dataclasses.replace(x, pose=y.pose) == y
     assert dataclasses.replace(a, pose=b.pose, start=b.start) == b
 
@@ -184,13 +184,13 @@ def dead_process() -> int:
 
 
 def test_the_newest_comes_first(tmp_path: Path) -> None:
-    numbers = []
+    parameters = []
     for age in (2.0, 3.0, 1.0):
         process = dead_process()
-        numbers.append(process)
+        parameters.append(process)
         save_autosave(tmp_path, session(process=process, saved_at=1.7e9 - age))
     found = [load_autosave(path).process for path in left_behind(tmp_path)]
-    assert found == [numbers[2], numbers[0], numbers[1]]
+    assert found == [parameters[2], parameters[0], parameters[1]]
 
 
 def test_no_folder_no_sessions(tmp_path: Path) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.confidence.features import gather_evidence
+from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge
 from poseviewer.errors import SettingsError
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
-from poseviewer.study.evidence_text import evidence_as_text
+from poseviewer.study.features_text import evidence_as_text
 from poseviewer.study.real import RealTask, open_real_task
 from poseviewer.study.real_cases import load_cases, load_starts
 
@@ -56,8 +56,8 @@ def _gather_row(row: dict[str, str], task: RealTask) -> None:
     registration, renderer = open_real_task(task)
     problem, _ = make_problem(registration, task.settings)
     pose = problem.chart.to_pose(np.array(row["end"].split(), float))
-    evidence = gather_evidence(problem, registration.mesh, renderer, pose)
-    row["evidence"], row["verdict"] = evidence_as_text(evidence), judge(evidence).word
+    features = gather_features(problem, registration.mesh, renderer, pose)
+    row["evidence"], row["verdict"] = evidence_as_text(features), judge(features).word
 
 
 def _save(path: Path, rows: list[dict[str, str]]) -> Path:

@@ -25,24 +25,24 @@ class LogisticModel:
     bound: float
     """Standardised numbers are cut off at so many standard deviations."""
 
-    def probabilities(self, numbers: FloatArray) -> FloatArray:
+    def probabilities(self, parameters: FloatArray) -> FloatArray:
         """(N,) for numbers (N, k)."""
-        return _sigmoid(self._standardised(numbers) @ self.weights + self.offset)
+        return _sigmoid(self._standardised(parameters) @ self.weights + self.offset)
 
-    def _standardised(self, numbers: FloatArray) -> FloatArray:
-        return np.clip((numbers - self.mean) / self.deviation, -self.bound, self.bound)
+    def _standardised(self, parameters: FloatArray) -> FloatArray:
+        return np.clip((parameters - self.mean) / self.deviation, -self.bound, self.bound)
 
 
 def fit_logistic(
-    numbers: FloatArray, right: NDArray[np.bool_], penalty: float, bound: float
+    parameters: FloatArray, right: NDArray[np.bool_], penalty: float, bound: float
 ) -> LogisticModel:
     """The model of numbers (N, k) and answers (N,) that is most likely, with ``penalty`` times half
     the squared length of the weights against it.
 
     Few trials want a penalty: without one, separable trials would have weights without end.
     """
-    mean, deviation = numbers.mean(axis=0), np.maximum(numbers.std(axis=0), 1e-9)
-    scaled = np.clip((numbers - mean) / deviation, -bound, bound)
+    mean, deviation = parameters.mean(axis=0), np.maximum(parameters.std(axis=0), 1e-9)
+    scaled = np.clip((parameters - mean) / deviation, -bound, bound)
     design = np.column_stack([scaled, np.ones(len(scaled))])
     ridge = penalty * np.eye(design.shape[1])
     ridge[-1, -1] = 1e-6

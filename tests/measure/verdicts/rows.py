@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.study.evidence_text import evidence_from_text
+from poseviewer.study.features_text import evidence_from_text
 
 BEYOND_TRUTH_PERCENT = 1.0
 """A fit is right within the truth's own accuracy and so much of the model's size."""
@@ -28,7 +28,7 @@ class JudgedTrial:
     kind: str
     """Method and photos."""
     right: bool
-    evidence: dict[str, float]
+    features: dict[str, float]
     verdict: str
     """As the trial's own program gave it."""
     set: str = ""
@@ -72,15 +72,15 @@ def load_judged(
 
 
 def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial:
-    evidence, verdict = evidence_from_text(row["evidence"]), row["verdict"]
+    features, verdict = evidence_from_text(row["evidence"]), row["verdict"]
     if "case" in row:
         name = row["set"]
         most = accuracies.get(name, float(row["accuracy_percent"])) + BEYOND_TRUTH_PERCENT
         right = float(row["error_percent_end"]) < most
-        return JudgedTrial(row["case"], f"{row['method']}, {name}", right, evidence, verdict, name)
+        return JudgedTrial(row["case"], f"{row['method']}, {name}", right, features, verdict, name)
     case = f"{row['kind']}-{row['photo']}"
     right = row["found"] == "True"
-    return JudgedTrial(case, f"{row['method']}, {row['kind']}", right, evidence, verdict)
+    return JudgedTrial(case, f"{row['method']}, {row['kind']}", right, features, verdict)
 
 
 def numbers_of(trials: Sequence[JudgedTrial], names: Sequence[str]) -> FloatArray:
@@ -90,7 +90,7 @@ def numbers_of(trials: Sequence[JudgedTrial], names: Sequence[str]) -> FloatArra
         SettingsError: a trial has no such number.
     """
     try:
-        return np.array([[trial.evidence[name] for name in names] for trial in trials])
+        return np.array([[trial.features[name] for name in names] for trial in trials])
     except KeyError as error:
         raise SettingsError(
             f"the evidence of a trial has no {error}: it is of another version; run it again"

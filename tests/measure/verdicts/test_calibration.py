@@ -25,8 +25,8 @@ def write_table(path, informative: bool):
             right = index % 2 == 0
             level = (3.0 if right else 0.0) if informative else 0.0
             signs = {name: -1.0 if name == "spread_percent" else 1.0 for name in NAMES}
-            numbers = {name: signs[name] * level + random.normal(0, 0.3) for name in NAMES}
-            text = " ".join(f"{name}={value:.4f}" for name, value in numbers.items())
+            parameters = {name: signs[name] * level + random.normal(0, 0.3) for name in NAMES}
+            text = " ".join(f"{name}={value:.4f}" for name, value in parameters.items())
             cells = (f"case-{index // 2}", "s", "default", 1.0, 1.0 if right else 9.0, "", text)
             table.writerow(dict(zip((*columns, "evidence"), cells, strict=True)))
     return path
@@ -95,8 +95,8 @@ def test_the_area_is_the_share_of_pairs_in_order():
 
 def test_the_regression_finds_the_odds_of_its_samples():
     random = np.random.default_rng(0)
-    numbers = random.normal(size=(20_000, 2))
-    true = 1 / (1 + np.exp(-(1.5 * numbers[:, 0] - 0.5)))
-    model = fit_logistic(numbers, random.uniform(size=20_000) < true, 1.0, 10.0)
+    parameters = random.normal(size=(20_000, 2))
+    true = 1 / (1 + np.exp(-(1.5 * parameters[:, 0] - 0.5)))
+    model = fit_logistic(parameters, random.uniform(size=20_000) < true, 1.0, 10.0)
     assert model.weights == pytest.approx([1.5, 0.0], abs=0.08)
     assert model.offset == pytest.approx(-0.5, abs=0.08)

@@ -72,10 +72,10 @@ def test_the_minimum_along_lines_is_that_of_the_full_photo(parallel, factor):
         assert min(coarse[0], coarse[-1]) > min(coarse) + 0.01
 
 
-def _pixels_moved(chart, pose, numbers, line) -> float:
+def _pixels_moved(chart, pose, parameters, line) -> float:
     """How far a vertex goes in the picture, at the most, for a unit step along ``line``."""
     step = 1e-3
-    moved = chart.to_pose(numbers + step * line).project(MESH.vertices)
+    moved = chart.to_pose(parameters + step * line).project(MESH.vertices)
     return float(np.linalg.norm(moved - pose.project(MESH.vertices), axis=1).max() / step)
 
 
@@ -87,18 +87,18 @@ def test_pixels_of_a_level_are_those_that_its_poses_project_to(parallel):
         assert level_pose(pose, factor).project(MESH.vertices) == pytest.approx(points / factor)
 
 
-def minimum(chart, numbers, level: Level, step: float) -> np.ndarray:
+def minimum(chart, parameters, level: Level, step: float) -> np.ndarray:
     """Where the loss of a level is least, about ``numbers``."""
-    spans = chart.spans(numbers)
+    scales = chart.scales(parameters)
 
     def loss(x):
         return lighting_loss(level.renderer.moments(chart.to_pose(x), level.photo))
 
     for edge in (step, 0.3 * step):
-        corners = axis_simplex(numbers, edge * spans)
-        *_, end = downhill_simplex(loss, corners, x_tolerance=1e-4 * spans, f_tolerance=1e-6)
-        numbers = end.vertices[0]
-    return numbers
+        corners = axis_simplex(parameters, edge * scales)
+        *_, end = downhill_simplex(loss, corners, x_tolerance=1e-4 * scales, f_tolerance=1e-6)
+        parameters = end.vertices[0]
+    return parameters
 
 
 def assert_same_minimum(mesh, chart, truth, photo, renderer, factors, step=0.01):

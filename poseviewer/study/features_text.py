@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from poseviewer.fit.verdict import Evidence
+from poseviewer.fit.verdict import Features
 
-NUMBERS = tuple(field.name for field in fields(Evidence) if field.name != "weak")
+NUMBERS = tuple(field.name for field in fields(Features) if field.name != "weak")
 """Names of the evidence's numbers."""
 
 
-def evidence_as_text(evidence: Evidence | None) -> str:
+def evidence_as_text(features: Features | None) -> str:
     """``name=value`` of each number, with blanks between them; empty for none."""
-    if evidence is None:
+    if features is None:
         return ""
-    return " ".join(f"{name}={float(getattr(evidence, name)):.6g}" for name in NUMBERS)
+    return " ".join(f"{name}={float(getattr(features, name)):.6g}" for name in NUMBERS)
 
 
 def evidence_from_text(text: str) -> dict[str, float]:
