@@ -119,7 +119,7 @@ def place(demo: Demo, model: Model, width: int, height: int, share: float = USUA
         demo.registration,
         photo=replace(photo, pixels=_zoomed(photo, demo.middle, zoom, width, height)),
         mesh=model.mesh,
-        start=replace(demo.registration.start, pose=truth),
+        start=truth,
     )
     usual = lit_problem(registration)
     paper = make_problem(registration, FitSettings(grey=True, pixels="clip"))[0]

@@ -69,7 +69,7 @@ def landscape_npz_bytes(
         names=np.array(names, dtype=str),
         photo=np.array(photo),
         centre=np.asarray(centre, dtype=float),
-        scales=np.asarray(scales, dtype=float),
+        spans=np.asarray(scales, dtype=float),
         pairs=np.array([[piece.first, piece.second] for piece in slices]),
         first_values=np.array([piece.first_values for piece in slices]),
         second_values=np.array([piece.second_values for piece in slices]),

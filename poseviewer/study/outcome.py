@@ -42,7 +42,7 @@ class Outcome:
     """Name of the ``Status``, or of the error that kept the fit from beginning."""
     verdict: str
     """What the fit itself thinks of where it ended; empty where it says nothing."""
-    features: str
+    evidence: str
     """The numbers that the verdict comes from: ``name=value``, with blanks between them."""
 
 
@@ -74,7 +74,7 @@ def fit_from(
         seconds=round(seconds, 3),
         status=end.status.name,
         verdict=verdict_of(end),
-        features=evidence_as_text(None if end.verdict is None else end.verdict.features),
+        evidence=evidence_as_text(None if end.verdict is None else end.verdict.features),
     )
 
 
@@ -94,7 +94,7 @@ def _refused(mesh: Mesh, start: Pose, truth: Pose, why: str, seconds: float) -> 
         seconds=round(seconds, 3),
         status=why,
         verdict="",
-        features="",
+        evidence="",
     )
 
 

@@ -38,7 +38,7 @@ def start_off_by(registration: Registration, share: float, seed: int, **more) ->
     problem, _ = make_problem(registration, FitSettings(**more))
     off = share * np.random.default_rng(seed).uniform(-1.0, 1.0, len(problem.start))
     pose = problem.chart.to_pose(problem.start + off * problem.chart.scales(problem.start))
-    moved = replace(registration, start=replace(registration.start, pose=pose))
+    moved = replace(registration, start=pose)
     return make_problem(moved, FitSettings(**more))[0]
 
 

@@ -164,7 +164,7 @@ def test_a_long_focal_length_goes_over_into_parallel_projection():
 
 
 @pytest.mark.parametrize(
-    "numbers",
+    "parameters",
     [
         [0.5, 0.5, 0.3, 0.0, 0.9, 0.6],
         [0.5, 0.5, 0.3, 0.0, 1.0, 0.0],

@@ -12,7 +12,7 @@ import poseviewer
 
 WITHOUT_A_CACHE = """
 import numpy as np
-from poseviewer.render import kernel_moments
+from poseviewer.render.software import kernel_moments
 first, second = np.array([1.0, 2.0]), np.array([[3.0, 0.0], [4.0, 8.0]])
 mean, covariance = kernel_moments.as_moments(1, 2.0, first, second, np.zeros(2), np.eye(3))
 print(*mean, *covariance.ravel())
