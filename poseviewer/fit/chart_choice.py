@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.fit.settings import ChartName
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.keypoints import VehicleKeypoints
-
-ChartName = Literal["auto", "vehicle", "free-body"]
 
 
 def choose_chart(

@@ -7,13 +7,11 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.chart_choice import ChartName
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.renderers import RendererName
 
 Method = Literal["default", "paper"]
-
-
+ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
 
 

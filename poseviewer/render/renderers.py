@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from poseviewer.errors import RendererUnavailableError
-from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.types import Renderer
+
+if TYPE_CHECKING:  # the command line asks for the names alone
+    from poseviewer.geometry.mesh import Mesh
+    from poseviewer.render.types import Renderer
 
 RendererName = Literal["software", "opengl"]
 
