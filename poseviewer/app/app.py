@@ -20,7 +20,10 @@ import viser
 
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import command_of, newest_drags
-from poseviewer.app.page.requests import (
+from poseviewer.app.reviewing import Reviewer
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import History
+from poseviewer.app.state.requests import (
     Annotate,
     Download,
     FindWheels,
@@ -35,21 +38,18 @@ from poseviewer.app.page.requests import (
     Upload,
     UseLastPose,
 )
-from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import History
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.session import (
+    LandscapeUpdate,
+    Overlay,
+    OverlayRequest,
+    SearchUpdate,
+    Session,
+)
 from poseviewer.app.state.update import update
 from poseviewer.app.workers import exporting
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.identifying import Identifier
-from poseviewer.app.workers.jobs import (
-    LandscapeNews,
-    Painter,
-    Painting,
-    PaintRequest,
-    SearchNews,
-)
+from poseviewer.app.workers.jobs import OverlayDrawer
 from poseviewer.app.workers.mapping import MapJob, Mapper
 from poseviewer.app.workers.opening import Opened
 from poseviewer.app.workers.proposing import Proposer
@@ -85,26 +85,26 @@ class App:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
         saved = None if opened.restored else opened.document.pose
-        anchor, lineup = opened.document.pose, opened.lineup
-        self.session = Session(opened.document, anchor=anchor, saved=saved, lineup=lineup)
+        anchor, candidates = opened.document.pose, opened.candidates
+        self.session = Session(opened.document, anchor=anchor, saved=saved, candidates=candidates)
         self._renderer = opened.renderer
         self._renderers = Renderers()
         self._renderers.keep(opened.renderer)
-        self._painter: Worker[Painting] = Worker("painter", self._mailbox.ring)
-        self._weigher: Worker[Painting] = Worker("weigher", self._mailbox.ring)
-        self._finisher: Worker[Painting] = Worker("finisher", self._mailbox.ring)
-        self._searcher: Worker[SearchNews] = Worker("searcher")
-        self._mapper: Worker[LandscapeNews] = Worker("mapper", patient=True)
-        self._proposer = Proposer(self._mailbox.ring)
-        self._identifier = Identifier(self._mailbox.ring, self._renderers.of)
-        self._tasks = Tasks(self._mailbox.ring, state)
+        self._painter: Worker[Overlay] = Worker("painter", self._mailbox.notify)
+        self._weigher: Worker[Overlay] = Worker("weigher", self._mailbox.notify)
+        self._finisher: Worker[Overlay] = Worker("finisher", self._mailbox.notify)
+        self._searcher: Worker[SearchUpdate] = Worker("searcher")
+        self._mapper: Worker[LandscapeUpdate] = Worker("mapper", low_priority=True)
+        self._proposer = Proposer(self._mailbox.notify)
+        self._identifier = Identifier(self._mailbox.notify, self._renderers.of)
+        self._tasks = Tasks(self._mailbox.notify, state)
         self._state = state
         self._review = review
         self._autosaver = review or Autosaver(state)
         self._page = Page(server, self._mailbox.post, review is not None)
         self._running = True
         self._renew_brushes()
-        self._painted: PaintRequest | None = None
+        self._painted: OverlayRequest | None = None
         self._moved_at = 0.0
         self._search_tickets: dict[int, int] = {}
         self._mapped: MapJob | None = None
@@ -124,7 +124,7 @@ class App:
     def stop(self) -> None:
         """End the loop; from any thread."""
         self._running = False
-        self._mailbox.ring()
+        self._mailbox.notify()
 
     def step(self) -> None:
         """Take what has come, start what is wanted, show what is new."""
@@ -133,11 +133,11 @@ class App:
             try:
                 self._handle(request)
             except PoseViewerError as error:
-                self._page.complain(str(error))
+                self._page.show_error(str(error))
             except Exception:  # noqa: BLE001 - the loop must not end
                 # Whatever it is, the session goes on, and nothing of the user's is lost.
                 _log.exception("request %r", request)
-                self._page.complain("Something went wrong inside; nothing was changed.")
+                self._page.show_error("Something went wrong inside; nothing was changed.")
         self._collect()
         self._start_jobs()
         state = self._review.state(self.session) if self._review is not None else None
@@ -159,7 +159,7 @@ class App:
                 self._tasks.add_upload(request)
                 self._page.working(f"Reading {request.name[:60]} ...")
             case Unfit():
-                self._page.complain_to(request.client, request.why)
+                self._page.show_error_to(request.client, request.why)
             case SavePose():
                 self._save()
             case UseLastPose():
@@ -186,8 +186,8 @@ class App:
     def _command(self, command: c.Command) -> None:
         before = self.session
         self.session = update(before, command)
-        if self.session.complaint and self.session.complaint is not before.complaint:
-            self._page.complain(self.session.complaint)
+        if self.session.error_message and self.session.error_message is not before.error_message:
+            self._page.show_error(self.session.error_message)
         if isinstance(command, c.AcceptSearch):
             self._autosaver.save_now(self.session)
         mesh = self.session.document.registration.mesh
@@ -216,45 +216,45 @@ class App:
 
     def _collect(self) -> None:
         for worker in (self._painter, self._finisher):
-            news = worker.take()
-            if news is None:
+            latest = worker.take()
+            if latest is None:
                 continue
-            if news.error is not None:
-                self._page.complain(f"The model could not be drawn: {news.error}")
-            elif news.item is not None and self._is_current(news.item):
-                self._command(c.Painted(news.item))
-        news = self._weigher.take()
-        if news is not None and news.item is not None and self._is_current(news.item):
-            self._command(c.Weighed(news.item))
+            if latest.error is not None:
+                self._page.show_error(f"The model could not be drawn: {latest.error}")
+            elif latest.item is not None and self._is_current(latest.item):
+                self._command(c.OverlayDrawn(latest.item))
+        latest = self._weigher.take()
+        if latest is not None and latest.item is not None and self._is_current(latest.item):
+            self._command(c.LossComputed(latest.item))
         self._collect_search()
-        for news in (self._proposer.take(), self._identifier.take()):
-            if news is not None:
-                self._command(news)
-        news = self._mapper.take()
-        if news is not None and news.error is not None:
-            self._page.maps_note(str(news.error))
-        elif news is not None and news.item is not None:
-            self._command(c.LandscapeAdvanced(news.item))
+        for latest in (self._proposer.take(), self._identifier.take()):
+            if latest is not None:
+                self._command(latest)
+        latest = self._mapper.take()
+        if latest is not None and latest.error is not None:
+            self._page.maps_note(str(latest.error))
+        elif latest is not None and latest.item is not None:
+            self._command(c.LandscapeAdvanced(latest.item))
         for done in self._tasks.collect():
             self._finish(done)
         self._tasks.start_next(self.session, self._renderer)
 
     def _collect_search(self) -> None:
-        news = self._searcher.take()
-        if news is None:
+        latest = self._searcher.take()
+        if latest is None:
             return
-        number = self._search_tickets.get(news.ticket, 0)
-        if news.item is not None:
-            self._command(c.SearchAdvanced(number, news.item))
-        if news.error is not None:
-            self._command(c.SearchFailed(number, str(news.error)))
-        if news.finished:
+        number = self._search_tickets.get(latest.ticket, 0)
+        if latest.item is not None:
+            self._command(c.SearchAdvanced(number, latest.item))
+        if latest.error is not None:
+            self._command(c.SearchFailed(number, str(latest.error)))
+        if latest.finished:
             self._autosaver.save_now(self.session)
 
     def _finish(self, done: Done) -> None:
         self._page.working("")
         if done.error is not None:
-            self._page.complain(str(done.error))
+            self._page.show_error(str(done.error))
             if self._review is not None:
                 self._review.gave_up()
         if isinstance(done.result, Reviewed) and self._review is not None:
@@ -298,7 +298,7 @@ class App:
     def _start_painting(self) -> None:
         session = self.session
         document = session.document
-        request = PaintRequest(
+        request = OverlayRequest(
             document.registration,
             document.settings,
             session.shown_pose,
@@ -330,7 +330,7 @@ class App:
     def _may_weigh(self) -> bool:
         return not self._weigher.busy and not self.session.searching  # which weighs by itself
 
-    def _weigh(self, request: PaintRequest) -> None:
+    def _weigh(self, request: OverlayRequest) -> None:
         """Find the loss of what is drawn, apart from the drawing: it takes longer."""
         self._weighed = True
         scales = self._scales
@@ -356,35 +356,35 @@ class App:
         return self._moved_at > 0.0 and not self._in_motion() and not self._painter.busy
 
     def _in_motion(self) -> bool:
-        return self.session.before_grip is not None or self.session.searching
+        return self.session.before_drag is not None or self.session.searching
 
-    def _is_current(self, painting: Painting) -> bool:
+    def _is_current(self, overlay: Overlay) -> bool:
         registration = self.session.document.registration
-        return painting.request.registration is registration or (
-            painting.request.registration.photo is registration.photo
-            and painting.request.registration.mesh is registration.mesh
+        return overlay.request.registration is registration or (
+            overlay.request.registration.photo is registration.photo
+            and overlay.request.registration.mesh is registration.mesh
         )
 
     def _renew_brushes(self) -> None:
         """Every worker draws with buffers of its own."""
         from poseviewer.app.workers.jobs import search
 
-        self._quick = Painter(self._renderer.clone())
-        self._fine = Painter(self._renderer.clone())
-        self._scales = Painter(self._renderer.clone())
+        self._quick = OverlayDrawer(self._renderer.clone())
+        self._fine = OverlayDrawer(self._renderer.clone())
+        self._scales = OverlayDrawer(self._renderer.clone())
         self._map_maker = Mapper(self._renderer.clone())
         searching = self._renderer.clone()
 
-        def run(registration: Any, pose: Pose, settings: Any) -> Iterator[SearchNews]:
+        def run(registration: Any, pose: Pose, settings: Any) -> Iterator[SearchUpdate]:
             return search(registration, pose, settings, searching)
 
-        self._search_maker: Callable[..., Iterator[SearchNews]] = run
+        self._search_maker: Callable[..., Iterator[SearchUpdate]] = run
         self._painted = None
         self._weighed = True
         self._mapped = None
 
 
-def _same_picture(one: PaintRequest, other: PaintRequest) -> bool:
+def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
     return (
         one.pose is other.pose
         and one.anchor is other.anchor
@@ -394,6 +394,6 @@ def _same_picture(one: PaintRequest, other: PaintRequest) -> bool:
     )
 
 
-def _last(paintings: Iterator[Painting]) -> Iterator[Painting]:
+def _last(paintings: Iterator[Overlay]) -> Iterator[Overlay]:
     """Only the last one: the quick ones are on the page already."""
     yield from deque(paintings, maxlen=1)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.app.page.requests import Annotate, Request, Review, SavePose, Upload
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.requests import Annotate, Request, Review, SavePose, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import PERIOD_S
 from poseviewer.app.workers.jobs import case_at
@@ -295,9 +295,9 @@ class Reviewer:
 
     def _gather(self) -> None:
         """Write table and report anew, in a thread, when something has changed."""
-        news = self._gatherer.take()
-        if news is not None and news.finished:
-            self._trouble = "" if news.error is None else str(news.error)
+        latest = self._gatherer.take()
+        if latest is not None and latest.finished:
+            self._trouble = "" if latest.error is None else str(latest.error)
         if self._stale and not self._gatherer.busy:
             self._stale = False
             queue = self._queue

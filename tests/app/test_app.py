@@ -187,9 +187,9 @@ def test_space_stops_a_search(running: RunningApp) -> None:
         page.wait_until(lambda: page.text_with("Stopped"))
         search = running.app.session.search
         assert search is not None
-        assert search.news is not None
-        assert search.news.progress.status.name == "RUNNING"
-        assert same_pose(running.pose, search.news.progress.pose)
+        assert search.latest is not None
+        assert search.latest.progress.status.name == "RUNNING"
+        assert same_pose(running.pose, search.latest.progress.pose)
         assert {"Keep it", "Go back"} <= page.labels()
         page.click("Go back")
         page.wait_until(lambda: running.pose is pose)
@@ -200,16 +200,16 @@ def test_picked_point_of_a_map_is_the_pose(running: RunningApp) -> None:
     with running.page() as page:
         page.wait_until(lambda: page.maps() >= MAPS)
         before, pose = page.outline(), running.pose
-        news = running.app.session.landscape
-        assert news is not None
-        piece = next(s for s in news.slices if (s.first, s.second) == (0, 2))
+        latest = running.app.session.landscape
+        assert latest is not None
+        piece = next(s for s in latest.slices if (s.first, s.second) == (0, 2))
         page.report(kind="pick", first=0, second=2, u=0.75, v=0.5)
         page.wait_until(lambda: running.pose is not pose)
         x, y = piece.first_values, piece.second_values
-        wanted = np.array(news.parameters)
+        wanted = np.array(latest.parameters)
         wanted[0] = x[0] + 0.75 * (x[-1] - x[0])
         wanted[2] = y[0] + 0.5 * (y[-1] - y[0])
-        assert same_pose(running.pose, news.case.problem.chart.to_pose(wanted))
+        assert same_pose(running.pose, latest.case.problem.chart.to_pose(wanted))
         page.wait_until(lambda: not np.array_equal(page.outline(), before))
         page.key("KeyZ")
         page.wait_until(lambda: np.array_equal(page.outline(), before))
@@ -379,7 +379,7 @@ def test_nonsense_changes_nothing(running: RunningApp) -> None:
         page.report(kind="key", code="KeyG")  # answered after all of those
         page.wait_until(lambda: running.app.session.look.rings)
         assert running.app.session.document is document
-        assert running.app.session.grip is None
+        assert running.app.session.drag is None
         assert not running.app.session.searching
 
 

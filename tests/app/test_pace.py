@@ -10,7 +10,7 @@ import pytest
 
 from poseviewer.api import Case
 from poseviewer.app.page import page as page_module
-from poseviewer.app.workers.jobs import PaintRequest
+from poseviewer.app.state.session import OverlayRequest
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import make_scene
 
@@ -47,7 +47,7 @@ def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
     app = running.app
     with running.page() as page:
         app._painter.start(slow)  # pyright: ignore[reportArgumentType]
-        app._mailbox.ring()
+        app._mailbox.notify()
         page.wait_until(lambda: app._mapper._held)
         go_on.set()
         page.wait_until(lambda: not app._mapper._held)
@@ -60,7 +60,7 @@ def test_a_search_is_left_to_weigh_its_poses_itself(
     app = running.app
     weigh, during = app._weigh, []
 
-    def noting(request: PaintRequest) -> None:
+    def noting(request: OverlayRequest) -> None:
         during.append(app.session.searching)
         weigh(request)
 
@@ -90,5 +90,5 @@ def test_what_a_search_begins_with_is_made_beforehand(
 
 def fine_maps_are_on_their_way(running: RunningApp) -> bool:
     """Of the pose at hand: they come after what is made beforehand."""
-    news = running.app.session.landscape
-    return news is not None and news.centre is running.pose and news.known > 0.0
+    latest = running.app.session.landscape
+    return latest is not None and latest.centre is running.pose and latest.known > 0.0

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from playwright.sync_api import Browser, Locator
 
-from poseviewer.app.state.lineup import CandidateModel, Row
-from poseviewer.app.workers.identifying import lineup_table
+from poseviewer.app.page.candidates_panel import candidates_table
+from poseviewer.app.state.candidates import CandidateModel, CandidateRow
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose.file import load_pose
 from poseviewer.fit.registration import LoadedModel
@@ -132,6 +132,6 @@ def test_what_cannot_be_compared_is_said_and_nothing_is_lost(
 
 def test_names_cannot_write_into_the_page():
     model = LoadedModel(make_box(), '<img src=x onerror=alert(1)>".ply', "0" * 64, None)
-    table = lineup_table((Row(0, CandidateModel(model, None)),), "", running=False)
+    table = candidates_table((CandidateRow(0, CandidateModel(model, None)),), "", running=False)
     assert "<img" not in table
     assert '"alert' not in table

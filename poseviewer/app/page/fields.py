@@ -9,7 +9,7 @@ from typing import Any
 
 import viser
 
-from poseviewer.app.page.requests import Download, Export, Request
+from poseviewer.app.state.requests import Download, Export, Request
 
 Post = Callable[[Request], None]
 

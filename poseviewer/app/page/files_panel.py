@@ -9,7 +9,7 @@ import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
 from poseviewer.app.page.fields import Post, button, download_button, set_property
-from poseviewer.app.page.requests import SavePose, ShowHelp, Upload
+from poseviewer.app.state.requests import SavePose, ShowHelp, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import ENDINGS, Kind
 

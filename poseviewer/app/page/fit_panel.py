@@ -11,9 +11,9 @@ import viser
 from viser import uplot
 
 from poseviewer.app.page.fields import Field, Post, button, set_property
-from poseviewer.app.page.requests import Request
 from poseviewer.app.page.verdict_text import verdict_text
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.chart_names import label
@@ -78,19 +78,19 @@ class FitPanel:
         search, running = session.search, session.searching
         set_property(self._go, "label", "Stop (space)" if running else "Search (space)")
         set_property(self._go, "icon", "player-stop" if running else "player-play")
-        ended = search is not None and not running and search.news is not None
+        ended = search is not None and not running and search.latest is not None
         for handle in (self._keep, self._back, self._blink):
             set_property(handle, "visible", ended)
         set_property(self._status, "content", status_text(session))
-        news = None if search is None else search.news
+        latest = None if search is None else search.latest
         # Of a single loss the plot would make an axis from 0 to twice as much.
-        set_property(self._curve, "visible", news is not None and len(news.improvements) > 1)
-        if news is not None and self._shown.get("curve") is not news.improvements:
-            self._shown["curve"] = news.improvements
-            found = news.improvements[-CURVE_POINTS:]
+        set_property(self._curve, "visible", latest is not None and len(latest.improvements) > 1)
+        if latest is not None and self._shown.get("curve") is not latest.improvements:
+            self._shown["curve"] = latest.improvements
+            found = latest.improvements[-CURVE_POINTS:]
             evaluations = [float(p.evaluations) for p in found]
             losses = [p.loss for p in found]
-            end = float(max(news.progress.evaluations, evaluations[-1] + 1))
+            end = float(max(latest.progress.evaluations, evaluations[-1] + 1))
             self._curve.data = (
                 np.array([*evaluations, end]),
                 np.array([*losses, losses[-1]]),
@@ -187,8 +187,8 @@ class FitPanel:
 def status_text(session: Session) -> str:
     """How the search stands, or the loss at the pose, for the panel (markdown)."""
     search = session.search
-    if search is not None and search.news is not None:
-        progress = search.news.progress
+    if search is not None and search.latest is not None:
+        progress = search.latest.progress
         stopped = not search.running and progress.status.name == "RUNNING"
         sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
         return (
@@ -198,11 +198,11 @@ def status_text(session: Session) -> str:
         )
     if search is not None:
         return "Preparing the search ..."
-    painting = session.painting
-    if painting is None or painting.loss is None:
-        note = "" if painting is None else painting.note
+    overlay = session.overlay
+    if overlay is None or overlay.loss is None:
+        note = "" if overlay is None else overlay.note
         return note or "Preparing the first picture ..."
-    return f"**loss {painting.loss:.5f}** at this pose"
+    return f"**loss {overlay.loss:.5f}** at this pose"
 
 
 def _axis() -> uplot.Axis:

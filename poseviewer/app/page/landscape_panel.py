@@ -13,8 +13,7 @@ from poseviewer.app.page.landscape_grid import GridOptions, landscape_grid
 from poseviewer.app.page.landscape_large import contour_figure, surface_figure
 from poseviewer.app.page.landscape_marks import Marks
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import LandscapeNews
+from poseviewer.app.state.session import LandscapeUpdate, Session
 from poseviewer.errors import PoseViewerError
 from poseviewer.geometry.charts import OutsideChartError
 
@@ -69,12 +68,12 @@ class LandscapePanel:
         """Bring the panel to the session; False if it is to be asked again soon."""
         self._range.show(round(session.maps.half_width * 100.0, 3))
         self._shared.show(session.maps.shared_scale)
-        news = session.landscape
-        if news is None:
+        latest = session.landscape
+        if latest is None:
             return True
         set_property(self._note, "visible", False)
-        search = None if session.search is None else session.search.news
-        key = (news, session.document.pose, search, session.maps)
+        search = None if session.search is None else session.search.latest
+        key = (latest, session.document.pose, search, session.maps)
         if len(key) == len(self._shown) and all(
             a is b for a, b in zip(key, self._shown, strict=True)
         ):
@@ -83,12 +82,12 @@ class LandscapePanel:
         if now < self._next:
             return False
         self._shown, self._next = key, now + PERIOD_S
-        self._maps.content = self._grid(session, news)
-        return self._show_large(session, news)
+        self._maps.content = self._grid(session, latest)
+        return self._show_large(session, latest)
 
-    def _show_large(self, session: Session, news: LandscapeNews) -> bool:
+    def _show_large(self, session: Session, latest: LandscapeUpdate) -> bool:
         """The large map, if one is open; False if it is to be drawn soon."""
-        pieces = {(piece.first, piece.second): piece for piece in news.slices}
+        pieces = {(piece.first, piece.second): piece for piece in latest.slices}
         piece = None if session.maps.large is None else pieces.get(session.maps.large)
         is_open = piece is not None
         set_property(self._close, "visible", is_open)
@@ -101,12 +100,12 @@ class LandscapePanel:
             self._shown = ()
             return False
         self._large_next = time.monotonic() + LARGE_PERIOD_S
-        names, marks = news.case.problem.chart.names, marks_of(session, news)
+        names, marks = latest.case.problem.chart.names, marks_of(session, latest)
         if session.maps.surface:
             figure = surface_figure(piece, names, marks)
         else:
-            scales = news.case.problem.chart.scales(news.parameters)
-            figure = contour_figure(piece, names, marks, scales, news.parameters)
+            scales = latest.case.problem.chart.scales(latest.parameters)
+            figure = contour_figure(piece, names, marks, scales, latest.parameters)
         if self._large is None:  # plotly's script is large: sent to pages when first wanted
             with self._container:
                 self._large = self._gui.add_plotly(
@@ -122,28 +121,30 @@ class LandscapePanel:
         set_property(self._note, "content", text)
         set_property(self._note, "visible", True)
 
-    def _grid(self, session: Session, news: LandscapeNews) -> str:
-        problem = news.case.problem
+    def _grid(self, session: Session, latest: LandscapeUpdate) -> str:
+        problem = latest.case.problem
         free = tuple(int(i) for i in problem.free_indices)
-        moving = session.searching or session.grip is not None
+        moving = session.searching or session.drag is not None
         options = GridOptions(
             parameters=free,
             shared_scale=session.maps.shared_scale,
-            dimmed=news.centre is not session.document.pose and not moving,
-            half_width=news.half_width,
+            dimmed=latest.centre is not session.document.pose and not moving,
+            half_width=latest.half_width,
         )
-        return landscape_grid(news.slices, problem.chart.names, marks_of(session, news), options)
+        return landscape_grid(
+            latest.slices, problem.chart.names, marks_of(session, latest), options
+        )
 
 
-def marks_of(session: Session, news: LandscapeNews) -> Marks:
+def marks_of(session: Session, latest: LandscapeUpdate) -> Marks:
     """The pose, and the search where it searches in the maps' chart."""
     try:
-        pose = news.case.problem.chart.from_pose(session.document.pose)
+        pose = latest.case.problem.chart.from_pose(session.document.pose)
     except (PoseViewerError, OutsideChartError):
-        pose = np.array(news.parameters)
+        pose = np.array(latest.parameters)
     search = session.search
-    if search is None or search.news is None or search.news.case is not news.case:
+    if search is None or search.latest is None or search.latest.case is not latest.case:
         return Marks(pose)
-    progress = search.news.progress
-    trail = np.array([step.parameters for step in search.news.improvements])
+    progress = search.latest.progress
+    trail = np.array([step.parameters for step in search.latest.improvements])
     return Marks(pose, progress.simplex if session.searching else None, trail)

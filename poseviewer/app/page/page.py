@@ -10,6 +10,7 @@ import viser
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
+from poseviewer.app.page.candidates_panel import CandidatesPanel
 from poseviewer.app.page.fields import Post
 from poseviewer.app.page.files_panel import OpenPanel, SavePanel
 from poseviewer.app.page.fit_panel import FitPanel
@@ -18,12 +19,11 @@ from poseviewer.app.page.landscape_panel import LandscapePanel
 from poseviewer.app.page.look_panel import LookPanel
 from poseviewer.app.page.place_panel import PlacePanel
 from poseviewer.app.page.quick_start import hint_of
-from poseviewer.app.page.requests import Greet, Report, Restore
 from poseviewer.app.page.review_panel import ReviewPanel
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.state.requests import Greet, Report, Restore
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.identifying import LineupPanel
 from poseviewer.app.workers.tasks import Exported
 from poseviewer.files.state.autosave import AutosavedSession
 
@@ -57,7 +57,7 @@ class Page:
         self._open = OpenPanel(gui, post, fixed=reviewing)
         self._place = PlacePanel(gui, post)
         self._fit = FitPanel(gui, post)
-        self._lineup = None if reviewing else LineupPanel(gui, post)
+        self._candidates = None if reviewing else CandidatesPanel(gui, post)
         self._look = LookPanel(gui, post)
         self._save = SavePanel(gui, post)
         right = gui.add_panel()
@@ -74,7 +74,7 @@ class Page:
         self._working: list[viser.NotificationHandle] = []
         self._offers: list[Any] = []
 
-        bound_uploads(server, self.complain_to)
+        bound_uploads(server, self.show_error_to)
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
@@ -103,19 +103,19 @@ class Page:
             self._open.show(session)
             self._place.show(session)
             self._fit.show(session)
-            if self._lineup is not None:
-                self._lineup.show(session)
+            if self._candidates is not None:
+                self._candidates.show(session)
             self._look.show(session)
             self._save.show(session, where)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
 
-    def complain(self, sentence: str) -> None:
+    def show_error(self, sentence: str) -> None:
         """Tell all pages what could not be done, and why."""
         for client in self._server.get_clients():
-            self.complain_to(client, sentence)
+            self.show_error_to(client, sentence)
 
-    def complain_to(self, client: int, sentence: str) -> None:
+    def show_error_to(self, client: int, sentence: str) -> None:
         """Tell one page what could not be done, and why; from any thread."""
         handle = self._server.get_clients().get(client)
         if handle is not None:

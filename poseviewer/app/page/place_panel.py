@@ -9,9 +9,9 @@ import viser
 
 from poseviewer.app.page.fields import Field, Post, button, choices, set_property
 from poseviewer.app.page.quick_start import QuickStartPanel
-from poseviewer.app.page.requests import Request
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
+from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.chart_names import label
@@ -28,7 +28,7 @@ class PlacePanel:
     def __init__(self, gui: viser.GuiApi, post: Post) -> None:
         self._names: tuple[str, ...] = ()
         self._shown: object = None
-        self._complaint = ""
+        self._error_message = ""
         with gui.add_folder("2 · Place"):
             self._views = gui.add_dropdown("View", ("as it is", *SIDES))
             self._bind_views(post)
@@ -49,9 +49,9 @@ class PlacePanel:
         self._quick_start.show(session)
         key = (session.document, session.history, session.look.rings)
         # After a refusal the fields still hold what was typed.
-        if self._shown == key and self._complaint is session.complaint:
+        if self._shown == key and self._error_message is session.error_message:
             return
-        self._shown, self._complaint = key, session.complaint
+        self._shown, self._error_message = key, session.error_message
         document = session.document
         self._rings.show(session.look.rings)
         chart = document.chart

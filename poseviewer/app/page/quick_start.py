@@ -7,12 +7,12 @@ from html import escape
 import viser
 
 from poseviewer.app.page.fields import Post, button, choices, set_property
-from poseviewer.app.page.requests import FindWheels, Request, UseLastPose
+from poseviewer.app.page.proposals_panel import BOX_HINT, ProposalsPanel
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.marks import WHEELS
+from poseviewer.app.state.requests import FindWheels, Request, UseLastPose
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.proposing import BOX_HINT, ProposalsPanel
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS
 
@@ -54,7 +54,7 @@ class QuickStartPanel:
 
     def show(self, session: Session) -> None:
         """Say what is marked, and how well the pose shows it."""
-        key = (session.document, session.tool, session.proposing)
+        key = (session.document, session.tool, session.proposals)
         if self._shown == key:
             return
         self._shown = key

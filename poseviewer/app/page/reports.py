@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from poseviewer.app.page.keys import REVIEW, command_for
-from poseviewer.app.page.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import identify_commands as ic
+from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_unfit
 

@@ -7,8 +7,8 @@ from html import escape
 import viser
 
 from poseviewer.app.page.fields import Post, button, choices, set_property
-from poseviewer.app.page.requests import Annotate, Review
 from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.state.requests import Annotate, Review
 
 
 class ReviewPanel:

@@ -15,8 +15,7 @@ import viser
 from poseviewer.app.page.marks_scene import MarksScene
 from poseviewer.app.state.gestures import pins_in_photo, rings_in_photo
 from poseviewer.app.state.marking import MARKING
-from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import Painting
+from poseviewer.app.state.session import Overlay, Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
 from poseviewer.vehicle.chart import VehicleChart
@@ -77,10 +76,10 @@ class PhotoScene:
         drawn = self._shown.get("model")
         with self._server.atomic():
             self._show_photo(session)
-            painting = session.painting
+            overlay = session.overlay
             registration = session.document.registration
-            if painting is not None and painting.request.registration.photo is registration.photo:
-                self._show_model(painting, session)
+            if overlay is not None and overlay.request.registration.photo is registration.photo:
+                self._show_model(overlay, session)
             self._show_pins(session)
             self._show_rings(session)
             self._show_rectangle("region", self._region, session.document.settings.region)
@@ -126,33 +125,33 @@ class PhotoScene:
         if self._picture is not None:
             self._picture.visible = False
 
-    def _show_model(self, painting: Painting, session: Session) -> None:
+    def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
         hidden = look.hidden or look.name == "none"
-        key = (painting, hidden, look.wipe)
+        key = (overlay, hidden, look.wipe)
         if self._shown.get("model") == key:
             return
         self._shown["model"] = key
         edge = look.wipe * self._size[0]
-        lines = painting.outline
+        lines = overlay.outline
         lines = lines[(lines[:, :, 0] <= edge).all(axis=1)]
         drawn = not hidden and len(lines) > 0
         for node, depth in ((self._halo, HALO), (self._outline, OUTLINE)):
             if drawn:
                 node.points = self.place(lines, depth).astype(np.float32)
             _set(node, "visible", drawn)
-        self._show_picture(painting, hidden, edge)
+        self._show_picture(overlay, hidden, edge)
 
-    def _show_picture(self, painting: Painting, hidden: bool, edge: float) -> None:
-        left, _, width, _ = painting.place
+    def _show_picture(self, overlay: Overlay, hidden: bool, edge: float) -> None:
+        left, _, width, _ = overlay.place
         share = 0.0 if width <= 0.0 else min(1.0, (edge - left) / width)
-        if painting.picture is None or hidden or share <= 0.0:
+        if overlay.picture is None or hidden or share <= 0.0:
             if self._picture is not None:
                 _set(self._picture, "visible", False)
             return
-        pixels = painting.picture
+        pixels = overlay.picture
         columns = max(1, round(pixels.shape[1] * share))
-        _, top, _, height = painting.place
+        _, top, _, height = overlay.place
         width *= columns / pixels.shape[1]
         unit = SIDE / max(self._size) * PICTURE
         middle = self.place(np.array([left + width / 2.0, top + height / 2.0]), PICTURE)

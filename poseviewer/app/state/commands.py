@@ -8,7 +8,7 @@ from typing import Literal
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.identify_commands import IdentifyCommand
-from poseviewer.app.workers.jobs import LandscapeNews, Painting, SearchNews
+from poseviewer.app.state.session import LandscapeUpdate, Overlay, SearchUpdate
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
@@ -273,7 +273,7 @@ class SearchAdvanced:
     """A worker's news of search ``search``."""
 
     search: int
-    news: SearchNews
+    latest: SearchUpdate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,21 +288,21 @@ class SearchFailed:
 class LandscapeAdvanced:
     """A worker's news of the maps."""
 
-    news: LandscapeNews
+    latest: LandscapeUpdate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Painted:
+class OverlayDrawn:
     """A worker has drawn the model, and knows the loss there."""
 
-    painting: Painting
+    overlay: Overlay
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Weighed:
+class LossComputed:
     """A worker knows the loss of a pose that is, or a moment ago was, drawn."""
 
-    painting: Painting
+    overlay: Overlay
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -350,8 +350,8 @@ Command = (
     | SearchAdvanced
     | SearchFailed
     | LandscapeAdvanced
-    | Painted
-    | Weighed
+    | OverlayDrawn
+    | LossComputed
     | Saved
     | IdentifyCommand
 )

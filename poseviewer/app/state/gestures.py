@@ -35,23 +35,23 @@ LEAST_RING_SPEED = 0.3
 """Where a ring runs towards the eye, it turns no faster than by this share of its radius."""
 
 
-class Grip(Protocol):
+class Drag(Protocol):
     """Something that the pointer holds."""
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The document with the pointer at ``point`` (2,), px of the photo."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelGrip:
+class ModelDrag:
     """The model itself: moved, turned (shift), or rolled and scaled (ctrl)."""
 
     held: Document
     start: FloatArray
     way: str
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """See ``geometry.motions``."""
         pose, mesh = self.held.pose, self.held.registration.mesh
         if self.way == "turn":
@@ -65,7 +65,7 @@ class ModelGrip:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VehiclePinGrip:
+class VehiclePinDrag:
     """One of the three pins that are the vehicle chart's numbers."""
 
     held: Document
@@ -74,7 +74,7 @@ class VehiclePinGrip:
     offset: FloatArray
     """(2,): from the pointer to the pin, when it was taken."""
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The numbers of the pin follow the pointer."""
         parameters = self.chart.from_pose(self.held.pose)
         changed = with_vehicle_pin(self.chart, parameters, self.pin, point + self.offset)
@@ -82,14 +82,14 @@ class VehiclePinGrip:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfacePinGrip:
+class SurfacePinDrag:
     """One of the pins on the surface; the others hold."""
 
     held: Document
     pin: int
     offset: FloatArray
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The least motion that shows every pinned point under its pin."""
         pose, points = self.held.pose, np.array(self.held.pins)
         pixels = pose.project(points)
@@ -98,7 +98,7 @@ class SurfacePinGrip:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RingGrip:
+class RingDrag:
     """One of the rings about the model's axes."""
 
     held: Document
@@ -107,7 +107,7 @@ class RingGrip:
     tangent: FloatArray
     """(2,): px that the ring runs for each radian, where it was taken."""
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The turn that the pointer's way along the ring amounts to."""
         angle = float((point - self.start) @ self.tangent) / float(self.tangent @ self.tangent)
         axis = self.held.pose.camera_from_model.rotation[:, self.axis]
@@ -116,12 +116,12 @@ class RingGrip:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RegionGrip:
+class RegionDrag:
     """A rectangle that is being drawn on the photo."""
 
     start: FloatArray
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The region between two corners, cut to the photo; smaller than 2 px: none."""
         photo = document.registration.photo
         size = np.array([photo.width, photo.height])
@@ -136,7 +136,7 @@ class RegionGrip:
 
 def take_hold(
     document: Document, point: FloatArray, zoom: float, way: str, rings: bool
-) -> Grip | None:
+) -> Drag | None:
     """What lies under ``point``: a pin, a ring, or the model; None for nothing.
 
     ``zoom``: screen px per photo px; ``way``: what holding the model does.
@@ -148,15 +148,15 @@ def take_hold(
         if away[pin] <= PIN_REACH:
             offset, chart = pins[pin] - point, document.chart
             if isinstance(chart, VehicleChart) and not document.pins:
-                return VehiclePinGrip(document, chart, pin, offset)
-            return SurfacePinGrip(document, pin, offset)
+                return VehiclePinDrag(document, chart, pin, offset)
+            return SurfacePinDrag(document, pin, offset)
     if rings:
         ring = _ring_at(document, point, zoom)
         if ring is not None:
             return ring
     mesh = document.registration.mesh
     if within(point, document.pose, mesh, MODEL_REACH / zoom):
-        return ModelGrip(document, point, way)
+        return ModelDrag(document, point, way)
     return None
 
 
@@ -192,7 +192,7 @@ def ring_radius(document: Document) -> float:
     return float(np.clip(0.8 * radius, 30.0, 0.45 * min(photo.width, photo.height)))
 
 
-def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingGrip | None:
+def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingDrag | None:
     rings = rings_in_photo(document)
     away = np.linalg.norm(rings[..., :2] - point, axis=2) * zoom
     away = np.where(rings[..., 2] <= 1e-9, away, np.inf)  # the far half is behind the model
@@ -207,7 +207,7 @@ def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingGrip | N
     speed = float(np.linalg.norm(tangent))
     if speed < least:
         tangent = tangent / max(speed, 1e-9) * least
-    return RingGrip(document, int(axis), point, tangent)
+    return RingDrag(document, int(axis), point, tangent)
 
 
 def picked_numbers(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from poseviewer.app.state.lineup import CandidateModel
+from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.confidence.identify import Identification
 
 
@@ -44,7 +44,7 @@ class IdentificationAdvanced:
     """A worker's news of comparison ``number``."""
 
     number: int
-    news: Identification
+    latest: Identification
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,7 +33,7 @@ MOST_PAIRS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MarkGrip:
+class MarkDrag:
     """A mark that follows the pointer; of point pairs the pose follows at once."""
 
     tool: str
@@ -41,7 +41,7 @@ class MarkGrip:
     offset: FloatArray
     """(2,): from the pointer to the mark, when it was taken."""
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The mark at ``point`` (2,), px of the photo."""
         place, marks = point + self.offset, document.marks
         if self.tool == "wheels":
@@ -57,7 +57,7 @@ def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
     return np.array(marks.rims).reshape(-1, 2) if tool == "wheels" else marks.pixels
 
 
-def mark_step(document: Document, tool: str, command: MarkCommand) -> Document | MarkGrip:
+def mark_step(document: Document, tool: str, command: MarkCommand) -> Document | MarkDrag:
     """What a press, a double press or a button does with a marking tool: another document, the
     same one where nothing is to be done, or a mark taken hold of.
 
@@ -71,13 +71,13 @@ def mark_step(document: Document, tool: str, command: MarkCommand) -> Document |
     if isinstance(command, c.LayWheels):
         return with_wheels(document, command)
     point = np.array([command.x, command.y])
-    grip = mark_at(document, tool, point, command.zoom)
+    drag = mark_at(document, tool, point, command.zoom)
     if isinstance(command, c.DoublePress):
-        return document if grip is None else _without(document, tool, grip.mark)
-    return marked(document, tool, point) if grip is None else grip
+        return document if drag is None else _without(document, tool, drag.mark)
+    return marked(document, tool, point) if drag is None else drag
 
 
-def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> MarkGrip | None:
+def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> MarkDrag | None:
     """The mark within reach of ``point``; ``zoom``: screen px per photo px. While a pair waits for
     its place in the photo there is none: marks may lie close together.
     """
@@ -90,7 +90,7 @@ def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> Ma
     nearest = int(np.argmin(away))
     if away[nearest] > MARK_REACH:
         return None
-    return MarkGrip(tool, nearest, places[nearest] - point)
+    return MarkDrag(tool, nearest, places[nearest] - point)
 
 
 def marked(document: Document, tool: str, point: FloatArray) -> Document:

@@ -9,7 +9,7 @@ import numpy as np
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.checks import require_in_sight, sentence
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import Proposing, Session
+from poseviewer.app.state.session import Proposals, Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.automatic import Rectangle, Wanted
@@ -19,12 +19,12 @@ LEAST_SIDE = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoxGrip:
+class BoxDrag:
     """A rectangle about the object that is being drawn on the photo."""
 
     start: FloatArray
 
-    def drag(self, document: Document, point: FloatArray) -> Document:
+    def apply(self, document: Document, point: FloatArray) -> Document:
         """The rectangle between two corners, cut to the photo."""
         box = rectangle_between(document, self.start, point)
         return replace(document, marks=replace(document.marks, box=box))
@@ -56,35 +56,35 @@ def wanted_of(document: Document) -> Wanted:
 def propose_starts(session: Session, command: c.ProposeStarts) -> Session:
     """Ask for proposals, unless they are being looked for."""
     del command
-    if session.proposing is not None and session.proposing.running:
+    if session.proposals is not None and session.proposals.running:
         return session
     number = session.proposals_asked + 1
     tool = "pose" if session.tool == "box" else session.tool
-    asked = Proposing(number, session.document)
-    return replace(session, proposals_asked=number, proposing=asked, tool=tool)
+    asked = Proposals(number, session.document)
+    return replace(session, proposals_asked=number, proposals=asked, tool=tool)
 
 
 def starts_proposed(session: Session, command: c.StartsProposed) -> Session:
     """The proposals are there: the first is shown."""
-    asked = session.proposing
+    asked = session.proposals
     if asked is None or asked.number != command.number or not asked.running:
         return session
     if not asked.is_about(session.document):  # another photo or model by now
-        return replace(session, proposing=None)
+        return replace(session, proposals=None)
     return _showing(session, replace(asked, running=False, poses=command.poses), 0)
 
 
 def proposing_failed(session: Session, command: c.ProposingFailed) -> Session:
     """There are none, and why."""
-    asked = session.proposing
+    asked = session.proposals
     if asked is None or asked.number != command.number:
         return session
-    return replace(session, proposing=None, complaint=sentence(command.reason))
+    return replace(session, proposals=None, error_message=sentence(command.reason))
 
 
 def step_proposals(session: Session, command: c.StepProposals) -> Session:
     """The next proposal, or the one before; round and round."""
-    asked = session.proposing
+    asked = session.proposals
     if asked is None or not asked.poses or not asked.is_about(session.document):
         return session
     return _showing(session, asked, (asked.index + command.by) % len(asked.poses))
@@ -93,21 +93,21 @@ def step_proposals(session: Session, command: c.StepProposals) -> Session:
 def take_proposal(session: Session, command: c.TakeProposal) -> Session:
     """The proposal that is shown becomes the start pose; the others are put away."""
     del command
-    asked = session.proposing
+    asked = session.proposals
     if asked is None or not asked.poses:
         return session
     pose = asked.poses[asked.index]
     taken = _with(session, session.document.started_from(pose), _is_shown(session, asked))
-    return replace(taken, proposing=None)
+    return replace(taken, proposals=None)
 
 
-def _showing(session: Session, asked: Proposing, index: int) -> Session:
+def _showing(session: Session, asked: Proposals, index: int) -> Session:
     document = replace(session.document, pose=asked.poses[index])
     shown = _with(session, document, _is_shown(session, asked))
-    return replace(shown, proposing=replace(asked, index=index))
+    return replace(shown, proposals=replace(asked, index=index))
 
 
-def _is_shown(session: Session, asked: Proposing) -> bool:
+def _is_shown(session: Session, asked: Proposals) -> bool:
     """Whether the pose at hand is a proposal as it came: then one step back leads to before all
     of them.
     """

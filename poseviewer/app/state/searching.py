@@ -29,8 +29,8 @@ def start_search(session: Session, command: c.StartSearch) -> Session:
         look=replace(session.look, before=False),
         history=session.history.with_step(document),
         anchor=document.pose,
-        grip=None,
-        before_grip=None,
+        drag=None,
+        before_drag=None,
     )
 
 
@@ -61,10 +61,10 @@ def search_advanced(session: Session, command: c.SearchAdvanced) -> Session:
     search = session.search
     if search is None or search.number != command.search or not search.running:
         return session
-    progress = command.news.progress
+    progress = command.latest.progress
     running = progress.status.name == "RUNNING"
     document = replace(session.document, pose=progress.pose)
-    found = replace(search, news=command.news, running=running)
+    found = replace(search, latest=command.latest, running=running)
     return replace(session, document=document, search=found)
 
 
@@ -73,7 +73,7 @@ def search_failed(session: Session, command: c.SearchFailed) -> Session:
     search = session.search
     if search is None or search.number != command.search:
         return session
-    return replace(revert(session, c.RevertSearch()), complaint=sentence(command.reason))
+    return replace(revert(session, c.RevertSearch()), error_message=sentence(command.reason))
 
 
 HANDLERS = {

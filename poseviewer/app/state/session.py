@@ -5,13 +5,88 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.api import Case
+from poseviewer.app.state.candidates import Candidates
 from poseviewer.app.state.document import Document, History
-from poseviewer.app.state.gestures import Grip
-from poseviewer.app.state.lineup import Lineup
-from poseviewer.app.workers.jobs import LandscapeNews, Painting, SearchNews
+from poseviewer.app.state.gestures import Drag
+from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.fit.landscape import Slice
+from poseviewer.fit.problem import FitProgress
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 
-NO_COMPLAINT = ""
+NO_ERROR = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OverlayRequest:
+    """What is to be drawn."""
+
+    registration: Registration
+    settings: FitSettings
+    pose: Pose
+    anchor: Pose
+    """The pose that the compared pixels are about: fixed while the model moves, so that losses on
+    the way can be compared."""
+    look: str
+    opacity: float = 0.8
+    moving: bool = False
+    """Whether the next pose will follow at once: then the quick drawing is all there is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlay:
+    """The model as drawn for a request."""
+
+    request: OverlayRequest
+    outline: FloatArray
+    """(N, 2, 2): line segments in px of the photo."""
+    picture: NDArray[np.uint8] | None
+    """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
+    place: tuple[float, float, float, float]
+    """Where the picture lies: left, top, width, height in px of the photo."""
+    loss: float | None
+    """At the pose; None where it cannot be told."""
+    note: str = ""
+    """Why there is no loss, or no such look."""
+    weighed: bool = True
+    """False: the loss is still that of the pose before, its own will follow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchUpdate:
+    """A search after one more evaluation."""
+
+    case: Case
+    """What is searched, from the pose that the search began at."""
+    progress: FitProgress
+    improvements: tuple[FitProgress, ...]
+    """The progress at each evaluation that found a better pose, the first one among them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandscapeUpdate:
+    """The maps about a pose, as far as they are known."""
+
+    centre: Pose
+    case: Case
+    parameters: FloatArray
+    """(d,): the centre in the case's chart."""
+    half_width: float
+    slices: tuple[Slice, ...]
+    """One for each pair, as soon as there is one."""
+    known: float
+    """Share of the losses that are known, in [0, 1]."""
+
+    @property
+    def maps(self) -> LossMaps:
+        """The slices as files hold them."""
+        return self.case.maps(self.centre, self.slices, self.half_width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +126,11 @@ class Search:
     number: int
     before: Document
     running: bool = True
-    news: SearchNews | None = None
+    latest: SearchUpdate | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposing:
+class Proposals:
     """Start poses that are being looked for, or were found and await a word."""
 
     number: int
@@ -79,9 +154,9 @@ class Session:
 
     document: Document
     history: History = field(default_factory=History)
-    grip: Grip | None = None
+    drag: Drag | None = None
     """What the pointer holds."""
-    before_grip: Document | None = None
+    before_drag: Document | None = None
     """The document when it was taken hold of."""
     tool: str = "pose"
     look: Look = field(default_factory=Look)
@@ -89,21 +164,21 @@ class Session:
     search: Search | None = None
     searches: int = 0
     """How many searches were started."""
-    proposing: Proposing | None = None
+    proposals: Proposals | None = None
     proposals_asked: int = 0
     """How many times proposals were asked for."""
-    lineup: Lineup = field(default_factory=Lineup)
+    candidates: Candidates = field(default_factory=Candidates)
     comparisons: int = 0
     """How many times the models of the line-up were compared."""
-    landscape: LandscapeNews | None = None
-    painting: Painting | None = None
+    landscape: LandscapeUpdate | None = None
+    overlay: Overlay | None = None
     anchor: Pose | None = None
     """The pose that the compared pixels are about (see ``PaintRequest``)."""
     saved: Pose | None = None
     """The pose that stands in a file."""
     typed: tuple[str, Document] | None = None
     """The number that was last typed, and the document that it led to."""
-    complaint: str = NO_COMPLAINT
+    error_message: str = NO_ERROR
     """What the last command could not do, and why: a sentence for the user."""
 
     @property
@@ -120,7 +195,7 @@ class Session:
         and of the models in the line-up.
         """
         documents = (*self.history.past, self.document, *self.history.future)
-        return self.lineup.paths.union(*(document.paths for document in documents))
+        return self.candidates.paths.union(*(document.paths for document in documents))
 
     @property
     def searching(self) -> bool:

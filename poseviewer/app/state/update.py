@@ -11,7 +11,7 @@ import numpy as np
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import identify_commands as ic
-from poseviewer.app.state import identifying, news, proposing, searching
+from poseviewer.app.state import identifying, proposing, searching, worker_results
 from poseviewer.app.state.cameras import (
     with_field_of_view,
     with_other_projection,
@@ -21,15 +21,15 @@ from poseviewer.app.state.checks import require_in_sight, require_sane, sentence
 from poseviewer.app.state.document import Document, History
 from poseviewer.app.state.gestures import (
     PIN_REACH,
-    RegionGrip,
+    RegionDrag,
     picked_numbers,
     pins_in_photo,
     take_hold,
 )
-from poseviewer.app.state.marking import MARKING, MarkCommand, MarkGrip, mark_step, solved
+from poseviewer.app.state.marking import MARKING, MarkCommand, MarkDrag, mark_step, solved
 from poseviewer.app.state.motions import moved, rolled, scaled_about, turned
 from poseviewer.app.state.searching import revert, settled
-from poseviewer.app.state.session import NO_COMPLAINT, Session
+from poseviewer.app.state.session import NO_ERROR, Session
 from poseviewer.errors import QuickStartError, SettingsError, SingularChartError
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -44,16 +44,16 @@ NUDGE_SCALE = 1.01
 
 def update(session: Session, command: c.Command) -> Session:
     """The session after a command; the same object where nothing changes."""
-    if not isinstance(command, _NEWS) and session.complaint:
-        session = replace(session, complaint=NO_COMPLAINT)
+    if not isinstance(command, _NEWS) and session.error_message:
+        session = replace(session, error_message=NO_ERROR)
     try:
         require_sane(command)
-        if session.grip is not None and not isinstance(command, _DURING_A_DRAG):
+        if session.drag is not None and not isinstance(command, _DURING_A_DRAG):
             # Whatever else is done ends the drag, or its steps would come in the wrong order.
             return _HANDLERS[type(command)](_release(session, c.Release()), command)
         return _HANDLERS[type(command)](session, command)
     except (*_NO_POSE, SettingsError, QuickStartError, ArithmeticError) as error:
-        return replace(session, complaint=sentence(str(error)))
+        return replace(session, error_message=sentence(str(error)))
 
 
 def _with_document(session: Session, document: Document) -> Session:
@@ -79,35 +79,35 @@ def _press(session: Session, command: c.Press) -> Session:
     if session.tool in MARKING:
         return _mark(session, command)
     if session.tool in _RECTANGLES:
-        grip = _RECTANGLES[session.tool](point)
+        drag = _RECTANGLES[session.tool](point)
     else:
         way = "roll" if command.ctrl else "turn" if command.shift else "move"
-        grip = take_hold(session.document, point, command.zoom, way, session.look.rings)
-    if grip is None:
+        drag = take_hold(session.document, point, command.zoom, way, session.look.rings)
+    if drag is None:
         return session
-    return replace(session, grip=grip, before_grip=None)
+    return replace(session, drag=drag, before_drag=None)
 
 
 def _drag(session: Session, command: c.DragTo) -> Session:
-    if session.grip is None:
+    if session.drag is None:
         return session
-    first = session.before_grip is None
-    before = session.document if first else session.before_grip
-    document = session.grip.drag(session.document, np.array([command.x, command.y]))
+    first = session.before_drag is None
+    before = session.document if first else session.before_drag
+    document = session.drag.apply(session.document, np.array([command.x, command.y]))
     require_in_sight(document)
     if first:
         session = settled(session)
         session = replace(session, search=None, anchor=session.anchor or session.document.pose)
-    return replace(session, document=document, before_grip=before)
+    return replace(session, document=document, before_drag=before)
 
 
 def _release(session: Session, command: c.Release) -> Session:
     del command
-    if session.grip is None:
+    if session.drag is None:
         return session
-    before = session.before_grip
+    before = session.before_drag
     tool = session.tool if session.tool in MARKING else "pose"
-    session = replace(session, grip=None, before_grip=None, tool=tool)
+    session = replace(session, drag=None, before_drag=None, tool=tool)
     if before is None:
         return session
     if tool in MARKING:
@@ -118,8 +118,8 @@ def _release(session: Session, command: c.Release) -> Session:
 
 def _cancel_drag(session: Session, command: c.CancelDrag) -> Session:
     del command
-    document = session.before_grip or session.document
-    return replace(session, grip=None, before_grip=None, tool="pose", document=document)
+    document = session.before_drag or session.document
+    return replace(session, drag=None, before_drag=None, tool="pose", document=document)
 
 
 def _double_press(session: Session, command: c.DoublePress) -> Session:
@@ -127,7 +127,7 @@ def _double_press(session: Session, command: c.DoublePress) -> Session:
     if session.tool in MARKING:
         return _mark(session, command)
     if isinstance(document.chart, VehicleChart):
-        return replace(session, complaint="A vehicle has its pins already: wheels and axle.")
+        return replace(session, error_message="A vehicle has its pins already: wheels and axle.")
     if document.pins:
         away = np.linalg.norm(pins_in_photo(document) - point, axis=1) * command.zoom
         if np.min(away) <= PIN_REACH:
@@ -136,11 +136,11 @@ def _double_press(session: Session, command: c.DoublePress) -> Session:
             return _with_document(session, replace(document, pins=kept))
     if len(document.pins) == MOST_PINS:
         return replace(
-            session, complaint="Three pins fix a pose; double-click one to take it away first."
+            session, error_message="Three pins fix a pose; double-click one to take it away first."
         )
     found = surface_point(document.registration.mesh, document.pose, point)
     if found is None:
-        return replace(session, complaint="There is no model there to pin; double-click on it.")
+        return replace(session, error_message="There is no model there to pin; double-click on it.")
     return _with_document(session, replace(document, pins=(*document.pins, found)))
 
 
@@ -207,7 +207,7 @@ def _at(session: Session, history: History, document: Document) -> Session:
     """At another document of the history; maps and picture of another photo or model go."""
     old, new = session.document.registration, document.registration
     if old.photo is not new.photo or old.mesh is not new.mesh:
-        session = replace(session, landscape=None, painting=None)
+        session = replace(session, landscape=None, overlay=None)
     return replace(session, history=history, document=document, search=None, anchor=document.pose)
 
 
@@ -242,8 +242,8 @@ def _open(session: Session, command: c.Open) -> Session:
     return replace(
         _with_document(session, command.document),
         landscape=None,
-        painting=None,
-        grip=None,
+        overlay=None,
+        drag=None,
         tool="pose",
         saved=None if command.unsaved else command.document.pose,
     )
@@ -255,8 +255,8 @@ def _set_tool(session: Session, command: c.SetTool) -> Session:
 
 def _mark(session: Session, command: MarkCommand) -> Session:
     done = mark_step(session.document, session.tool, command)
-    if isinstance(done, MarkGrip):
-        return replace(session, grip=done, before_grip=None)
+    if isinstance(done, MarkDrag):
+        return replace(session, drag=done, before_drag=None)
     return session if done is session.document else _with_document(session, done)
 
 
@@ -277,24 +277,24 @@ def _change_landscape(session: Session, command: c.ChangeLandscape) -> Session:
 
 
 def _pick(session: Session, command: c.PickInLandscape) -> Session:
-    news = session.landscape
-    if news is None:
+    latest = session.landscape
+    if latest is None:
         return session
-    pairs = {(piece.first, piece.second): piece for piece in news.slices}
+    pairs = {(piece.first, piece.second): piece for piece in latest.slices}
     piece = pairs.get((command.first, command.second))
     if piece is None:
         return session
-    parameters = picked_numbers(piece, news.parameters, command.u, command.v)
-    return _with_pose(session, news.case.problem.chart.to_pose(parameters))
+    parameters = picked_numbers(piece, latest.parameters, command.u, command.v)
+    return _with_pose(session, latest.case.problem.chart.to_pose(parameters))
 
 
-_RECTANGLES = {"region": RegionGrip, "box": proposing.BoxGrip}
+_RECTANGLES = {"region": RegionDrag, "box": proposing.BoxDrag}
 _NO_POSE = (OutsideChartError, SingularChartError)
 _NEWS = (
     c.SearchAdvanced,
     c.LandscapeAdvanced,
-    c.Painted,
-    c.Weighed,
+    c.OverlayDrawn,
+    c.LossComputed,
     ic.IdentificationAdvanced,
 )
 _DURING_A_DRAG = (
@@ -338,8 +338,8 @@ _HANDLERS = {
     c.ChangeLandscape: _change_landscape,
     c.PickInLandscape: _pick,
     **searching.HANDLERS,
-    c.LandscapeAdvanced: news.landscape_advanced,
-    c.Painted: news.painted,
-    c.Weighed: news.weighed,
-    c.Saved: news.saved,
+    c.LandscapeAdvanced: worker_results.landscape_advanced,
+    c.OverlayDrawn: worker_results.painted,
+    c.LossComputed: worker_results.weighed,
+    c.Saved: worker_results.saved,
 }

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult
-from poseviewer.app.page.requests import Export
+from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at
 from poseviewer.errors import PoseViewerError, SettingsError
@@ -29,17 +29,17 @@ from poseviewer.render.software.renderer import SoftwareRenderer
 
 def record_of(session: Session, renderer: SoftwareRenderer) -> PoseRecord:
     """All that the pose file of the session says."""
-    document, search, painting = session.document, session.search, session.painting
-    if search is not None and search.news is not None:
-        return FitResult(search.news.case, document.pose, search.news.progress).record
-    is_weighed = painting is not None and painting.weighed and painting.loss is not None
-    if painting is None or not is_weighed or painting.request.pose is not document.pose:
+    document, search, overlay = session.document, session.search, session.overlay
+    if search is not None and search.latest is not None:
+        return FitResult(search.latest.case, document.pose, search.latest.progress).record
+    is_weighed = overlay is not None and overlay.weighed and overlay.loss is not None
+    if overlay is None or not is_weighed or overlay.request.pose is not document.pose:
         return _plain_record(session)
     try:
         case = case_at(document.registration, document.pose, document.settings, renderer)
     except PoseViewerError:
         return _plain_record(session)  # a pose where nothing can be compared is a pose, too
-    return FitResult(case, document.pose, weighed=painting.loss).record
+    return FitResult(case, document.pose, weighed=overlay.loss).record
 
 
 def _plain_record(session: Session) -> PoseRecord:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.api import Case, make_case
+from poseviewer.app.state.session import LandscapeUpdate, Overlay, OverlayRequest, SearchUpdate
 from poseviewer.errors import PoseViewerError
-from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice, strides
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import registration_loss
@@ -31,42 +31,7 @@ LARGEST_PICTURE = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PaintRequest:
-    """What is to be drawn."""
-
-    registration: Registration
-    settings: FitSettings
-    pose: Pose
-    anchor: Pose
-    """The pose that the compared pixels are about: fixed while the model moves, so that losses on
-    the way can be compared."""
-    look: str
-    opacity: float = 0.8
-    moving: bool = False
-    """Whether the next pose will follow at once: then the quick drawing is all there is."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Painting:
-    """The model as drawn for a request."""
-
-    request: PaintRequest
-    outline: FloatArray
-    """(N, 2, 2): line segments in px of the photo."""
-    picture: NDArray[np.uint8] | None
-    """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
-    place: tuple[float, float, float, float]
-    """Where the picture lies: left, top, width, height in px of the photo."""
-    loss: float | None
-    """At the pose; None where it cannot be told."""
-    note: str = ""
-    """Why there is no loss, or no such look."""
-    weighed: bool = True
-    """False: the loss is still that of the pose before, its own will follow."""
-
-
-class Painter:
+class OverlayDrawer:
     """Draws one model after another, for one thread; keeps what takes time to make."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
@@ -79,7 +44,7 @@ class Painter:
         self._shown: tuple[object, float] = (None, 0.0)
         self._photo = np.zeros((0, 0, 3), np.uint8)
 
-    def paint(self, request: PaintRequest) -> Iterator[Painting]:
+    def paint(self, request: OverlayRequest) -> Iterator[Overlay]:
         """A quick drawing, the same with the loss, and, unless the model is moving, a fine one."""
         quick = self._painting(request, self._last_loss)
         if request.look in ("outline", "edges"):
@@ -98,16 +63,16 @@ class Painter:
 
     def _painting(
         self,
-        request: PaintRequest,
+        request: OverlayRequest,
         loss: float | None,
         outline: FloatArray | None = None,
         picture: NDArray[np.uint8] | None = None,
         place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-    ) -> Painting:
+    ) -> Overlay:
         lines = np.zeros((0, 2, 2)) if outline is None else outline
-        return Painting(request, lines, picture, place, loss, self._note)
+        return Overlay(request, lines, picture, place, loss, self._note)
 
-    def _loss(self, request: PaintRequest) -> float | None:
+    def _loss(self, request: OverlayRequest) -> float | None:
         key = (request.registration.photo, request.registration.mesh, request.settings)
         key = (*key, request.anchor)
         if not _same(key, self._anchored):
@@ -125,7 +90,7 @@ class Painter:
             return None
         return registration_loss(self._weigher.moments(request.pose, self._attributes))
 
-    def _fine_lines(self, request: PaintRequest, loss: float | None) -> Painting:
+    def _fine_lines(self, request: OverlayRequest, loss: float | None) -> Overlay:
         camera = request.pose.camera
         scale = line_scale(camera.width, camera.height)
         lines = find_lines(request.registration.mesh, self._close, request.pose, scale)
@@ -141,7 +106,7 @@ class Painter:
         outline = silhouette(lines.covered, window)
         return self._painting(request, loss, outline, edge_layer(lines, scale), place)
 
-    def _picture(self, request: PaintRequest, loss: float | None) -> Painting:
+    def _picture(self, request: OverlayRequest, loss: float | None) -> Overlay:
         photo = request.registration.photo
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
         pose = request.pose.scaled(factor)
@@ -166,20 +131,9 @@ class Painter:
         return self._painting(request, loss, None, draw_look(request.look, view), place)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchNews:
-    """A search after one more evaluation."""
-
-    case: Case
-    """What is searched, from the pose that the search began at."""
-    progress: FitProgress
-    improvements: tuple[FitProgress, ...]
-    """The progress at each evaluation that found a better pose, the first one among them."""
-
-
 def search(
     registration: Registration, pose: Pose, settings: FitSettings, renderer: Renderer
-) -> Iterator[SearchNews]:
+) -> Iterator[SearchUpdate]:
     """News of a search from ``pose``, after every evaluation; on all processors where the search
     knows several poses at a time.
 
@@ -191,27 +145,7 @@ def search(
     for progress in case.search(threads=processors()):
         if not improvements or progress.loss < improvements[-1].loss:
             improvements = (*improvements, progress)
-        yield SearchNews(case, progress, improvements)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LandscapeNews:
-    """The maps about a pose, as far as they are known."""
-
-    centre: Pose
-    case: Case
-    parameters: FloatArray
-    """(d,): the centre in the case's chart."""
-    half_width: float
-    slices: tuple[Slice, ...]
-    """One for each pair, as soon as there is one."""
-    known: float
-    """Share of the losses that are known, in [0, 1]."""
-
-    @property
-    def maps(self) -> LossMaps:
-        """The slices as files hold them."""
-        return self.case.maps(self.centre, self.slices, self.half_width)
+        yield SearchUpdate(case, progress, improvements)
 
 
 def maps(
@@ -221,7 +155,7 @@ def maps(
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
-) -> Iterator[LandscapeNews]:
+) -> Iterator[LandscapeUpdate]:
     """News of the maps about ``centre``, coarse to fine, whenever a row of one is known.
 
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
@@ -243,7 +177,7 @@ def maps(
         newest[pair] = piece
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeNews(
+        yield LandscapeUpdate(
             centre, case, parameters, half_width, tuple(seen.values()), known / total
         )
 

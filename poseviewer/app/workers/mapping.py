@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from poseviewer.api import Case
-from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import LandscapeNews, case_at, maps
+from poseviewer.app.state.session import LandscapeUpdate, Session
+from poseviewer.app.workers.jobs import case_at, maps
 from poseviewer.app.workers.worker import yield_to_others
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level
 from poseviewer.fit.registration import Registration
@@ -37,13 +37,13 @@ class MapJob:
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
         document, search = session.document, session.search
-        news = None if search is None else search.news
+        latest = None if search is None else search.latest
         return cls(
             document.registration,
             document.settings,
             document.pose,
             session.anchor or document.pose,
-            None if news is None else news.case,
+            None if latest is None else latest.case,
             session.maps.half_width,
             moving,
         )
@@ -77,7 +77,7 @@ class Mapper:
         self._case: Case | None = None
         self._prepared: Mesh | None = None
 
-    def run(self, job: MapJob) -> Iterator[LandscapeNews]:
+    def run(self, job: MapJob) -> Iterator[LandscapeUpdate]:
         """News of the maps, coarse to fine.
 
         Raises:
@@ -88,9 +88,9 @@ class Mapper:
         shown: tuple[Slice, ...] = ()
         for size in QUICK_SIZES:
             before = shown
-            for news in maps(quick, job.centre, level, job.half_width, size, before):
-                shown = news.slices
-                yield replace(news, case=case, known=0.0)
+            for latest in maps(quick, job.centre, level, job.half_width, size, before):
+                shown = latest.slices
+                yield replace(latest, case=case, known=0.0)
         if not job.moving:
             if self._prepared is not job.registration.mesh:  # now, and not when it is waited for
                 self._prepared = job.registration.mesh

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from poseviewer.app.state.candidates import CandidateModel, Candidates
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.lineup import CandidateModel, Lineup
 from poseviewer.app.state.marks import Marks
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera.calibration import Calibration
@@ -40,7 +40,7 @@ class Opened:
     """A pose file was read; photo and model are the ones at hand."""
     restored: bool = False
     """It is what an earlier session left, unsaved."""
-    lineup: Lineup = field(default_factory=Lineup)
+    candidates: Candidates = field(default_factory=Candidates)
     """Models that the photo may show."""
     row: str = ""
     """In a review: the key of the row that it is."""
@@ -64,12 +64,12 @@ def open_files(
     else:
         registration = _unplaced(load_calibrated_photo(photo, calibration), model)
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
-    lineup, warnings = Lineup(), registration.warnings
+    candidates, warnings = Candidates(), registration.warnings
     for path in others:
         candidate, notes = open_candidate(path, path.name)
-        lineup = lineup.with_model_of(document).with_candidate(candidate)
+        candidates = candidates.with_model_of(document).with_candidate(candidate)
         warnings = (*warnings, *notes)
-    return Opened(document, SoftwareRenderer(registration.mesh), warnings, lineup=lineup)
+    return Opened(document, SoftwareRenderer(registration.mesh), warnings, candidates=candidates)
 
 
 def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ...]]:

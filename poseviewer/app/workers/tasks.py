@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.app.page.requests import Download, Upload
 from poseviewer.app.state.commands import Command, LayWheels, SetTool
 from poseviewer.app.state.identify_commands import AddCandidate
+from poseviewer.app.state.requests import Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import (
     Opened,
@@ -78,8 +78,8 @@ Task = Callable[[Session, SoftwareRenderer], Iterator[Result]]
 class Tasks:
     """A queue of tasks, and the thread that does them."""
 
-    def __init__(self, ring: Callable[[], None], state: Path) -> None:
-        self._worker: Worker[Result] = Worker("tasks", ring)
+    def __init__(self, notify: Callable[[], None], state: Path) -> None:
+        self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
         self._uploads = state / "uploads"
         self._waiting: deque[Task] = deque()
@@ -146,10 +146,10 @@ class Tasks:
 
     def collect(self) -> list[Done]:
         """What has ended since the last time."""
-        news = self._worker.take()
-        if news is None or not news.finished:
+        latest = self._worker.take()
+        if latest is None or not latest.finished:
             return []
-        return [Done(news.item, news.error)]
+        return [Done(latest.item, latest.error)]
 
     def start_next(self, now: Session, renderer: SoftwareRenderer) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""

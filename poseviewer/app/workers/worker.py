@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class News(Generic[T]):
+class JobUpdate(Generic[T]):
     """The newest item of a job, or why it failed."""
 
     ticket: int
@@ -42,7 +42,7 @@ class Mailbox(Generic[T]):
         self._items.append(item)
         self._rings.set()
 
-    def ring(self) -> None:
+    def notify(self) -> None:
         """Wake the reader without an item."""
         self._rings.set()
 
@@ -60,19 +60,19 @@ class Worker(Generic[T]):
     """One background thread for jobs of one kind; the newest job wins."""
 
     def __init__(
-        self, name: str, ring: Callable[[], None] | None = None, patient: bool = False
+        self, name: str, notify: Callable[[], None] | None = None, low_priority: bool = False
     ) -> None:
         """``ring`` is called at every item; a ``patient`` worker leaves the processor to others
         where the system lets it.
         """
-        self._ring = ring
-        self._patient = patient
+        self._notify = notify
+        self._low_priority = low_priority
         self._change = threading.Condition()
         self._job: tuple[int, Callable[[], Iterator[T]]] | None = None
         self._wanted = 0
         self._held = False
         self._closed = False
-        self._latest: News[T] | None = None
+        self._latest: JobUpdate[T] | None = None
         self._busy = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -110,11 +110,11 @@ class Worker(Generic[T]):
             self._held = held
             self._change.notify_all()
 
-    def take(self) -> News[T] | None:
+    def take(self) -> JobUpdate[T] | None:
         """The newest item, once; None if there is none since the last time."""
         with self._change:
-            news, self._latest = self._latest, None
-            return news
+            latest, self._latest = self._latest, None
+            return latest
 
     def close(self) -> None:
         """End the thread, after the item it is at."""
@@ -125,7 +125,7 @@ class Worker(Generic[T]):
         self._thread.join()
 
     def _run(self) -> None:
-        if self._patient:
+        if self._low_priority:
             yield_to_others()
         while True:
             with self._change:
@@ -141,13 +141,13 @@ class Worker(Generic[T]):
         error: Exception | None = None
         try:
             for item in make():
-                if not self._publish(News(ticket, item)):
+                if not self._publish(JobUpdate(ticket, item)):
                     return
                 self._wait_while_held(ticket)
         except Exception as raised:  # noqa: BLE001 - whatever it is, the user is to be told
             _log.debug("job %d of %s", ticket, self._thread.name, exc_info=raised)
             error = raised
-        self._publish(News(ticket, item, error, finished=True))
+        self._publish(JobUpdate(ticket, item, error, finished=True))
 
     def _wait_while_held(self, ticket: int) -> None:
         if self._held:
@@ -156,16 +156,16 @@ class Worker(Generic[T]):
         else:
             time.sleep(0.0)  # let go of the interpreter: others may be waiting for it
 
-    def _publish(self, news: News[T]) -> bool:
+    def _publish(self, latest: JobUpdate[T]) -> bool:
         """False if the job has been displaced."""
         with self._change:
-            if news.ticket != self._wanted:
+            if latest.ticket != self._wanted:
                 return False
-            self._latest = news
-            if news.finished:
+            self._latest = latest
+            if latest.finished:
                 self._busy = False
-        if self._ring is not None:
-            self._ring()
+        if self._notify is not None:
+            self._notify()
         return True
 
 

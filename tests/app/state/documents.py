@@ -68,7 +68,7 @@ def after(session: Session, *commands: Command) -> Session:
     """The session after commands none of which is refused."""
     for command in commands:
         session = update(session, command)
-        assert not session.complaint, f"{command}: {session.complaint}"
+        assert not session.error_message, f"{command}: {session.error_message}"
     return session
 
 

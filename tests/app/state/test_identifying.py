@@ -8,7 +8,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import identify_commands as ic
-from poseviewer.app.state.lineup import MOST_CANDIDATES, CandidateModel
+from poseviewer.app.state.candidates import MOST_CANDIDATES, CandidateModel
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.confidence.identify import Candidate, Identification, identifying, rank
@@ -39,22 +39,22 @@ def found(index: int, loss: float) -> Candidate:
 def compared(session: Session, *losses: float) -> Session:
     """The comparison at its end, with these losses of the models in their order."""
     asked = after(session, ic.Identify())
-    assert asked.lineup.comparison is not None
+    assert asked.candidates.comparison is not None
     ranked = rank([found(index, loss) for index, loss in enumerate(losses)])
-    number = asked.lineup.comparison.number
+    number = asked.candidates.comparison.number
     return after(asked, ic.IdentificationAdvanced(number, Identification(ranked)))
 
 
 def names(session: Session) -> list[str]:
-    return [row.candidate.model.name for row in session.lineup.rows(session.document)]
+    return [row.candidate.model.name for row in session.candidates.rows(session.document)]
 
 
 def test_the_model_at_hand_is_the_first_of_those_gathered():
     session = gathered()
     assert names(session) == ["m.ply", "box.ply", "ball.ply"]
     again = update(session, ic.AddCandidate(BOX))
-    assert again.lineup is session.lineup
-    assert again.complaint.startswith("Box.ply: is among the models already")
+    assert again.candidates is session.candidates
+    assert again.error_message.startswith("Box.ply: is among the models already")
     assert names(after(session, ic.DropCandidate(1))) == ["m.ply", "ball.ply"]
     assert after(session, ic.DropCandidate(7)) is session
 
@@ -65,21 +65,21 @@ def test_no_more_are_kept_than_fit_the_memory():
         model = replace(BOX.model, sha256=f"{number + 1:064d}")
         session = after(session, ic.AddCandidate(CandidateModel(model, None)))
     full = update(session, ic.AddCandidate(BALL))
-    assert len(full.lineup.models) == MOST_CANDIDATES
-    assert "30 models are the most" in full.complaint
+    assert len(full.candidates.models) == MOST_CANDIDATES
+    assert "30 models are the most" in full.error_message
 
 
 def test_one_model_alone_is_not_compared():
     refused = update(make_session(), ic.Identify())
-    assert refused.lineup.comparison is None
-    assert refused.complaint == "One model alone: add another one, to be told apart."
+    assert refused.candidates.comparison is None
+    assert refused.error_message == "One model alone: add another one, to be told apart."
 
 
 def test_the_likeliest_is_shown_and_one_step_back_leads_to_before():
     session = gathered()
     end = compared(session, 0.5, 0.2, 0.4)
     assert names(end) == ["box.ply", "ball.ply", "m.ply"]
-    rows = end.lineup.rows(end.document)
+    rows = end.candidates.rows(end.document)
     assert [row.ranked.rank for row in rows if row.ranked] == [1, 2, 3]
     margins = [row.ranked.margin for row in rows if row.ranked]
     assert margins == [pytest.approx(0.2), pytest.approx(0.1), None]
@@ -101,17 +101,17 @@ def test_the_likeliest_is_shown_and_one_step_back_leads_to_before():
 
 def test_what_was_done_meanwhile_stays():
     asked = after(gathered(), ic.Identify())
-    assert asked.lineup.comparison is not None
-    number = asked.lineup.comparison.number
+    assert asked.candidates.comparison is not None
+    number = asked.candidates.comparison.number
     moved = after(asked, c.Nudge("move", 1.0))
     ranked = rank([found(0, 0.5), found(1, 0.2), found(2, 0.4)])
     end = after(moved, ic.IdentificationAdvanced(number, Identification(ranked)))
     assert end.document is moved.document
     assert names(end)[0] == "box.ply"
     held = after(asked, c.Press(80.0, 60.0))
-    assert held.grip is not None
+    assert held.drag is not None
     still = after(held, ic.IdentificationAdvanced(number, Identification(ranked)))
-    assert still.grip is held.grip
+    assert still.drag is held.drag
     assert still.document is asked.document
 
 
@@ -126,18 +126,18 @@ def test_what_a_search_found_is_kept_and_compared_from():
 
 def test_rows_fill_as_models_are_fitted():
     asked = after(gathered(), ic.Identify())
-    assert asked.lineup.comparison is not None
-    number = asked.lineup.comparison.number
-    news = Identification(rank([found(0, 0.5)]), at=1)
-    half = after(asked, ic.IdentificationAdvanced(number, news))
-    rows = half.lineup.rows(half.document)
+    assert asked.candidates.comparison is not None
+    number = asked.candidates.comparison.number
+    latest = Identification(rank([found(0, 0.5)]), at=1)
+    half = after(asked, ic.IdentificationAdvanced(number, latest))
+    rows = half.candidates.rows(half.document)
     assert [row.is_being_fitted for row in rows] == [False, True, False]
     assert [row.ranked is not None for row in rows] == [True, False, False]
     assert half.document is asked.document
     assert after(half, ic.DropCandidate(2)) is half  # not while they are compared
     stopped = after(half, ic.StopIdentifying())
-    assert stopped.lineup.comparison is not None
-    assert not stopped.lineup.comparison.running
+    assert stopped.candidates.comparison is not None
+    assert not stopped.candidates.comparison.running
     assert after(stopped, ic.IdentificationAdvanced(number, Identification(()))) is stopped
     # A model that is not fitted is shown where the other one is.
     shown = after(stopped, ic.ShowCandidate(2))
@@ -147,7 +147,7 @@ def test_rows_fill_as_models_are_fitted():
 
 def test_a_model_taken_away_leaves_the_others_ranked():
     end = after(compared(gathered(), 0.5, 0.2, 0.4), ic.DropCandidate(2))
-    rows = end.lineup.rows(end.document)
+    rows = end.candidates.rows(end.document)
     assert names(end) == ["box.ply", "m.ply"]
     assert rows[0].ranked is not None
     assert rows[0].ranked.margin == pytest.approx(0.3)
@@ -155,30 +155,30 @@ def test_a_model_taken_away_leaves_the_others_ranked():
 
 def test_old_news_and_other_photos_change_nothing():
     asked = after(gathered(), ic.Identify())
-    assert asked.lineup.comparison is not None
+    assert asked.candidates.comparison is not None
     assert after(asked, ic.Identify()) is asked  # one at a time
-    number = asked.lineup.comparison.number
-    news = Identification(rank([found(0, 0.5)]), at=1)
-    assert after(asked, ic.IdentificationAdvanced(number + 1, news)) is asked
+    number = asked.candidates.comparison.number
+    latest = Identification(rank([found(0, 0.5)]), at=1)
+    assert after(asked, ic.IdentificationAdvanced(number + 1, latest)) is asked
     opened = after(asked, c.Open(make_document(photo=make_photo(1))))
-    late = after(opened, ic.IdentificationAdvanced(number, news))
-    assert late.lineup.comparison is None
+    late = after(opened, ic.IdentificationAdvanced(number, latest))
+    assert late.candidates.comparison is None
     assert names(late) == ["m.ply", "box.ply", "ball.ply"]  # kept for the next photo
 
 
 def test_failure_is_said():
     asked = after(gathered(), ic.Identify())
-    assert asked.lineup.comparison is not None
-    failed = update(asked, ic.IdentificationFailed(asked.lineup.comparison.number, "no memory"))
-    assert failed.lineup.comparison is None
-    assert failed.complaint == "No memory."
+    assert asked.candidates.comparison is not None
+    failed = update(asked, ic.IdentificationFailed(asked.candidates.comparison.number, "no memory"))
+    assert failed.candidates.comparison is None
+    assert failed.error_message == "No memory."
     assert names(failed) == names(asked)
 
 
 def test_the_comparison_is_the_one_of_the_command_line():
     settings = FitSettings(limits=Limits(evaluations=60))
     session = after(make_session(settings=settings), ic.AddCandidate(BOX), ic.Identify())
-    asked = session.lineup.comparison
+    asked = session.candidates.comparison
     assert asked is not None
     *_, last = identifying(asked.registrations, asked.document.settings)
     end = after(session, ic.IdentificationAdvanced(asked.number, last))

@@ -97,10 +97,10 @@ def test_six_pairs_give_a_free_focal_length():
 def test_what_cannot_be_marked_is_said():
     session = after(make_session(), c.SetTool("pairs"))
     refused = update(session, c.Press(1.0, 1.0))
-    assert "no model there" in refused.complaint
+    assert "no model there" in refused.error_message
     assert refused.document is session.document
     wheels = update(after(session, c.SetTool("wheels")), c.Press(50.0, 50.0))
-    assert "no wheels" in wheels.complaint
+    assert "no wheels" in wheels.error_message
 
 
 def test_escape_ends_the_mode_and_keeps_the_marks():
@@ -125,7 +125,7 @@ def test_five_points_on_each_rim_place_the_car(camera):
     assert not session.document.marks.note
     assert len(session.document.marks.ellipses) == 2
     assert off(session, target) < 0.02
-    assert "outlined" in update(session, c.Press(3.0, 3.0, zoom=9.0)).complaint
+    assert "outlined" in update(session, c.Press(3.0, 3.0, zoom=9.0)).error_message
     left = after(session, c.RemoveMark())
     assert len(left.document.marks.rims) == 9
     x, y = session.document.marks.rims[0]
@@ -160,7 +160,7 @@ def test_wheels_of_another_photo_are_not_laid():
     found = lay(session, session.document.pose)
     other = make_session(vehicle=True)
     refused = update(other, found)
-    assert "another photo" in refused.complaint
+    assert "another photo" in refused.error_message
     assert refused.document is other.document
 
 

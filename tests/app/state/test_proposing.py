@@ -22,8 +22,8 @@ POSES = tuple(
 
 def proposed(session: Session) -> Session:
     asked = after(session, c.ProposeStarts())
-    assert asked.proposing is not None
-    return after(asked, c.StartsProposed(asked.proposing.number, POSES))
+    assert asked.proposals is not None
+    return after(asked, c.StartsProposed(asked.proposals.number, POSES))
 
 
 def test_a_box_is_drawn_once_and_undone():
@@ -53,29 +53,29 @@ def test_the_one_taken_becomes_the_start():
     session = make_session()
     taken = after(proposed(session), c.StepProposals(1), c.TakeProposal())
     assert taken.document.registration.start is POSES[1]
-    assert taken.proposing is None
+    assert taken.proposals is None
     assert after(taken, c.StepProposals(1)).document is taken.document
     assert after(taken, c.Undo()).document is session.document
 
 
 def test_old_news_and_other_photos_change_nothing():
     session = after(make_session(), c.ProposeStarts())
-    assert session.proposing is not None
+    assert session.proposals is not None
     assert after(session, c.ProposeStarts()) is session  # one at a time
-    number = session.proposing.number
+    number = session.proposals.number
     assert after(session, c.StartsProposed(number + 1, POSES)) is session
     other = make_document(photo=make_photo(1))
     opened = after(session, c.Open(other), c.StartsProposed(number, POSES))
     assert opened.document is other
-    assert opened.proposing is None
+    assert opened.proposals is None
 
 
 @pytest.mark.parametrize("poses", [(), POSES])
 def test_failure_is_said(poses):
     session = after(make_session(), c.ProposeStarts())
-    asked = session.proposing
+    asked = session.proposals
     assert asked is not None
-    session = replace(session, proposing=replace(asked, poses=poses))
+    session = replace(session, proposals=replace(asked, poses=poses))
     failed = update(session, c.ProposingFailed(asked.number, "no view fits"))
-    assert failed.proposing is None
-    assert failed.complaint == "No view fits."
+    assert failed.proposals is None
+    assert failed.error_message == "No view fits."

@@ -9,17 +9,9 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import MOST_STEPS, Document
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import (
-    LandscapeNews,
-    Painter,
-    PaintRequest,
-    SearchNews,
-    case_at,
-    maps,
-    search,
-)
+from poseviewer.app.workers.jobs import OverlayDrawer, case_at, maps, search
 from poseviewer.fit.problem import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
@@ -28,7 +20,7 @@ from poseviewer.starts.registration import load_registration
 from tests.app.state.documents import PARALLEL, PERSPECTIVE, after, make_document, make_photo
 
 SETTINGS = FitSettings(limits=Limits(evaluations=60))
-NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.Painted)
+NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
 """They leave a complaint standing: it is about what the user did."""
 
 
@@ -40,7 +32,7 @@ def session(scene) -> Session:
 
 
 @pytest.fixture(scope="module")
-def news(session) -> list[SearchNews]:
+def updates(session) -> list[SearchUpdate]:
     """All news of a short search from the start."""
     registration = session.document.registration
     renderer = SoftwareRenderer(registration.mesh)
@@ -48,7 +40,7 @@ def news(session) -> list[SearchNews]:
 
 
 @pytest.fixture(scope="module")
-def landscape(session) -> LandscapeNews:
+def landscape(session) -> LandscapeUpdate:
     """The whole of small maps about the start."""
     document = session.document
     renderer = SoftwareRenderer(document.registration.mesh)
@@ -58,18 +50,18 @@ def landscape(session) -> LandscapeNews:
     return last
 
 
-def searched(session: Session, news, count: int) -> Session:
+def searched(session: Session, updates, count: int) -> Session:
     """After the start of a search and its first news."""
     session = after(session, c.StartSearch())
     number = session.searches
-    return after(session, *(c.SearchAdvanced(number, item) for item in news[:count]))
+    return after(session, *(c.SearchAdvanced(number, item) for item in updates[:count]))
 
 
-def test_a_search_is_one_step_to_its_best_pose(session, news):
-    done = searched(session, news, len(news))
+def test_a_search_is_one_step_to_its_best_pose(session, updates):
+    done = searched(session, updates, len(updates))
     assert not done.searching
     assert done.search is not None
-    assert done.document.pose is news[-1].progress.pose
+    assert done.document.pose is updates[-1].progress.pose
     assert done.history.past == (session.document,)
     assert after(done, c.Undo()).document is session.document
     assert after(done, c.RevertSearch()).document is session.document
@@ -79,53 +71,53 @@ def test_a_search_is_one_step_to_its_best_pose(session, news):
     assert after(accepted, c.Undo()).document is session.document
 
 
-def test_the_pose_before_can_be_looked_at_after_a_search(session, news):
-    running = after(searched(session, news, 30), c.ChangeView(before=True))
+def test_the_pose_before_can_be_looked_at_after_a_search(session, updates):
+    running = after(searched(session, updates, 30), c.ChangeView(before=True))
     assert running.shown_pose is running.document.pose
     done = after(running, c.StopSearch())
     assert done.shown_pose is session.document.pose
 
 
-def test_a_stopped_search_keeps_its_best(session, news):
-    running = searched(session, news, 40)
+def test_a_stopped_search_keeps_its_best(session, updates):
+    running = searched(session, updates, 40)
     assert running.searching
     assert after(running, c.StartSearch()).searches == running.searches
     stopped = after(running, c.StopSearch())
     assert not stopped.searching
     assert stopped.document is running.document
     # News on their way come too late.
-    assert after(stopped, c.SearchAdvanced(stopped.searches, news[-1])) is stopped
+    assert after(stopped, c.SearchAdvanced(stopped.searches, updates[-1])) is stopped
     assert after(stopped, c.RevertSearch()).document is session.document
 
 
 @pytest.mark.parametrize("back", [c.Undo(), c.RevertSearch()])
-def test_back_in_the_midst_of_a_search_is_before_it(session, news, back):
-    running = searched(session, news, 40)
+def test_back_in_the_midst_of_a_search_is_before_it(session, updates, back):
+    running = searched(session, updates, 40)
     reverted = after(running, back)
     assert reverted.document is session.document
     assert reverted.search is None
-    assert after(reverted, c.SearchAdvanced(running.searches, news[50])) is reverted
+    assert after(reverted, c.SearchAdvanced(running.searches, updates[50])) is reverted
     assert after(reverted, c.Redo()).document is running.document
 
 
-def test_news_of_an_older_search_are_dropped(session, news):
-    first = searched(session, news, 10)
+def test_news_of_an_older_search_are_dropped(session, updates):
+    first = searched(session, updates, 10)
     second = after(first, c.StopSearch(), c.StartSearch())
     assert second.searches == first.searches + 1
-    assert after(second, c.SearchAdvanced(first.searches, news[30])) is second
+    assert after(second, c.SearchAdvanced(first.searches, updates[30])) is second
     assert after(second, c.SearchFailed(first.searches, "no")) is second
-    assert after(second, c.SearchAdvanced(second.searches, news[30])) is not second
+    assert after(second, c.SearchAdvanced(second.searches, updates[30])) is not second
 
 
-def test_a_drag_stops_a_search_and_is_kept(session, news):
-    running = searched(session, news, 40)
+def test_a_drag_stops_a_search_and_is_kept(session, updates):
+    running = searched(session, updates, 40)
     centre = session.document.registration.mesh.centre
     x, y = running.document.pose.project(centre)
     dragged = after(running, c.Press(x, y))
     assert dragged.searching  # a click alone does not stop it
     dragged = after(dragged, c.DragTo(x + 6.0, y - 2.0))
     assert not dragged.searching
-    assert after(dragged, c.SearchAdvanced(dragged.searches, news[-1])) is dragged
+    assert after(dragged, c.SearchAdvanced(dragged.searches, updates[-1])) is dragged
     done = after(dragged, c.DragTo(x + 7.0, y - 3.0), c.Release())
     assert done.document.pose.project(centre) == pytest.approx([x + 7.0, y - 3.0], abs=1e-9)
     back = after(done, c.Undo())
@@ -136,7 +128,7 @@ def test_a_drag_stops_a_search_and_is_kept(session, news):
 def test_a_search_that_cannot_run_goes_back_and_says_why(session):
     started = after(session, c.StartSearch())
     failed = update(started, c.SearchFailed(started.searches, "the region has no pixel"))
-    assert failed.complaint == "The region has no pixel."
+    assert failed.error_message == "The region has no pixel."
     assert failed.document is session.document
     assert failed.search is None
 
@@ -174,7 +166,7 @@ def test_maps_of_another_photo_are_not_kept(session, landscape):
     assert same.landscape is landscape
 
 
-def random_command(random, session: Session, news, landscape, others) -> c.Command:
+def random_command(random, session: Session, updates, landscape, others) -> c.Command:
     """Any command, sometimes with nonsense in it."""
     x, y = random.uniform(-20.0, 180.0, 2)
     if random.uniform() < 0.7:
@@ -216,7 +208,7 @@ def random_command(random, session: Session, news, landscape, others) -> c.Comma
         c.StopSearch(),
         c.AcceptSearch(),
         c.RevertSearch(),
-        *[c.SearchAdvanced(search_number, news[pick(len(news))])] * 3,
+        *[c.SearchAdvanced(search_number, updates[pick(len(updates))])] * 3,
         c.SearchFailed(search_number, "it could not"),
         c.LandscapeAdvanced(landscape),
         c.Saved(session.document.pose),
@@ -226,20 +218,20 @@ def random_command(random, session: Session, news, landscape, others) -> c.Comma
 
 @pytest.mark.parametrize("seed", range(3))
 def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
-    session, news, landscape, seed
+    session, updates, landscape, seed
 ):
     random = np.random.default_rng(seed)
     renderer = SoftwareRenderer(session.document.registration.mesh)
     others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
     now = session
-    for request in Painter(renderer).paint(_request(session)):
-        now = after(now, c.Painted(request))
+    for request in OverlayDrawer(renderer).paint(_request(session)):
+        now = after(now, c.OverlayDrawn(request))
     for _ in range(500):
-        command = random_command(random, now, news, landscape, others)
+        command = random_command(random, now, updates, landscape, others)
         before, now = now, update(now, command)
-        assert now.complaint == "" or now.complaint.endswith((".", "!", "?"))
+        assert now.error_message == "" or now.error_message.endswith((".", "!", "?"))
         assert np.isfinite(now.document.parameters).all()
-        if now.complaint and not isinstance(command, (c.SearchFailed, *NEWS)):
+        if now.error_message and not isinstance(command, (c.SearchFailed, *NEWS)):
             assert now.document is before.document
     assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach
     while now.history.past:
@@ -247,13 +239,13 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
     assert now.document is session.document
 
 
-def _request(session: Session) -> PaintRequest:
+def _request(session: Session) -> OverlayRequest:
     document = session.document
-    return PaintRequest(
+    return OverlayRequest(
         document.registration, document.settings, document.pose, document.pose, "outline"
     )
 
 
-def test_the_news_are_of_a_search_that_ended(news):
-    assert news[-1].progress.status is Status.EVALUATIONS_SPENT
-    assert all(item.progress.status is Status.RUNNING for item in news[:-1])
+def test_the_news_are_of_a_search_that_ended(updates):
+    assert updates[-1].progress.status is Status.EVALUATIONS_SPENT
+    assert all(item.progress.status is Status.RUNNING for item in updates[:-1])

@@ -42,14 +42,14 @@ def press(session: Session, offset=(0.0, 0.0), **more) -> c.Press:
 def refused(session: Session, command: c.Command):
     """The session is as it was, but for a sentence."""
     found = update(session, command)
-    assert found.complaint.endswith(".")
-    assert len(found.complaint) > 10
+    assert found.error_message.endswith(".")
+    assert len(found.error_message) > 10
     assert found.document is session.document
     assert found.history is session.history
-    assert found.grip is session.grip
+    assert found.drag is session.drag
     assert found.search is session.search
     # The next command takes the sentence away.
-    assert update(found, c.Nudge("move", 1.0)).complaint == ""
+    assert update(found, c.Nudge("move", 1.0)).error_message == ""
 
 
 @CAMERAS
@@ -64,7 +64,7 @@ def test_a_drag_is_one_step(camera, keys):
         assert held.history is session.history
     done = after(held, c.Release())
     assert done.document is held.document
-    assert done.grip is None
+    assert done.drag is None
     assert done.history.past == (session.document,)
     back = after(done, c.Undo())
     assert back.document is session.document
@@ -92,7 +92,7 @@ def test_a_drag_forgotten_restores_the_very_document():
     back = after(held, c.CancelDrag())
     assert back.document is session.document
     assert back.history is session.history
-    assert back.grip is None
+    assert back.drag is None
 
 
 def test_a_press_alone_or_beside_the_model_is_no_step():
@@ -110,11 +110,11 @@ def test_what_comes_amid_a_drag_ends_it_in_order():
     held = after(session, first, c.DragTo(first.x + 9.0, first.y))
     for command in (c.Nudge("roll", 5.0), c.StartSearch(), c.MakeStart()):
         found = after(held, command)
-        assert found.grip is None
+        assert found.drag is None
         assert found.history.past == (session.document, held.document)
     assert after(held, c.Undo()).document is session.document
     # What only looks, lets it go on.
-    assert after(held, c.ChangeView(opacity=0.5)).grip is held.grip
+    assert after(held, c.ChangeView(opacity=0.5)).drag is held.drag
 
 
 def test_a_vehicles_pins_are_dragged():
@@ -159,10 +159,10 @@ def test_pins_are_refused_beside_the_model_and_on_vehicles():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_ring_turns_about_its_axis(camera, axis):
     session = after(make_session(camera), c.ChangeView(rings=True))
-    ring = rings_in_photo(session.document)[axis]
-    step = int(np.argmin(ring[:, 2]))  # its nearest point
-    x, y = ring[step, :2]
-    way = ring[(step + 1) % 72, :2] - ring[step - 1, :2]
+    notify = rings_in_photo(session.document)[axis]
+    step = int(np.argmin(notify[:, 2]))  # its nearest point
+    x, y = notify[step, :2]
+    way = notify[(step + 1) % 72, :2] - notify[step - 1, :2]
     way = way / np.linalg.norm(way)
     first = after(session, c.Press(x, y, zoom=4.0))
     turned = after(first, c.DragTo(x + 3.0 * way[0], y + 3.0 * way[1]))
@@ -266,7 +266,7 @@ SENSELESS_CAMERAS = {
 def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
     session, command = make_session(), c.SetCamera(*SENSELESS_CAMERAS[start])
     refused(session, command)
-    text = update(session, command).complaint
+    text = update(session, command).error_message
     assert text.lower().startswith(start)
     assert text.endswith("; nothing was changed.")
 

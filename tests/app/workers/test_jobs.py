@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.workers.jobs import Painter, PaintRequest, case_at, maps, search
+from poseviewer.app.state.session import OverlayRequest
+from poseviewer.app.workers.jobs import OverlayDrawer, case_at, maps, search
 from poseviewer.fit.landscape import free_pairs
 from poseviewer.fit.problem import fit_pose, make_problem, pose_loss
 from poseviewer.fit.registration import Registration
@@ -30,13 +31,13 @@ def renderer(registration) -> SoftwareRenderer:
     return SoftwareRenderer(registration.mesh)
 
 
-def request_of(registration, look="outline", **more) -> PaintRequest:
+def request_of(registration, look="outline", **more) -> OverlayRequest:
     pose = registration.start
-    return PaintRequest(registration, SETTINGS, pose, pose, look, **more)
+    return OverlayRequest(registration, SETTINGS, pose, pose, look, **more)
 
 
 def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
-    quick, fine = Painter(renderer).paint(request_of(registration))
+    quick, fine = OverlayDrawer(renderer).paint(request_of(registration))
     assert len(quick.outline) > 10
     assert quick.picture is None
     assert fine.picture is not None
@@ -46,8 +47,8 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
     assert fine.picture.shape[1] / fine.picture.shape[0] == pytest.approx(width / height)
     # Both go round the model: within a pixel of the box of its vertices.
     seen = registration.start.project(registration.mesh.vertices)
-    for painting in (quick, fine):
-        points = painting.outline.reshape(-1, 2)
+    for overlay in (quick, fine):
+        points = overlay.outline.reshape(-1, 2)
         assert points.min(axis=0) == pytest.approx(seen.min(axis=0), abs=1.0)
         assert points.max(axis=0) == pytest.approx(seen.max(axis=0), abs=1.0)
     assert np.all(fine.outline >= [left, top])
@@ -55,36 +56,36 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
 
 
 def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
-    first, weighed = Painter(renderer).paint(request_of(registration, moving=True))
+    first, weighed = OverlayDrawer(renderer).paint(request_of(registration, moving=True))
     assert (first.weighed, weighed.weighed) == (False, True)
     assert weighed.loss is not None
-    for painting in (first, weighed):
-        assert painting.picture is None
-        assert len(painting.outline) > 10
+    for overlay in (first, weighed):
+        assert overlay.picture is None
+        assert len(overlay.outline) > 10
 
 
 def test_the_loss_is_that_of_the_search(registration, renderer):
     problem, _ = make_problem(registration, SETTINGS)
-    painter = Painter(renderer)
+    painter = OverlayDrawer(renderer)
     for shift in (0.0, 0.05, -0.1):
         parameters = problem.start + shift
         request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(parameters))
-        (painting,) = painter.paint(request)
-        assert painting.loss == pytest.approx(pose_loss(problem, renderer, parameters), rel=1e-12)
+        (overlay,) = painter.paint(request)
+        assert overlay.loss == pytest.approx(pose_loss(problem, renderer, parameters), rel=1e-12)
 
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(registration, renderer):
-    painter = Painter(renderer)
+    painter = OverlayDrawer(renderer)
     request = request_of(registration, "none")
 
-    def loss(asked: PaintRequest) -> float:
-        (painting,) = painter.paint(asked)
-        assert painting.loss is not None
-        return painting.loss
+    def loss(asked: OverlayRequest) -> float:
+        (overlay,) = painter.paint(asked)
+        assert overlay.loss is not None
+        return overlay.loss
 
     other = replace(request, settings=replace(SETTINGS, region=(40, 30, 80, 60)))
     for asked in (request, other, request):
-        fresh = Painter(renderer).paint(asked)
+        fresh = OverlayDrawer(renderer).paint(asked)
         assert loss(asked) == next(iter(fresh)).loss
     assert loss(request) != loss(other)
 
@@ -92,31 +93,31 @@ def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(regis
 def test_why_there_is_no_loss_is_told(registration, renderer):
     settings = replace(SETTINGS, region=(0, 0, 2, 2))
     request = replace(request_of(registration), settings=settings)
-    for painting in Painter(renderer).paint(request):
-        assert painting.loss is None
-        assert len(painting.note) > 20
-        assert len(painting.outline) > 10
+    for overlay in OverlayDrawer(renderer).paint(request):
+        assert overlay.loss is None
+        assert len(overlay.note) > 20
+        assert len(overlay.outline) > 10
 
 
 @pytest.mark.parametrize("look", ["solid", "relit", "residual"])
 def test_pictures_cover_the_photo(registration, renderer, look):
-    (painting,) = Painter(renderer).paint(request_of(registration, look))
-    assert painting.picture is not None
-    assert painting.picture.shape[:2] == (120, 160)
-    assert painting.place == (0.0, 0.0, 160.0, 120.0)
+    (overlay,) = OverlayDrawer(renderer).paint(request_of(registration, look))
+    assert overlay.picture is not None
+    assert overlay.picture.shape[:2] == (120, 160)
+    assert overlay.place == (0.0, 0.0, 160.0, 120.0)
     photo = registration.photo.as_rgb8(160, 120)
-    assert np.any(painting.picture[..., :3] != photo)
+    assert np.any(overlay.picture[..., :3] != photo)
 
 
 def test_a_search_ends_where_a_fit_ends(registration, renderer):
     problem, _ = make_problem(registration, SETTINGS)
     *_, last = fit_pose(problem, renderer)
     pose = registration.start
-    news = list(search(registration, pose, SETTINGS, renderer))
-    assert np.array_equal(news[-1].progress.parameters, last.parameters)
-    assert news[-1].progress.loss == last.loss
-    assert news[-1].progress.status is last.status
-    counts = [item.progress.evaluations for item in news]
+    updates = list(search(registration, pose, SETTINGS, renderer))
+    assert np.array_equal(updates[-1].progress.parameters, last.parameters)
+    assert updates[-1].progress.loss == last.loss
+    assert updates[-1].progress.status is last.status
+    counts = [item.progress.evaluations for item in updates]
     assert counts == sorted(counts)
     assert counts[0] == 1
     assert counts[-1] == 150
@@ -132,13 +133,13 @@ def test_a_search_starts_at_the_pose_at_hand(registration, renderer):
 
 
 def test_improvements_are_each_better_than_the_last(registration, renderer):
-    news = list(search(registration, registration.start, SETTINGS, renderer))
-    losses = [step.loss for step in news[-1].improvements]
+    updates = list(search(registration, registration.start, SETTINGS, renderer))
+    losses = [step.loss for step in updates[-1].improvements]
     assert losses == sorted(losses, reverse=True)
     assert len(set(losses)) == len(losses) > 2
-    assert losses[0] == news[0].progress.loss
-    assert losses[-1] == news[-1].progress.loss
-    for item in news:
+    assert losses[0] == updates[0].progress.loss
+    assert losses[-1] == updates[-1].progress.loss
+    for item in updates:
         assert item.improvements[-1].loss == item.progress.loss
 
 
@@ -149,16 +150,16 @@ def test_maps_become_known_until_they_are_complete(registration, renderer, lock)
     case = case_at(registration, pose, settings, renderer)
     problem = case.problem
     with RendererPool(renderer) as pool:
-        news = list(maps(case, pose, pool, 0.2, 5))
-    known = [item.known for item in news]
+        updates = list(maps(case, pose, pool, 0.2, 5))
+    known = [item.known for item in updates]
     assert known == sorted(known)
     assert 0.0 < known[0] < known[-1]
     assert known[-1] == 1.0
-    pairs = [(piece.first, piece.second) for piece in news[-1].slices]
+    pairs = [(piece.first, piece.second) for piece in updates[-1].slices]
     assert sorted(pairs) == sorted(free_pairs(problem))
-    assert all(piece.complete for piece in news[-1].slices)
+    assert all(piece.complete for piece in updates[-1].slices)
     # In the middle of each: the loss of the pose itself.
     loss = pose_loss(problem, renderer, problem.start.copy())
-    for piece in news[-1].slices:
+    for piece in updates[-1].slices:
         assert piece.losses[2, 2] == pytest.approx(loss, rel=1e-9)
         assert math.isclose(piece.first_values[2], problem.start[piece.first], abs_tol=1e-12)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from poseviewer.app.workers.worker import Mailbox, News, Worker
+from poseviewer.app.workers.worker import JobUpdate, Mailbox, Worker
 
 LONG = 30.0
 """Seconds after which a test has failed; none waits so long when all is well."""
@@ -64,16 +64,16 @@ def bell() -> Bell:
 
 @pytest.fixture(params=[False, True], ids=["", "patient"])
 def worker(bell, request) -> Iterator[Worker[object]]:
-    made: Worker[object] = Worker("tested", bell, patient=request.param)
+    made: Worker[object] = Worker("tested", bell, low_priority=request.param)
     yield made
     made.close()
     assert not any(thread.name == "tested" for thread in threading.enumerate())
 
 
-def taken(worker: Worker[object]) -> News[object]:
-    news = worker.take()
-    assert news is not None
-    return news
+def taken(worker: Worker[object]) -> JobUpdate[object]:
+    latest = worker.take()
+    assert latest is not None
+    return latest
 
 
 def test_each_item_is_news_once_and_the_last_is_told_as_such(worker, bell):
@@ -85,9 +85,9 @@ def test_each_item_is_news_once_and_the_last_is_told_as_such(worker, bell):
         job.go()
         bell.heard()
         if item == "a":
-            assert taken(worker) == News(ticket, "a")
+            assert taken(worker) == JobUpdate(ticket, "a")
     bell.heard()  # the end rings as well
-    assert taken(worker) == News(ticket, "b", finished=True)
+    assert taken(worker) == JobUpdate(ticket, "b", finished=True)
     assert worker.take() is None
     assert not worker.busy
     assert job.thread == "tested"
@@ -118,7 +118,7 @@ def test_a_new_job_displaces_the_old_one_whose_news_are_dropped(worker, bell):
     new.go()
     bell.heard()
     bell.heard()
-    assert taken(worker) == News(second, "x", finished=True)
+    assert taken(worker) == JobUpdate(second, "x", finished=True)
 
 
 def test_of_several_waiting_jobs_only_the_newest_runs(worker, bell):
@@ -131,7 +131,7 @@ def test_of_several_waiting_jobs_only_the_newest_runs(worker, bell):
     newest.go()
     bell.heard()
     bell.heard()
-    assert taken(worker) == News(ticket, "c", finished=True)
+    assert taken(worker) == JobUpdate(ticket, "c", finished=True)
     assert not passed_over.began.is_set()
 
 
@@ -182,7 +182,7 @@ def test_a_held_job_can_be_displaced_and_stopped(worker, bell):
     ticket = worker.start(new)
     new.go(2)
     bell.heard()
-    assert taken(worker) == News(ticket, "x")
+    assert taken(worker) == JobUpdate(ticket, "x")
     worker.stop()
     worker.hold(False)
     assert new.ended.wait(LONG)
@@ -196,9 +196,9 @@ def test_an_exception_is_news_and_the_next_job_runs(worker, bell):
     job.go()
     bell.heard()
     bell.heard()
-    news = taken(worker)
-    assert news.error is error
-    assert news == News(ticket, "a", error, finished=True)
+    latest = taken(worker)
+    assert latest.error is error
+    assert latest == JobUpdate(ticket, "a", error, finished=True)
     assert not worker.busy
     worker.start(after)
     after.go()
@@ -216,7 +216,7 @@ def test_a_job_that_cannot_begin_is_told(worker, bell):
 
     ticket = worker.start(make)
     bell.heard()
-    assert taken(worker) == News(ticket, None, error, finished=True)
+    assert taken(worker) == JobUpdate(ticket, None, error, finished=True)
 
 
 def test_a_displaced_jobs_exception_is_dropped(worker, bell):
@@ -228,7 +228,7 @@ def test_a_displaced_jobs_exception_is_dropped(worker, bell):
     new.go()
     bell.heard()
     bell.heard()
-    assert taken(worker) == News(ticket, "x", finished=True)
+    assert taken(worker) == JobUpdate(ticket, "x", finished=True)
     assert bell.silent()
 
 
@@ -269,7 +269,7 @@ def test_a_mailbox_wakes_its_reader():
     mailbox.post("here")
     reader.join(LONG)
     assert found == [["here"]]
-    mailbox.ring()
+    mailbox.notify()
     assert mailbox.take(10.0 * LONG) == []
 
 

@@ -10,25 +10,25 @@ from poseviewer.app.state.session import Session
 
 def landscape_advanced(session: Session, command: c.LandscapeAdvanced) -> Session:
     """The maps, as far as they are known by now."""
-    return replace(session, landscape=command.news)
+    return replace(session, landscape=command.latest)
 
 
-def painted(session: Session, command: c.Painted) -> Session:
+def painted(session: Session, command: c.OverlayDrawn) -> Session:
     """A drawing; until its own loss is known, it keeps that of the one before."""
-    new, old = command.painting, session.painting
+    new, old = command.overlay, session.overlay
     if not new.weighed and old is not None:
         same = old.request.pose is new.request.pose and old.weighed
         new = replace(new, loss=old.loss, note=old.note, weighed=same)
-    return replace(session, painting=new)
+    return replace(session, overlay=new)
 
 
-def weighed(session: Session, command: c.Weighed) -> Session:
+def weighed(session: Session, command: c.LossComputed) -> Session:
     """The loss of the drawing, or of one a moment ago."""
-    new, old = command.painting, session.painting
+    new, old = command.overlay, session.overlay
     if old is None or old.weighed:
         return session
     same = old.request.pose is new.request.pose
-    return replace(session, painting=replace(old, loss=new.loss, note=new.note, weighed=same))
+    return replace(session, overlay=replace(old, loss=new.loss, note=new.note, weighed=same))
 
 
 def saved(session: Session, command: c.Saved) -> Session:

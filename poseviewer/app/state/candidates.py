@@ -38,7 +38,7 @@ class Comparison:
     models: tuple[CandidateModel, ...]
     """In the order of ``news``' indices."""
     running: bool = True
-    news: Identification | None = None
+    latest: Identification | None = None
 
     @property
     def registrations(self) -> list[Registration]:
@@ -52,7 +52,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class CandidateRow:
     """A model, and what is known of it."""
 
     index: int
@@ -63,7 +63,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lineup:
+class Candidates:
     """All of it."""
 
     models: tuple[CandidateModel, ...] = ()
@@ -71,7 +71,7 @@ class Lineup:
     shown: Document | None = None
     """What the row that was shown last brought to hand."""
 
-    def with_candidate(self, new: CandidateModel) -> Lineup:
+    def with_candidate(self, new: CandidateModel) -> Candidates:
         """One model more, the last one.
 
         Raises:
@@ -86,7 +86,7 @@ class Lineup:
             )
         return replace(self, models=(*self.models, new))
 
-    def with_model_of(self, document: Document) -> Lineup:
+    def with_model_of(self, document: Document) -> Candidates:
         """With the document's own model, the first one where it is new."""
         own = at_hand(document)
         if any(own.is_same(one) for one in self.models):
@@ -106,24 +106,24 @@ class Lineup:
         same = found.document.registration.photo is document.registration.photo
         return found if same else None
 
-    def rows(self, document: Document) -> tuple[Row, ...]:
+    def rows(self, document: Document) -> tuple[CandidateRow, ...]:
         """The models ranked by what is known of them on the document's photo, then the others."""
         found = self.comparison_about(document)
-        news = None if found is None else found.news
-        if found is None or news is None:
-            return tuple(Row(index, one) for index, one in enumerate(self.models))
+        latest = None if found is None else found.latest
+        if found is None or latest is None:
+            return tuple(CandidateRow(index, one) for index, one in enumerate(self.models))
         place = {id(one): index for index, one in enumerate(self.models)}
         left = [
-            one.candidate for one in news.ranked if id(found.models[one.candidate.index]) in place
+            one.candidate for one in latest.ranked if id(found.models[one.candidate.index]) in place
         ]
         rows = []
         for ranked in rank(left):
             candidate = found.models[ranked.candidate.index]
-            rows.append(Row(place.pop(id(candidate)), candidate, ranked))
-        at = found.models[news.at] if found.running and news.at is not None else None
+            rows.append(CandidateRow(place.pop(id(candidate)), candidate, ranked))
+        at = found.models[latest.at] if found.running and latest.at is not None else None
         for index in place.values():
             candidate = self.models[index]
-            rows.append(Row(index, candidate, is_being_fitted=candidate is at))
+            rows.append(CandidateRow(index, candidate, is_being_fitted=candidate is at))
         return tuple(rows)
 
     def pose_of(self, index: int, document: Document) -> Pose | None:
