@@ -1,24 +1,25 @@
-"""The five ways from a pose to a loss, and how long each stage of each of them takes.
+"""The five ways from a pose to a loss, and how long each stage of each takes.
 
 a: pyrender, read back, NumPy, as the paper did it. b: our OpenGL renderer. c: our rasteriser's
-pictures, NumPy. d: rasteriser and sums fused, one thread. e: the same on all cores.
+images, NumPy. d: rasteriser and sums fused, one thread. e: the same on all cores.
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 from time import perf_counter
-from typing import Generic, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.bench.case import Case
+from poseviewer.bench.workload import POSES, Workload
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.problem import FitProblem, pose_loss
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.fit.problem import pose_loss
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl.renderer import OpenGLRenderer
@@ -33,78 +34,65 @@ NAMES = {
     "e": "software, fused, all cores",
 }
 STEP = 2
-"""From one picture of a run to the next it is so many poses: two runs have all eight."""
-P = TypeVar("P")
+"""Poses from one image of a run to the next: no image is of the pose before it, and two runs have
+all eight."""
+SLOW_S = 3.0
+"""A path whose first run took longer is warm after it."""
+LEAST_ROUNDS = 3
+BURST_S, LONGEST_BURST = 0.15, 8
+"""About how long a path's turn lasts, s, and the most runs in it."""
+QUICK_S = 0.25
+"""A path whose run takes less begins each turn with one that does not count."""
+Item = TypeVar("Item")
 Seconds = dict[str, float]
 
 
-class Path(Protocol):
-    """One way to a loss, before one case."""
-
-    @property
-    def letter(self) -> str:
-        """Its name, ``a`` to ``e``."""
-        ...
-
-    @property
-    def threads(self) -> int:
-        """How many it takes."""
-        ...
-
-    def run(self, k: int) -> Seconds:
-        """Go it once, at the case's pose number ``k`` (any number): seconds of each stage.
-
-        ``total`` is from the pose to the loss; ``evaluation`` is from the chart's numbers to the
-        loss, as a search asks for it; ``search`` the same for the search's usual loss. No picture
-        is made of the pose of the last one: what a renderer keeps of it helps as in a search.
-        """
-        ...
-
-    def close(self) -> None:
-        """Give back what others may need."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
-class ImagePath(Generic[P]):
-    """Pictures ``P`` of the attributes are made, and summed up by NumPy."""
+class Path:
+    """One way to a loss, before one workload."""
 
     letter: str
-    case: Case
     renderer: Renderer
-    draw: Callable[[Pose], P]
-    sums: Callable[[P, PhotoAttributes], Moments]
+    run: Callable[[int], Seconds]
+    """Go it once, at the workload's pose of this number (any): seconds of each stage.
+
+    ``total`` is from the pose to the loss; ``evaluation`` is from the chart's parameters to the
+    loss, as a search asks for it; ``search`` the same for the loss ``usual``.
+    """
     threads: int = 1
-
-    def run(self, k: int) -> Seconds:
-        """See ``Path``."""
-        pose = self.case.poses[k % len(self.case.poses)]
-        times = [perf_counter()]
-        picture = self.draw(pose)
-        times.append(perf_counter())
-        moments = self.sums(picture, self.case.paper.photo)
-        times.append(perf_counter())
-        lighting_loss(moments)
-        times.append(perf_counter())
-        render, sums, loss = _differences(times)
-        stages = {"render": render, "moments": sums, "loss": loss, "total": times[-1] - times[0]}
-        return stages | _through_chart(self.case, self.renderer, k)
-
-    def close(self) -> None:
-        """Free the graphics memory, where there is any."""
-        close = getattr(self.renderer, "close", None)
-        if close is not None:
-            close()
+    close: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)
-class SummedPictures:
-    """A renderer without its own way to the moments: pictures, summed up by NumPy."""
+class StageTime:
+    """The time of one stage of one path, ms."""
+
+    path: str
+    """A letter, ``a`` to ``e``."""
+    triangles: int
+    """As asked for."""
+    width: int
+    height: int
+    threads: int
+    stage: str
+    ms_median: float
+    ms_min: float
+    ms_max: float
+    runs: int
+    faces: int
+    """As the model really has."""
+    covered_px: int
+    """Pixels of the photo that show the model at its true pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class SummedImages:
+    """A renderer without its own way to the moments: images, summed up by NumPy."""
 
     renderer: Renderer
 
     def render(self, pose: Pose) -> AttributeImage:
-        """The renderer's own picture."""
+        """The renderer's own image."""
         return self.renderer.render(pose)
 
     def covers(self, pose: Pose) -> NDArray[np.bool_]:
@@ -116,120 +104,158 @@ class SummedPictures:
         return moments_of_images(self.render(pose), photo)
 
 
-@dataclass(frozen=True, slots=True)
-class FusedPath:
-    """The kernel rasterises and sums in one go."""
+def make_path(work: Workload, letter: str, threads: int) -> Path:
+    """The path of this letter; ``a`` and ``b`` need OpenGL, ``threads`` are those of ``e``."""
+    software = work.model.renderer
+    if letter == "e":
+        pool = RendererPool(software, threads)
+        return Path("e", software, partial(_run_batch, work, pool), pool.threads, pool.close)
+    if letter == "d":
+        return Path("d", software, partial(_run_fused, work))
+    sums: Callable[[Any, PhotoAttributes], Moments] = moments_of_images
+    close: Callable[[], None] = lambda: None  # noqa: E731
+    if letter == "c":
+        renderer = SummedImages(software.clone())
+        draw = renderer.render
+    elif letter == "b":
+        renderer = OpenGLRenderer(work.model.mesh)
+        draw, close = renderer.render, renderer.close
+    else:
+        # Importing it makes the OpenGL context, which must not happen before it is wanted.
+        from poseviewer.bench.plain import PlainRenderer, moments_of_picture
 
-    case: Case
-    letter: str = "d"
-    threads: int = 1
-
-    def run(self, k: int) -> Seconds:
-        """See ``Path``. What ``covers`` takes counts as rasterising, the rest as moments.
-
-        ``covers`` makes a picture besides, of the whole photo: for large photos too much counts as
-        rasterising. The total has no part in that.
-        """
-        renderer, poses = self.case.renderer, self.case.poses
-        pose, covered = poses[k % len(poses)], poses[(k + STEP) % len(poses)]
-        times = [perf_counter()]
-        moments = renderer.moments(pose, self.case.paper.photo)
-        times.append(perf_counter())
-        lighting_loss(moments)
-        times.append(perf_counter())
-        renderer.covers(covered)
-        times.append(perf_counter())
-        both, loss, rasterise = _differences(times)
-        stages = {"rasterise": rasterise, "moments": max(both - rasterise, 0.0)}
-        stages |= {"loss": loss, "total": both + loss}
-        return stages | _through_chart(self.case, renderer, k)
-
-    def close(self) -> None:
-        """There is nothing that others need."""
+        renderer = PlainRenderer(work.model.mesh)
+        draw, close, sums = renderer.picture, renderer.close, moments_of_picture
+    return Path(letter, renderer, partial(_run_images, work, renderer, draw, sums), 1, close)
 
 
-class SpreadPath:
-    """The fused path on all cores: seconds are for one evaluation, of a batch taken together."""
-
-    letter = "e"
-
-    def __init__(self, case: Case, threads: int) -> None:
-        self._case = case
-        self._pool = RendererPool(case.renderer, threads)
-        self.threads = self._pool.threads
-
-    def run(self, k: int) -> Seconds:
-        """See ``Path``; each core does as many evaluations as the others."""
-        case = self._case
-
-        def loss(renderer: Renderer, pose: Pose) -> float:
-            return lighting_loss(renderer.moments(pose, case.paper.photo))
-
-        def covers(renderer: Renderer, pose: Pose) -> int:
-            return renderer.covers(pose).size
-
-        total, rasterise = self._time(loss, case.poses, k), self._time(covers, case.poses, k)
-        stages = {"rasterise": rasterise, "moments and loss": max(total - rasterise, 0.0)}
-        stages |= {"total": total}
-        for stage, problem in _problems(case).items():
-
-            def evaluate(
-                renderer: Renderer, parameters: FloatArray, problem: FitProblem = problem
-            ) -> float:
-                return pose_loss(problem, renderer, parameters)
-
-            stages[stage] = self._time(evaluate, case.parameters, k)
-        return stages
-
-    def _time(self, task: Callable[[Renderer, P], object], items: Sequence[P], k: int) -> float:
-        """Seconds of one ``task``, in a chunk for each core, from item number ``k`` on."""
-        batch = [items[(k + i) % len(items)] for i in range(CHUNK * self.threads)]
-        began = perf_counter()
-        list(self._pool.map(task, batch))
-        return (perf_counter() - began) / len(batch)
-
-    def close(self) -> None:
-        """End the pool."""
-        self._pool.close()
+def _run_images(
+    work: Workload,
+    renderer: Renderer,
+    draw: Callable[[Pose], Any],
+    sums: Callable[[Any, PhotoAttributes], Moments],
+    k: int,
+) -> Seconds:
+    began = perf_counter()
+    image = draw(work.poses[k % POSES])
+    drawn = perf_counter()
+    moments = sums(image, work.paper.photo)
+    summed = perf_counter()
+    lighting_loss(moments)
+    end = perf_counter()
+    stages = {"render": drawn - began, "moments": summed - drawn, "loss": end - summed}
+    return stages | {"total": end - began} | _through_chart(work, renderer, k)
 
 
-def make_paths(case: Case, letters: str, threads: int) -> list[Path]:
-    """The paths of these letters; ``a`` and ``b`` need OpenGL."""
-    makers: dict[str, Callable[[], Path]] = {
-        "a": lambda: _plain_path(case),
-        "b": lambda: _picture_path("b", case, OpenGLRenderer(case.mesh)),
-        "c": lambda: _picture_path("c", case, SummedPictures(case.renderer.clone())),
-        "d": lambda: FusedPath(case),
-        "e": lambda: SpreadPath(case, threads),
-    }
-    return [makers[letter]() for letter in letters]
+def _run_fused(work: Workload, k: int) -> Seconds:
+    """What ``covers`` takes counts as rasterising, the rest as moments.
+
+    ``covers`` makes an image besides, of the whole photo: for large photos too much counts as
+    rasterising. The total has no part in that.
+    """
+    renderer = work.model.renderer
+    began = perf_counter()
+    moments = renderer.moments(work.poses[k % POSES], work.paper.photo)
+    summed = perf_counter()
+    lighting_loss(moments)
+    end = perf_counter()
+    renderer.covers(work.poses[(k + STEP) % POSES])
+    rasterise = perf_counter() - end
+    return {
+        "rasterise": rasterise,
+        "moments": max(summed - began - rasterise, 0.0),
+        "loss": end - summed,
+        "total": end - began,
+    } | _through_chart(work, renderer, k)
 
 
-def _plain_path(case: Case) -> Path:
-    # Importing it makes the OpenGL context, which must not happen before it is wanted.
-    from poseviewer.bench.plain import PlainRenderer, moments_of_picture
-
-    renderer = PlainRenderer(case.mesh)
-    return ImagePath("a", case, renderer, renderer.picture, moments_of_picture)
-
-
-def _picture_path(letter: str, case: Case, renderer: Renderer) -> Path:
-    return ImagePath(letter, case, renderer, renderer.render, moments_of_images)
-
-
-def _through_chart(case: Case, renderer: Renderer, k: int) -> Seconds:
+def _through_chart(work: Workload, renderer: Renderer, k: int) -> Seconds:
     seconds = {}
-    for step, (stage, problem) in enumerate(_problems(case).items(), 2):
-        parameters = case.parameters[(k + STEP * step) % len(case.parameters)]
+    for step, stage, problem in ((2, "evaluation", work.paper), (3, "search", work.usual)):
+        parameters = work.parameters[(k + STEP * step) % POSES]
         began = perf_counter()
         pose_loss(problem, renderer, parameters)
         seconds[stage] = perf_counter() - began
     return seconds
 
 
-def _problems(case: Case) -> dict[str, FitProblem]:
-    return {"evaluation": case.paper, "search": case.usual}
+def _run_batch(work: Workload, pool: RendererPool, k: int) -> Seconds:
+    """Seconds for one evaluation, of a batch in which each core does as many as the others."""
+
+    def time(task: Callable[[Renderer, Item], object], items: Sequence[Item]) -> float:
+        batch = [items[(k + i) % POSES] for i in range(CHUNK * pool.threads)]
+        began = perf_counter()
+        list(pool.map(task, batch))
+        return (perf_counter() - began) / len(batch)
+
+    photo = work.paper.photo
+    total = time(lambda one, pose: lighting_loss(one.moments(pose, photo)), work.poses)
+    rasterise = time(lambda one, pose: one.covers(pose).size, work.poses)
+    return {
+        "rasterise": rasterise,
+        "moments and loss": max(total - rasterise, 0.0),
+        "total": total,
+        "evaluation": time(lambda one, at: pose_loss(work.paper, one, at), work.parameters),
+        "search": time(lambda one, at: pose_loss(work.usual, one, at), work.parameters),
+    }
 
 
-def _differences(times: Sequence[float]) -> list[float]:
-    return [after - before for before, after in pairwise(times)]
+def measure(
+    work: Workload, letters: str, threads: int, rounds: int, limit_s: float = math.inf
+) -> list[StageTime]:
+    """The times of each stage of the paths, taken in turn: what disturbs the machine hits all.
+
+    After ``limit_s`` seconds no further of the ``rounds`` is begun, once there were
+    ``LEAST_ROUNDS``; after twice as many, once there was one. The turn of a quick path begins with
+    a run that does not count: it brings back into the processor's caches what the other paths have
+    pushed out, as it is in a search.
+    """
+    samples: dict[tuple[int, str], list[float]] = defaultdict(list)
+    paths = [make_path(work, letter, threads) for letter in letters]
+    warm_s = [_warm(path) for path in paths]
+    began = perf_counter()
+    for turn in range(rounds):
+        limit = limit_s if turn >= LEAST_ROUNDS else 2.0 * limit_s
+        if turn and perf_counter() - began > limit:
+            break
+        for i, (path, took) in enumerate(zip(paths, warm_s, strict=True)):
+            burst = int(np.clip(BURST_S / max(took, 1e-9), 1, LONGEST_BURST))
+            if took < QUICK_S:
+                path.run(turn * burst)
+            for k in range(burst):
+                for stage, seconds in path.run(turn * burst + k + 1).items():
+                    samples[i, stage].append(1e3 * seconds)
+    for path in paths:
+        path.close()
+    return [
+        StageTime(
+            paths[i].letter,
+            work.model.triangles,
+            work.width,
+            work.height,
+            paths[i].threads,
+            stage,
+            float(np.median(times)),
+            min(times),
+            max(times),
+            len(times),
+            len(work.model.mesh.faces),
+            work.covered_px,
+        )
+        for (i, stage), times in samples.items()
+    ]
+
+
+def _warm(path: Path) -> float:
+    """Warm the path up; seconds that a run takes, once its buffers are there."""
+
+    def time(k: int) -> float:
+        began = perf_counter()
+        path.run(k)
+        return perf_counter() - began
+
+    took = time(0)
+    if took > SLOW_S:
+        return took
+    took = time(1)
+    return min(took, time(2)) if took < QUICK_S else took

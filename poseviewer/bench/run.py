@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+import platform
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from itertools import product
+from pathlib import Path
 from time import perf_counter
 
-from poseviewer.bench.case import Case, Demo, Model, load_demo, make_model, place
-from poseviewer.bench.machine import machine, versions
-from poseviewer.bench.paths import make_paths
-from poseviewer.bench.scaling import ScalingPlan, ScalingRow, measure_scaling
+from poseviewer.bench.paths import StageTime, measure
 from poseviewer.bench.searches import (
     FitTime,
     MapsTime,
@@ -19,39 +20,84 @@ from poseviewer.bench.searches import (
     time_maps,
     time_method,
 )
-from poseviewer.bench.timing import Row, measure
+from poseviewer.bench.workload import (
+    Demo,
+    Model,
+    Size,
+    Workload,
+    load_demo,
+    make_model,
+    make_workload,
+)
+from poseviewer.render.opengl.context import opengl_renderer_name
 from poseviewer.render.opengl.renderer import opengl_unavailable_reason
 from poseviewer.render.pool import processors
 from poseviewer.render.software.renderer import SoftwareRenderer
 
-Size = tuple[int, int]
 Tell = Callable[[str], None]
-
+PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 MAIN_TRIANGLES, MAIN_SIZE = 50_000, (640, 480)
-"""The case by which paths are compared, and whose maps are made."""
+"""The workload by which paths are compared, and whose maps are made."""
+TRIANGLES, COVERED, PHOTO = "triangles", "covered pixels", "photo size"
+"""What an evaluation's time grows with: the three series of the scaling."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ScalingOptions:
+    """Where the scaling is measured; what does not vary is as in the main workload."""
+
+    triangles: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
+    covered_px: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
+    sizes: tuple[Size, ...] = (
+        *((640, 480), (1280, 960), (2048, 1536)),
+        *((2880, 2160), (4032, 3024), (6000, 4000)),
+    )
+    usual_triangles: int = 50_000
+    usual_covered_px: int = 48_600
+    usual_size: Size = (640, 480)
+    large_size: Size = (2000, 1500)
+    """Of the photo in which the covered pixels vary: it must have room for them."""
+    letters: str = "ad"
+    rounds: int = 8
+    rounds_limit_s: float = 6.0
+    """Of each point; three rounds are made in any case, unless they take twice as long."""
+
+    @property
+    def points(self) -> int:
+        """How many there are, of all series."""
+        return len(self.triangles) + len(self.covered_px) + len(self.sizes)
+
+
+@dataclass(frozen=True, slots=True)
+class ScalingTime:
+    """The time of a stage in one series, at its number ``x`` of triangles, or of pixels."""
+
+    series: str
+    x: int
+    row: StageTime
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
     """What to measure, and for how long."""
 
     triangles: tuple[int, ...] = (5_000, 50_000, 500_000)
     sizes: tuple[Size, ...] = ((640, 480), (1920, 1080))
     rounds: int = 12
     rounds_limit_s: float = 15.0
-    """Of each case; three rounds are made in any case, unless they take twice as long."""
+    """Of each workload; three rounds are made in any case, unless they take twice as long."""
     fit_limit_s: float = 30.0
     plain_fit_limit_s: float = 90.0
     map_size: int | None = 41
     """None: the first sheet is all."""
     maps_limit_s: float = 30.0
-    scaling: ScalingPlan | None = field(default_factory=ScalingPlan)
+    scaling: ScalingOptions | None = field(default_factory=ScalingOptions)
     limit_s: float = 500.0
-    """From the run's begin: after half of it no further case is begun, and after all of it no
-    further point of the scaling; what is left out is said."""
+    """From the run's begin: after half of it no further workload is begun, and after all of it no
+    further point of the scaling; the report says what is left out."""
 
 
-QUICK = Plan(
+QUICK = BenchOptions(
     triangles=(MAIN_TRIANGLES,),
     sizes=(MAIN_SIZE,),
     rounds=6,
@@ -62,98 +108,138 @@ QUICK = Plan(
     maps_limit_s=3.0,
     scaling=None,
 )
-"""The main case alone; searches are cut short where they take longer."""
+"""The main workload alone; searches are cut short where they take longer."""
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class BenchReport:
     """All that one run found."""
 
     machine: dict[str, str | int | float | None]
+    """Processor, cores, system, and mean load over the minute before."""
     versions: dict[str, str | None]
-    rows: tuple[Row, ...]
+    """Of Python and the packages that do the work; ``opengl`` is None where there is none."""
+    rows: tuple[StageTime, ...]
     fits: tuple[FitTime, ...]
     maps: tuple[MapsTime, ...]
-    scaling: tuple[ScalingRow, ...]
+    scaling: tuple[ScalingTime, ...]
     notes: tuple[str, ...]
     """What could not be measured, in sentences."""
 
 
-def run_bench(plan: Plan, tell: Tell) -> Report:
-    """Measure what the plan says; ``tell`` hears, before each part, what comes."""
-    about = machine(), versions()
-    notes = []
+def run_bench(options: BenchOptions, tell: Tell) -> BenchReport:
+    """Measure what the options say; ``tell`` hears, before each part, what comes."""
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    machine = {"cpu": _cpu(), "cores": processors(), "system": platform.system(), "load": load}
+    versions: dict[str, str | None] = {"python": platform.python_version()}
+    versions |= {name: version(name) for name in PACKAGES} | {"opengl": opengl_renderer_name()}
     reason = opengl_unavailable_reason()
-    if reason:
-        notes.append(f"Paths a and b are left out: {reason}")
+    notes = [f"Paths a and b are left out: {reason}"] if reason else []
     letters = "cde" if reason else "abcde"
     began = perf_counter()
     tell("loading the demo")
     demo = load_demo()
-    rows, main, left_out = _measure_cases(demo, plan, letters, tell)
-    notes += left_out
-    maps = _time_all_maps(main, plan, tell)
-    fits = _time_fits(demo, plan, letters, tell)
-    scaling: list[ScalingRow] = []
-    if plan.scaling:
-        scaling, missing = measure_scaling(
-            demo, plan.scaling, letters, tell, until=began + plan.limit_s
+    rows, main, left_out = _measure_workloads(demo, options, letters, tell)
+    tell("making the first maps")
+    maps = [time_first_maps(main, processors(), options.maps_limit_s)]
+    if options.map_size:
+        tell(f"making maps of {options.map_size}x{options.map_size}")
+        maps.append(time_maps(main, processors(), options.map_size, options.maps_limit_s))
+    fits = _time_fits(demo, options, letters, tell)
+    scaling: list[ScalingTime] = []
+    if options.scaling:
+        scaling, missing = _measure_scaling(
+            demo, options.scaling, letters, tell, began + options.limit_s
         )
         if missing:
-            notes.append(
-                f"{missing} of {plan.scaling.points} points of the scaling are left out: the limit "
-                f"of {plan.limit_s:g} s was reached; run again on a machine that is less busy."
+            left_out.append(
+                f"{missing} of {options.scaling.points} points of the scaling are left out: the "
+                f"limit of {options.limit_s:g} s was reached; run again on a machine that is less "
+                "busy."
             )
-    return Report(*about, tuple(rows), tuple(fits), tuple(maps), tuple(scaling), tuple(notes))
+    return BenchReport(
+        machine, versions, tuple(rows), tuple(fits), tuple(maps), tuple(scaling),
+        (*notes, *left_out),
+    )  # fmt: skip
 
 
-def _measure_cases(
-    demo: Demo, plan: Plan, letters: str, tell: Tell
-) -> tuple[list[Row], Case, list[str]]:
-    """The rows of all cases; the main case, or the one that stands for it in a short plan; and
-    what was left out, in sentences.
-    """
-    rows: list[Row] = []
-    cases: dict[tuple[int, Size], Case] = {}
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _measure_workloads(
+    demo: Demo, options: BenchOptions, letters: str, tell: Tell
+) -> tuple[list[StageTime], Workload, list[str]]:
+    """All stages; the main workload, or the first where it is left out; what was left out."""
+    rows: list[StageTime] = []
+    works: dict[tuple[int, Size], Workload] = {}
     left_out: list[str] = []
     models: dict[int, Model] = {}
-    until = perf_counter() + 0.5 * plan.limit_s
-    for size, triangles in product(plan.sizes, plan.triangles):
+    until = perf_counter() + 0.5 * options.limit_s
+    for size, triangles in product(options.sizes, options.triangles):
         name = f"{triangles:,} triangles, {size[0]}x{size[1]}"
-        if cases and perf_counter() > until:
+        if works and perf_counter() > until:
             left_out.append(
-                f"{name} is left out: half of the limit of {plan.limit_s:g} s was over."
+                f"{name} is left out: half of the limit of {options.limit_s:g} s was over."
             )
             continue
         tell(f"timing the paths: {name}")
         if triangles not in models:
             models[triangles] = make_model(demo, triangles)
-        case = cases[triangles, size] = place(demo, models[triangles], *size)
-        paths = make_paths(case, letters, processors())
-        rows += measure(case, paths, plan.rounds, plan.rounds_limit_s)
-        for path in paths:
-            path.close()
-    return rows, cases.get((MAIN_TRIANGLES, MAIN_SIZE), next(iter(cases.values()))), left_out
+        work = works[triangles, size] = make_workload(demo, models[triangles], size)
+        rows += measure(work, letters, processors(), options.rounds, options.rounds_limit_s)
+    return rows, works.get((MAIN_TRIANGLES, MAIN_SIZE), next(iter(works.values()))), left_out
 
 
-def _time_all_maps(case: Case, plan: Plan, tell: Tell) -> Sequence[MapsTime]:
-    tell("making the first maps")
-    found = [time_first_maps(case, processors(), limit_s=plan.maps_limit_s)]
-    if plan.map_size:
-        tell(f"making maps of {plan.map_size}x{plan.map_size}")
-        found.append(time_maps(case, processors(), plan.map_size, limit_s=plan.maps_limit_s))
-    return found
-
-
-def _time_fits(demo: Demo, plan: Plan, letters: str, tell: Tell) -> list[FitTime]:
-    fits = []
-    limits = {"d": plan.fit_limit_s, "e": plan.fit_limit_s, "a": plan.plain_fit_limit_s}
-    for letter, limit in limits.items():
+def _time_fits(demo: Demo, options: BenchOptions, letters: str, tell: Tell) -> list[FitTime]:
+    limit_s, fits = options.fit_limit_s, []
+    for letter, most_s in (("d", limit_s), ("e", limit_s), ("a", options.plain_fit_limit_s)):
         if letter in letters:
-            tell(f"searching on path {letter}, for {limit:.0f} s at most")
-            fits.append(time_fit(demo, letter, limit))
-    tell(f"fitting by both methods, for {plan.fit_limit_s:.0f} s at most each")
+            tell(f"searching on path {letter}, for {most_s:.0f} s at most")
+            fits.append(time_fit(demo, letter, most_s))
+    tell(f"fitting by both methods, for {limit_s:.0f} s at most each")
     renderer = SoftwareRenderer(demo.registration.mesh)
-    fits.append(time_method(demo, renderer, "default", processors(), plan.fit_limit_s))
-    fits.append(time_method(demo, renderer, "paper", 1, plan.fit_limit_s))  # it knows no threads
+    fits.append(time_method(demo, renderer, "default", processors(), limit_s))
+    fits.append(time_method(demo, renderer, "paper", 1, limit_s))  # it uses one thread
     return fits
+
+
+def _measure_scaling(
+    demo: Demo, options: ScalingOptions, available: str, tell: Tell, until: float
+) -> tuple[list[ScalingTime], int]:
+    """All three series, until it is ``until`` by ``perf_counter``; how many points are left out."""
+    letters = "".join(letter for letter in options.letters if letter in available)
+    rows: list[ScalingTime] = []
+    done = 0
+    works = _scaling_workloads(demo, options)
+    while perf_counter() < until and (point := next(works, None)):
+        series, work = point
+        x = {
+            TRIANGLES: len(work.model.mesh.faces),
+            COVERED: work.covered_px,
+            PHOTO: work.width * work.height,
+        }[series]
+        tell(f"scaling with {series}: {x:,}")
+        found = measure(work, letters, 1, options.rounds, options.rounds_limit_s)
+        rows += [ScalingTime(series, x, row) for row in found]
+        done += 1
+    return rows, options.points - done
+
+
+def _scaling_workloads(demo: Demo, options: ScalingOptions) -> Iterator[tuple[str, Workload]]:
+    def work(model: Model, size: Size, covered_px: int) -> Workload:
+        return make_workload(demo, model, size, covered_px / (size[0] * size[1]))
+
+    for triangles in options.triangles:
+        model = make_model(demo, triangles)
+        yield TRIANGLES, work(model, options.usual_size, options.usual_covered_px)
+    model = make_model(demo, options.usual_triangles)
+    for covered_px in options.covered_px:
+        yield COVERED, work(model, options.large_size, covered_px)
+    for size in options.sizes:
+        yield PHOTO, work(model, size, options.usual_covered_px)

@@ -173,8 +173,7 @@ def demo(options: Namespace) -> int:
 def bench(options: Namespace) -> int:
     """Measure how long evaluations, searches and maps take; print the tables."""
     from poseviewer.bench import report as reports
-    from poseviewer.bench.picture import make_sheet
-    from poseviewer.bench.run import QUICK, Plan, run_bench
+    from poseviewer.bench.run import QUICK, BenchOptions, run_bench
     from poseviewer.figures.bench_sheet import make_bench_sheet
     from poseviewer.figures.save import check_kind, save_figure
 
@@ -184,13 +183,14 @@ def bench(options: Namespace) -> int:
     if options.plot:
         check_kind(options.plot)
     _tell_of_compiling()
-    report = run_bench(QUICK if options.quick else Plan(), _say_nothing if options.quiet else _tell)
+    wanted = QUICK if options.quick else BenchOptions()
+    report = run_bench(wanted, _say_nothing if options.quiet else _tell)
     print(reports.as_text(report, options.markdown))
     if options.json:
         write_whole(options.json, reports.as_json_bytes(report), SettingsError)
         print(f"\nrows: {options.json}")
     if options.plot:
-        save_figure(options.plot, make_bench_sheet(make_sheet(report)))
+        save_figure(options.plot, make_bench_sheet(reports.make_sheet(report)))
         print(f"\nplot: {options.plot}")
     return 0
 

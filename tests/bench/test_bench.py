@@ -14,14 +14,19 @@ import numpy as np
 import pytest
 
 from poseviewer.bench import report as reports
-from poseviewer.bench.case import Case, load_demo, make_case
-from poseviewer.bench.models import in_triangles
-from poseviewer.bench.paths import make_paths
-from poseviewer.bench.picture import make_sheet
-from poseviewer.bench.run import Plan, Report, run_bench
-from poseviewer.bench.scaling import COVERED, PHOTO, TRIANGLES, ScalingPlan
+from poseviewer.bench.paths import StageTime, make_path
+from poseviewer.bench.run import (
+    COVERED,
+    PHOTO,
+    TRIANGLES,
+    BenchOptions,
+    BenchReport,
+    ScalingOptions,
+    run_bench,
+)
 from poseviewer.bench.searches import time_first_maps, time_fit, time_maps
-from poseviewer.bench.timing import Row
+from poseviewer.bench.triangles import in_triangles
+from poseviewer.bench.workload import Workload, load_demo, make_model, make_workload
 from poseviewer.cli import main as cli
 from poseviewer.figures.bench_sheet import make_bench_sheet
 from poseviewer.figures.save import save_figure
@@ -41,7 +46,7 @@ STAGES = {
     "d": {"rasterise", "moments", "loss", "total", "evaluation", "search"},
     "e": {"rasterise", "moments and loss", "total", "evaluation", "search"},
 }
-TINY_SCALING = ScalingPlan(
+TINY_SCALING = ScalingOptions(
     triangles=(5_000, 100_000),
     covered_px=(500, 2_000),
     sizes=((160, 120), (320, 240)),
@@ -52,7 +57,7 @@ TINY_SCALING = ScalingPlan(
     rounds=1,
 )
 MAP_SIZE = 3
-TINY = Plan(
+TINY = BenchOptions(
     triangles=(5_000,),
     sizes=((160, 120), (200, 100)),
     rounds=2,
@@ -71,7 +76,7 @@ ROW = {
         **{k: {"type": "number", "minimum": 0} for k in ("ms_median", "ms_min", "ms_max")},
         "covered_px": {"type": "integer", "minimum": 1},
     },
-    "required": [field.name for field in fields(Row)],
+    "required": [field.name for field in fields(StageTime)],
 }
 SCHEMA = {
     "type": "object",
@@ -95,22 +100,18 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def case(demo) -> Case:
-    return make_case(demo, 5_000, 320, 240)
+def work(demo) -> Workload:
+    return make_workload(demo, make_model(demo, 5_000), (320, 240))
 
 
 @pytest.fixture(scope="module")
-def told() -> list[str]:
-    return []
-
-
-@pytest.fixture(scope="module")
-def report(told) -> Report:
+def report() -> BenchReport:
     require_opengl()
-    return run_bench(TINY, told.append)
+    return run_bench(TINY, lambda _: None)
 
 
-def test_every_path_has_all_its_stages_in_every_case(report):
+@pytest.mark.slow
+def test_every_path_has_all_its_stages_in_every_workload(report):
     assert report.notes == ()
     for width, height in TINY.sizes:
         rows = [r for r in report.rows if (r.width, r.height) == (width, height)]
@@ -125,20 +126,9 @@ def test_every_path_has_all_its_stages_in_every_case(report):
         assert share == pytest.approx(48_600 / (640 * 480), rel=0.05)
 
 
-def test_what_the_limit_leaves_out_is_said():
-    plan = replace(TINY, rounds=1, map_size=None, limit_s=1e-9, scaling=TINY_SCALING)
-    report = run_bench(plan, lambda _: None)
-    assert {(r.width, r.height) for r in report.rows} == {TINY.sizes[0]}  # one is made in any case
-    assert report.scaling == ()
-    said = "\n".join(report.notes)
-    assert "5,000 triangles, 200x100 is left out" in said
-    assert f"{TINY_SCALING.points} of {TINY_SCALING.points} points of the scaling" in said
-    assert said in reports.as_text(report).replace("\n\n", "\n")
-
-
-def test_stages_add_up_to_the_total(case):
+def test_stages_add_up_to_the_total(work):
     for letter in ("c", "d"):
-        (path,) = make_paths(case, letter, 1)
+        path = make_path(work, letter, 1)
         stages = path.run(0)
         parts = sum(s for name, s in stages.items() if name in ("render", "moments", "loss"))
         parts += stages.get("rasterise", 0.0)
@@ -146,6 +136,7 @@ def test_stages_add_up_to_the_total(case):
         assert parts >= 0.999 * stages["total"]
 
 
+@pytest.mark.slow
 def test_the_json_is_as_described(report):
     data = json.loads(reports.as_json_bytes(report))
     jsonschema.validate(data, SCHEMA)
@@ -153,6 +144,7 @@ def test_the_json_is_as_described(report):
     assert data["paper"]["render_ms"] == 170.0
 
 
+@pytest.mark.slow
 def test_searches_and_maps_are_real_ones(report):
     assert [fit.method for fit in report.fits] == ["lit", "lit", "lit", "default", "paper"]
     assert [fit.path for fit in report.fits[:3]] == ["d", "e", "a"]
@@ -168,19 +160,19 @@ def test_searches_and_maps_are_real_ones(report):
         assert not maps.cut_short
 
 
-def test_maps_cut_short_say_so(case):
-    maps = time_maps(case, 2, 41, limit_s=0.0)
+def test_maps_cut_short_say_so(work):
+    maps = time_maps(work, 2, 41, limit_s=0.0)
     assert 0 < maps.points < maps.wanted == 15 * 41 * 41
     assert maps.evaluations > 0
     assert "cut short by the limit of 0 s" in maps.end
 
 
-def test_the_first_maps_are_those_of_the_app(case):
+def test_the_first_maps_are_those_of_the_app(work):
     """At the level that the app takes, and with the numbers that it shows."""
-    level = quick_level(case.usual, case.poses[0], case.renderer)
-    maps = time_first_maps(case, 2)
+    level = quick_level(work.usual, work.poses[0], work.model.renderer)
+    maps = time_first_maps(work, 2)
     assert maps.factor == level.factor > 1
-    assert case.covered_px / level.factor**2 >= QUICK_PIXELS > case.covered_px / level.factor**2 / 4
+    assert work.covered_px / level.factor**2 >= QUICK_PIXELS > work.covered_px / level.factor**2 / 4
 
 
 def test_a_search_on_the_plain_path_is_pyrenders_alone(demo, monkeypatch):
@@ -199,21 +191,22 @@ def test_a_search_on_the_plain_path_is_pyrenders_alone(demo, monkeypatch):
     assert fit.end.startswith("cut short by the limit of 1 s")
 
 
-def test_the_plain_path_simplifies_its_model_as_the_fused_one_does(case):
+def test_the_plain_path_simplifies_its_model_as_the_fused_one_does(work):
     require_opengl()
     from poseviewer.bench.plain import PlainRenderer
 
-    renderer = PlainRenderer(case.mesh)
+    renderer = PlainRenderer(work.model.mesh)
     smaller = renderer.reduced(2_048)
     assert renderer.reduced(2_048) is smaller
-    assert renderer.reduced(len(case.mesh.faces)) is renderer
-    pose = case.poses[0]
+    assert renderer.reduced(len(work.model.mesh.faces)) is renderer
+    pose = work.poses[0]
     whole, coarse = renderer.covers(pose), smaller.covers(pose)
-    fused = SoftwareRenderer(simplify(case.mesh, 2_048)).covers(pose)
+    fused = SoftwareRenderer(simplify(work.model.mesh, 2_048)).covers(pose)
     assert (coarse ^ fused).sum() < 0.01 * fused.sum() < (whole ^ coarse).sum()
     renderer.close()
 
 
+@pytest.mark.slow
 def test_the_scaling_varies_one_thing_at_a_time(report):
     plan = TINY_SCALING
     for series, count in (
@@ -234,6 +227,7 @@ def test_the_scaling_varies_one_thing_at_a_time(report):
             assert len({p.row.faces for p in fused}) == 1
 
 
+@pytest.mark.slow
 def test_the_table_names_all_paths_and_the_paper(report):
     for markdown in (False, True):
         text = reports.as_text(report, markdown)
@@ -248,8 +242,9 @@ def test_the_table_names_all_paths_and_the_paper(report):
     assert "| a  plain" in reports.as_text(report, markdown=True)
 
 
+@pytest.mark.slow
 def test_the_plot_shows_all_paths_and_series(report, tmp_path):
-    sheet = make_sheet(report)
+    sheet = reports.make_sheet(report)
     assert len(sheet.bars) == len(STAGES) + 1
     assert [len(panel.curves) for panel in sheet.panels] == [4, 4, 2]
     figure = make_bench_sheet(sheet)
@@ -259,16 +254,18 @@ def test_the_plot_shows_all_paths_and_series(report, tmp_path):
 
 
 @pytest.mark.parametrize("letter", ["a", "b", "c"])
-def test_all_paths_find_the_same_losses(case, letter):
+def test_all_paths_find_the_same_losses(work, letter):
     """What is timed is the same thing on each, but for what the path cannot help; see ``alike``."""
     require_opengl()
-    (path,) = make_paths(case, letter, 1)
-    renderer = path.renderer  # pyright: ignore[reportAttributeAccessIssue]
-    for problem in (case.paper, case.usual):
-        for parameters, pose in zip(case.parameters, case.poses, strict=True):
+    path = make_path(work, letter, 1)
+    renderer = path.renderer
+    for problem in (work.paper, work.usual):
+        for parameters, pose in zip(work.parameters, work.poses, strict=True):
             found = pose_loss(problem, renderer, parameters)
-            assert found == pytest.approx(pose_loss(problem, case.renderer, parameters), abs=0.02)
-            image = alike(letter, case.renderer.render(pose), renderer.render(pose))
+            assert found == pytest.approx(
+                pose_loss(problem, work.model.renderer, parameters), abs=0.02
+            )
+            image = alike(letter, work.model.renderer.render(pose), renderer.render(pose))
             expected = lighting_loss(moments_of_images(image, problem.photo))
             tolerance = 0.007 if letter == "a" else 1e-4
             assert found == pytest.approx(expected, abs=tolerance)
@@ -294,13 +291,13 @@ def alike(letter: str, exact: AttributeImage, found: AttributeImage) -> Attribut
     )
 
 
-def test_the_plain_path_sees_the_same_model(case):
+def test_the_plain_path_sees_the_same_model(work):
     require_opengl()
     from poseviewer.bench.plain import PlainRenderer
 
-    renderer = PlainRenderer(case.mesh)
-    for pose in case.poses[:3]:
-        plain, exact = renderer.render(pose), case.renderer.render(pose)
+    renderer = PlainRenderer(work.model.mesh)
+    for pose in work.poses[:3]:
+        plain, exact = renderer.render(pose), work.model.renderer.render(pose)
         both = plain.mask & exact.mask
         assert both.sum() > 0.99 * (plain.mask | exact.mask).sum()
         assert np.median(np.abs(plain.normals - exact.normals)[both]) < 0.05
@@ -336,14 +333,16 @@ def test_files_that_cannot_be_written_are_said_before_the_work(
     assert printed.out == ""
 
 
-def test_without_opengl_its_paths_are_left_out(tmp_path):
+@pytest.mark.slow
+def test_what_is_left_out_is_said_without_opengl_and_beyond_the_limit(tmp_path):
     """EGL without any driver, which is what a machine without Mesa has."""
     blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
     code = (
-        "from poseviewer.bench.run import Plan, run_bench\n"
+        "from poseviewer.bench.run import BenchOptions, run_bench\n"
         "from poseviewer.bench.report import as_text\n"
-        "plan = Plan((5000,), ((160, 120),), 1, fit_limit_s=0.1, map_size=3, scaling=None)\n"
-        "print(as_text(run_bench(plan, lambda line: None)))"
+        "options = BenchOptions((5000,), ((160, 120), (200, 100)), 1,\n"
+        "    fit_limit_s=0.1, map_size=None, limit_s=1e-9)\n"
+        "print(as_text(run_bench(options, lambda line: None)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -354,7 +353,13 @@ def test_without_opengl_its_paths_are_left_out(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "Paths a and b are left out" in done.stdout
-    assert "OpenGL: none" in done.stdout
-    assert "software, fused, one thread" in done.stdout
+    for words in (
+        "Paths a and b are left out",
+        "OpenGL: none",
+        "software, fused, one thread",
+        "5,000 triangles, 160x120",  # one workload is measured in any case
+        "5,000 triangles, 200x100 is left out",
+        "20 of 20 points of the scaling are left out",
+    ):
+        assert words in done.stdout, words
     assert "our OpenGL renderer" not in done.stdout

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.bench.case import Case, load_demo, make_case
+from poseviewer.bench.workload import Workload, load_demo, make_model, make_workload
 from poseviewer.fit.problem import FitProblem, fit_pose, pose_loss
 from poseviewer.fit.settings import Limits
 from poseviewer.render.types import PhotoAttributes, Renderer
@@ -35,9 +35,10 @@ def main() -> int:
     parser.add_argument("--evaluations", type=int, default=100_000)
     parser.add_argument("--fits", type=int, default=1_000)
     options = parser.parse_args()
-    case = make_case(load_demo(), TRIANGLES, WIDTH, HEIGHT)
+    demo = load_demo()
+    case = make_workload(demo, make_model(demo, TRIANGLES), (WIDTH, HEIGHT))
     grown = [
-        _watch("evaluations", options.evaluations, evaluations(case.usual, case.renderer)),
+        _watch("evaluations", options.evaluations, evaluations(case.usual, case.model.renderer)),
         _watch("fits", options.fits, fits(case)),
     ]
     return int(max(grown) > MOST_GROWTH_MB)
@@ -52,7 +53,7 @@ def evaluations(problem: FitProblem, renderer: Renderer) -> Iterator[float]:
         yield pose_loss(problem, renderer, problem.start + offset * scales)
 
 
-def fits(case: Case, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
+def fits(case: Workload, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
     """Losses that short fits end in, from random starts, without end."""
     random = np.random.default_rng(1)
     scales = case.usual.chart.scales(case.usual.start)
@@ -63,7 +64,7 @@ def fits(case: Case, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
         problem = replace(
             case.usual, photo=own, start=start, limits=Limits(evaluations=evaluations)
         )
-        *_, end = fit_pose(problem, case.renderer)
+        *_, end = fit_pose(problem, case.model.renderer)
         yield end.loss
 
 

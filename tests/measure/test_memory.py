@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from poseviewer.bench.case import load_demo, make_case
+from poseviewer.bench.workload import load_demo, make_model, make_workload
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.measure.memory import evaluations, fits, growth
 
@@ -18,7 +18,8 @@ EVALUATIONS = 300
 
 @pytest.fixture(scope="module")
 def case():
-    return make_case(load_demo(), 5_000, 160, 120)
+    demo = load_demo()
+    return make_workload(demo, make_model(demo, 5_000), (160, 120))
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def grown(work: Iterator[float], count: int) -> float:
 
 @pytest.mark.usefixtures("traced")
 def test_evaluations_leave_nothing_behind(case):
-    assert grown(evaluations(case.usual, case.renderer), EVALUATIONS) < MOST_BYTES
+    assert grown(evaluations(case.usual, case.model.renderer), EVALUATIONS) < MOST_BYTES
 
 
 @pytest.mark.usefixtures("traced")
@@ -60,4 +61,4 @@ class Hoarder(SoftwareRenderer):
 
 @pytest.mark.usefixtures("traced")
 def test_what_is_left_behind_is_seen(case):
-    assert grown(evaluations(case.usual, Hoarder(case.mesh)), EVALUATIONS) > 5 * MOST_BYTES
+    assert grown(evaluations(case.usual, Hoarder(case.model.mesh)), EVALUATIONS) > 5 * MOST_BYTES
