@@ -18,11 +18,9 @@ table { border-collapse: collapse; width: 100%; }
 th, td { border-bottom: 1px solid #8884; padding: .5rem; text-align: left; vertical-align: top; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 img { display: block; max-width: 20rem; max-height: 14rem; }
-.accepted { color: #2e7d32; font-weight: 600; }
 .failed, .lost { color: #c62828; }
 .doubtful { color: #b26a00; }
-.found { color: #2e7d32; }
-.accepted { color: #2e7d32; }
+.found, .accepted { color: #2e7d32; }
 .accepted, .lost, .doubtful, .found { font-weight: 600; }
 ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; }
 td.files { overflow-wrap: anywhere; min-width: 10rem; }
@@ -33,21 +31,16 @@ _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
 def save_report(folder: Path, results: Sequence[JobResult]) -> None:
-    """Write ``report.html``: all rows, the least to be trusted first.
+    """Write ``report.html``: all rows, the worst first; pictures that are gone are left out.
 
     Raises:
         BatchError: it cannot be written.
     """
-    write_whole(folder / REPORT, report_html(folder, results).encode(), BatchError)
-
-
-def report_html(folder: Path, results: Sequence[JobResult]) -> str:
-    """The page; pictures are read from ``folder``, and left out where they are gone."""
     failed = sum(result.failed for result in results)
     accepted = sum(bool(result.review) for result in results)
     reviewed = f" {accepted} accepted by a person, which are last." if accepted else ""
     rows = "\n".join(_row(folder, result) for result in worst_first(results))
-    return (
+    page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{len(results)} photos</h1>\n<p>{len(results) - failed} fitted, {failed} failed. "
@@ -55,6 +48,7 @@ def report_html(folder: Path, results: Sequence[JobResult]) -> str:
         f"{reviewed}</p>\n"
         f"<table><thead>{_HEAD}</thead><tbody>\n{rows}\n</tbody></table></body></html>\n"
     )
+    write_whole(folder / REPORT, page.encode(), BatchError)
 
 
 def _row(folder: Path, result: JobResult) -> str:
@@ -64,7 +58,9 @@ def _row(folder: Path, result: JobResult) -> str:
         outcome = f'<span class="failed">{escape(result.reason)}</span>'
     else:
         picture = _picture(folder, result)
-        losses = _losses(result)
+        # A pose set by hand may have no loss.
+        pair = (result.loss, result.start_loss)
+        losses = "<br>".join("-" if loss is None else f"{loss:.4f}" for loss in pair)
         verdict = _verdict(result)
         outcome = (
             f"{escape(result.status)}<br>{result.evaluations:,} evaluations, "
@@ -88,11 +84,6 @@ def _verdict(result: JobResult) -> str:
         f'<span class="{escape(result.verdict)}">{escape(result.verdict)}</span> '
         f"({result.probability:.0%})<ul>{reasons}</ul>"
     )
-
-
-def _losses(result: JobResult) -> str:
-    """The losses at the end and at the start; a pose set by hand may have none."""
-    return "<br>".join("-" if v is None else f"{v:.4f}" for v in (result.loss, result.start_loss))
 
 
 def _picture(folder: Path, result: JobResult) -> str:

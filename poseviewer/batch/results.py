@@ -1,27 +1,40 @@
-"""What came of each row: kept one by one as it comes, gathered in a table at the end.
+"""The folder of results: what came of each row, and the batch that it belongs to.
 
-A result is a JSON file in ``rows/`` named by the job's key. It is written last, after the pose and
-the picture it names, whole or not at all: where it is, the row is done, and where it is not, the
-row is to be done, whenever a batch was killed.
+A row's result is a JSON file in ``rows/`` named by the job's key. It is written whole or not at
+all, after the pose and the picture that it names: where it is, the row is done, and where it is
+not, the row is still to be done, however the batch ended. ``batch.json`` says what the batch is.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from poseviewer.batch.jobs import Job
+from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
+from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
-TABLE, REPORT = "results.csv", "report.html"
+TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 ACCEPTED, MENDED = "accepted", "mended"
+FORMAT, VERSION = "poseviewer-batch", 1
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """The rows of a batch, and how they are fitted."""
+
+    jobs: tuple[Job, ...]
+    """In the order of their rows."""
+    settings: FitSettings = field(default_factory=FitSettings)
+    scene: str | None = None
+    """The BOP scene that the rows are from, absolute; None for those of a table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +54,9 @@ class JobResult:
     evaluations: int = 0
     seconds: float = 0.0
     pose: str = ""
-    """The pose file, from the folder of results."""
+    """The pose file, relative to the folder of results."""
     picture: str = ""
-    """The picture of the pose, from the folder of results."""
+    """The picture of the pose, relative to the folder of results."""
     verdict: str = ""
     """``found``, ``doubtful`` or ``lost``; empty where the row was not fitted."""
     probability: float | None = None
@@ -66,19 +79,14 @@ def failed_result(job: Job, reason: str) -> JobResult:
     return JobResult(job.row, job.photo, job.model, job.start, "Failed.", reason)
 
 
-def distrust(result: JobResult) -> float:
-    """How little to trust a row, in [0, 1]; the report starts with the greatest.
-
-    The verdict's probability that the pose is wrong. Rows that failed come first.
-    """
-    if result.failed or result.probability is None:
-        return float("inf")
-    return 1.0 - result.probability
-
-
 def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
-    """By ``distrust``, rows alike in that in their order; those that a person accepted are last."""
-    return sorted(results, key=lambda r: (bool(r.review), -distrust(r), r.row))
+    """Those that failed, then by the probability of the verdict; accepted ones are last."""
+
+    def order(result: JobResult) -> tuple[bool, float, int]:
+        unknown = result.failed or result.probability is None
+        return bool(result.review), -1.0 if unknown else result.probability or 0.0, result.row
+
+    return sorted(results, key=order)
 
 
 def make_folders(folder: Path) -> None:
@@ -96,25 +104,23 @@ def make_folders(folder: Path) -> None:
         ) from None
 
 
-def load_result(folder: Path, job: Job) -> JobResult | None:
-    """What came of a job before; None if it is to be done, or what it left is no longer there."""
-    found = load_result_of(folder, job.key)
-    return None if found is None else _as_row_of(job, found)
-
-
-def load_result_of(folder: Path, key: str) -> JobResult | None:
-    """The same by the job's key alone, under the row that it had when it was fitted."""
+def load_result(folder: Path, key: str) -> JobResult | None:
+    """What came of the job with this key, under the row that it had then; None where it is still
+    to be done, or a file that it left is gone.
+    """
     try:
         data = dict(json.loads((folder / ROWS / f"{key}.json").read_bytes()))
-        known = {field.name for field in fields(JobResult)} - {"review", "note"}
-        said = {key: str(data.get(key, "")) for key in ("review", "note")}
-        values: dict[str, Any] = {key: data[key] for key in known} | said
+        values: dict[str, Any] = {name: str(data.get(name, "")) for name in ("review", "note")}
+        values |= {f.name: data[f.name] for f in fields(JobResult) if f.name not in values}
         found = JobResult(**values)
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    if not all((folder / name).is_file() for name in (found.pose, found.picture)):
-        return None
-    return found
+    return found if all((folder / n).is_file() for n in (found.pose, found.picture)) else None
+
+
+def as_row_of(job: Job, result: JobResult) -> JobResult:
+    """The same result under the job's row: rows move when a table is edited."""
+    return replace(result, row=job.row, photo=job.photo, model=job.model, start=job.start)
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> None:
@@ -123,8 +129,18 @@ def save_result(folder: Path, job: Job, result: JobResult) -> None:
     Raises:
         BatchError: it cannot be written.
     """
-    text = json.dumps(asdict(result), indent=2, ensure_ascii=False)
-    write_whole(folder / ROWS / f"{job.key}.json", (text + "\n").encode(), BatchError)
+    _save_json(folder / ROWS / f"{job.key}.json", asdict(result), indent=2)
+
+
+def known_results(
+    folder: Path, manifest: Manifest, failed: Mapping[str, JobResult]
+) -> list[JobResult]:
+    """What came of the rows, in their order: what is on disk, else how they ``failed``, by key.
+
+    Rows that are still to be done are left out.
+    """
+    found = ((job, load_result(folder, job.key) or failed.get(job.key)) for job in manifest.jobs)
+    return [as_row_of(job, result) for job, result in found if result is not None]
 
 
 def save_table(folder: Path, results: Sequence[JobResult]) -> None:
@@ -140,9 +156,60 @@ def save_table(folder: Path, results: Sequence[JobResult]) -> None:
     write_whole(folder / TABLE, text.getvalue().encode(), BatchError)
 
 
-def _as_row_of(job: Job, result: JobResult) -> JobResult:
-    """The same result under the job's row: rows move when a table is edited."""
-    values = asdict(result) | {
-        "row": job.row, "photo": job.photo, "model": job.model, "start": job.start
-    }  # fmt: skip
-    return JobResult(**values)
+def load_failures(folder: Path, manifest: Manifest) -> dict[str, JobResult]:
+    """The rows that failed, by their jobs' keys, as the table of results has them."""
+    try:
+        with (folder / TABLE).open(encoding="utf-8", newline="") as file:
+            rows = {row["row"]: row for row in csv.DictReader(file) if row["reason"]}
+    except (OSError, ValueError, KeyError, csv.Error):
+        return {}
+    return {
+        job.key: replace(failed_result(job, row["reason"]), note=row.get("note") or "")
+        for job in manifest.jobs
+        if (row := rows.get(str(job.row))) is not None and row["photo"] == job.photo
+    }
+
+
+def save_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write ``batch.json``.
+
+    Raises:
+        BatchError: it cannot be written.
+    """
+    data = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scene": manifest.scene,
+        "settings": settings_as_json(manifest.settings),
+        "jobs": [asdict(job) for job in manifest.jobs],
+    }
+    _save_json(folder / MANIFEST, data, indent=1)
+
+
+def load_manifest(folder: Path) -> Manifest:
+    """What ``save_manifest`` wrote.
+
+    Raises:
+        BatchError: the folder holds no batch, or the file is damaged.
+    """
+    try:
+        data = json.loads((folder / MANIFEST).read_bytes())
+        if (data["format"], data["version"]) != (FORMAT, VERSION):
+            raise ValueError(f"{data['format']} {data['version']}")
+        jobs = tuple(Job(**{**job, "above": tuple(job["above"])}) for job in data["jobs"])
+        return Manifest(jobs, settings_from_json(data["settings"]), data["scene"])
+    except FileNotFoundError:
+        raise BatchError(
+            f"{folder}: no {MANIFEST} in it; name the folder of results that "
+            "`poseviewer batch ... --out` filled (run it again if an older version did)."
+        ) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BatchError(
+            f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
+            "again, what is done is not done twice."
+        ) from None
+
+
+def _save_json(path: Path, data: dict[str, Any], indent: int) -> None:
+    text = json.dumps(data, indent=indent, ensure_ascii=False)
+    write_whole(path, (text + "\n").encode(), BatchError)

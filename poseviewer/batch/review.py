@@ -1,7 +1,7 @@
-"""What a batch found, row by row for a person: accept, mend, note. No window, no thread.
+"""What a batch found, row by row for a person: accept, mend, note.
 
 Everything is kept in the folder of results. What a person says of a row goes into the row's own
-file (``results``), a mended pose into its pose file, with the one that was fitted beside it; a pose
+file (``results``), a mended pose into its pose file, with the fitted one kept beside it; a pose
 that is being mended is a draft in ``review/``.
 """
 
@@ -12,19 +12,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from poseviewer.batch.bop_outcome import require_scene_camera
-from poseviewer.batch.jobs import Job
-from poseviewer.batch.manifest import Manifest, load_manifest
-from poseviewer.batch.outcome import known_results, load_failures, save_outcome_files
+from poseviewer.batch.job import result_files, smaller
 from poseviewer.batch.results import (
     ACCEPTED,
     MENDED,
     JobResult,
+    Manifest,
+    known_results,
+    load_failures,
+    load_manifest,
     make_folders,
     save_result,
     worst_first,
 )
-from poseviewer.batch.work import result_files, smaller
+from poseviewer.batch.run import save_summaries
+from poseviewer.batch.scene import require_scene_camera
+from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.photo.load import save_image
 from poseviewer.files.pose.file import PoseRecord, save_pose
@@ -67,8 +70,9 @@ class ReviewQueue:
 
     def renewed(self, row: ReviewRow, result: JobResult) -> ReviewQueue:
         """The queue with another result of a row, in the same order."""
-        rows = tuple(replace(r, result=result) if r.job.key == row.job.key else r
-                     for r in self.rows)  # fmt: skip
+        rows = tuple(
+            replace(one, result=result) if one.job.key == row.job.key else one for one in self.rows
+        )
         failed = {key: value for key, value in self.failed.items() if key != row.job.key}
         if result.failed:
             failed[row.job.key] = result
@@ -123,13 +127,17 @@ def accept_mended(
     pose, drawn = result_files(row.job)
     path, fitted = queue.folder / pose, queue.folder / pose.replace(".json", ".fitted.json")
     if path.is_file() and not fitted.exists():
-        _copy(path, fitted)
+        try:
+            shutil.copyfile(path, fitted)
+        except OSError as error:
+            raise BatchError(
+                f"{fitted}: cannot be written ({error.strerror}); nothing was changed."
+            ) from None
     save_pose(path, record)
     save_image(queue.folder / drawn, smaller(picture))
-    status = BY_HAND if row.result.failed else row.result.status
     result = replace(
         row.result,
-        status=status,
+        status=BY_HAND if row.result.failed else row.result.status,
         reason="",
         loss=record.loss,
         pose=pose,
@@ -142,7 +150,7 @@ def accept_mended(
 
 
 def take_back(queue: ReviewQueue, row: ReviewRow) -> JobResult:
-    """Let a row wait for a word again; a pose that was mended stays.
+    """Take an acceptance back; a pose that was mended stays.
 
     Raises:
         BatchError: it cannot be written.
@@ -176,19 +184,10 @@ def drop_draft(queue: ReviewQueue, row: ReviewRow) -> None:
 
 
 def save_reviewed(queue: ReviewQueue) -> None:
-    """Bring table, report and BOP scene to what the rows' own files say.
+    """Write table, report and BOP scene anew from the rows' own files.
 
     Raises:
         PoseViewerError: they cannot be written.
     """
     results = known_results(queue.folder, queue.manifest, queue.failed)
-    save_outcome_files(queue.folder, queue.manifest, results)
-
-
-def _copy(path: Path, to: Path) -> None:
-    try:
-        shutil.copyfile(path, to)
-    except OSError as error:
-        raise BatchError(
-            f"{to}: cannot be written ({error.strerror}); nothing was changed."
-        ) from None
+    save_summaries(queue.folder, queue.manifest, results)

@@ -61,7 +61,7 @@ def batch(options: Namespace) -> int:
     known = save_outcome(opened, fresh)
     print(describe.batch_result(len(opened.jobs), [result.failed for result in known], stopped))
     print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
-    if opened.scene is not None:
+    if opened.manifest.scene is not None:
         print(f"BOP scene: {options.out}")
     if stopped:
         return EXIT_INTERRUPTED

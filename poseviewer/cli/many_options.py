@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
-    from poseviewer.batch.bop_jobs import SceneRule
+    from poseviewer.batch.scene import SceneOptions
 
 
 def add_scene(batch: argparse.ArgumentParser, numbers: Callable[[str], Any]) -> None:
@@ -29,17 +29,17 @@ def add_scene(batch: argparse.ArgumentParser, numbers: Callable[[str], Any]) -> 
     scene.add_argument("--objects", type=numbers, metavar="NUMBER,...", help="(all with a pose)")
 
 
-def scene_rule_of(options: Namespace) -> SceneRule | None:
+def scene_rule_of(options: Namespace) -> SceneOptions | None:
     """What the options say of a BOP scene; None for a table.
 
     Raises:
         SettingsError: they say it of a table.
     """
-    from poseviewer.batch.bop_jobs import FROM_SCENE, SceneRule
+    from poseviewer.batch.scene import FROM_SCENE, SceneOptions
 
     given = [name for name in ("models", "start", "objects") if getattr(options, name)]
     if options.jobs.is_dir():
-        return SceneRule(options.models, options.start or FROM_SCENE, options.objects or ())
+        return SceneOptions(options.models, options.start or FROM_SCENE, options.objects or ())
     if given:
         raise SettingsError(
             f"--{given[0]} goes with a BOP scene's folder, and {options.jobs.name} is no folder; "

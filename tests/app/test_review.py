@@ -16,7 +16,7 @@ from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.batch.run import open_batch, save_outcome
-from poseviewer.batch.work import run_job
+from poseviewer.batch.job import run_job
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.running_app import settle
 from tests.app.socket_page import SocketPage

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.batch.jobs import load_jobs
+from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from poseviewer.batch import review
-from poseviewer.batch.bop_jobs import SceneRule
-from poseviewer.batch.local import _first_ready
+from poseviewer.batch.job import run_job
+from poseviewer.batch.processes import first_ready
 from poseviewer.batch.results import worst_first
 from poseviewer.batch.run import Batch, open_batch, save_outcome
-from poseviewer.batch.work import run_job
+from poseviewer.batch.scene import SceneOptions
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop_scene import read_bop
 from poseviewer.files.formats.request import Request
@@ -68,7 +68,7 @@ def fitted(scene, tmp_path_factory) -> tuple[Path, Path]:
     """A scene, and the folder of results of a batch on it."""
     folder = tmp_path_factory.mktemp("bop")
     bop, models = make_bop(scene, folder)
-    fit_all(open_batch(bop, folder / "out", QUICK, rule=SceneRule(models)))
+    fit_all(open_batch(bop, folder / "out", QUICK, scene_options=SceneOptions(models)))
     return bop, folder / "out"
 
 
@@ -100,7 +100,7 @@ def test_a_bop_scene_comes_out_as_one(fitted):
 
 def test_a_scene_is_not_done_twice(fitted, scene, tmp_path):
     bop, out = fitted
-    again = open_batch(bop, out, QUICK, rule=SceneRule(bop.parent / "models"))
+    again = open_batch(bop, out, QUICK, scene_options=SceneOptions(bop.parent / "models"))
     assert again.to_do == ()
     del scene, tmp_path
 
@@ -142,10 +142,10 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     queue = review.load_queue(out)
     bop = fitted[0]
-    batch = open_batch(bop, out, QUICK, rule=SceneRule(bop.parent / "models"))
+    batch = open_batch(bop, out, QUICK, scene_options=SceneOptions(bop.parent / "models"))
     # The starts lie in another folder, and so the rows are others: only the same folder is.
     assert {job.photo for job in batch.jobs} == {row.job.photo for row in queue.rows}
-    same = replace(batch, jobs=queue.manifest.jobs)
+    same = replace(batch, manifest=queue.manifest)
     review.accept(queue, queue.rows[0])  # while the batch is open
     save_outcome(same, [])
     assert sum(row["review"] == "accepted" for row in table_of(out)) == 1
@@ -172,8 +172,8 @@ def test_last_starts_from_the_row_above(scene, tmp_path):
     batch = open_batch(table, tmp_path / "out", QUICK)
     first, second, third = batch.jobs
     assert (second.above, third.above) == ((first.key,), (second.key, first.key))
-    assert _first_ready([third, second], [first]) is None
-    assert _first_ready([third, second], []) is second
+    assert first_ready([third, second], [first]) is None
+    assert first_ready([third, second], []) is second
     results = [run_job(job, batch.plan) for job in batch.to_do]
     assert [result.failed for result in results] == [False, True, False]
     # A search never ends worse than it began, and begins where the nearest row above ended.
@@ -192,7 +192,7 @@ def test_last_in_the_first_row_is_said(scene, tmp_path):
 
 def test_a_scene_in_series_starts_each_image_from_the_one_before(scene, tmp_path):
     bop, models = make_bop(scene, tmp_path)
-    batch = open_batch(bop, tmp_path / "out", QUICK, rule=SceneRule(models, "last"))
+    batch = open_batch(bop, tmp_path / "out", QUICK, scene_options=SceneOptions(models, "last"))
     assert [job.start for job in batch.jobs][1:] == ["last", "last"]
     assert (bop / batch.jobs[0].start).is_file()
 
@@ -200,10 +200,10 @@ def test_a_scene_in_series_starts_each_image_from_the_one_before(scene, tmp_path
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
-        (SceneRule(), "--models"),
-        (SceneRule(Path("models")), "no scene_gt.json"),
-        (SceneRule(Path("models"), "auto"), "would not know the scene's cameras"),
-        (SceneRule(Path("none")), "no such folder"),
+        (SceneOptions(), "--models"),
+        (SceneOptions(Path("models")), "no scene_gt.json"),
+        (SceneOptions(Path("models"), "auto"), "would not know the scene's cameras"),
+        (SceneOptions(Path("none")), "no such folder"),
     ],
     ids=["no models", "no poses", "auto", "no folder"],
 )
@@ -212,7 +212,7 @@ def test_a_scene_that_lacks_something_is_said(scene, tmp_path, rule, words):
     if rule.models is not None:
         rule = replace(rule, models=tmp_path / rule.models)
     with pytest.raises(PoseViewerError, match=words):
-        open_batch(bop, tmp_path / "out", QUICK, rule=rule)
+        open_batch(bop, tmp_path / "out", QUICK, scene_options=rule)
 
 
 def test_a_folder_without_a_batch_is_said(tmp_path):

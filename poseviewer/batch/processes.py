@@ -1,32 +1,36 @@
-"""Jobs on all cores of this machine: a process each, since a search holds the interpreter a lot."""
+"""Jobs on all cores of this machine, a process each: a search holds Python's lock too long for
+threads.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 
-from poseviewer.batch.jobs import Job
-from poseviewer.batch.parent import end_with_parent
+from poseviewer.batch.job import BatchPlan, StoppedError, run_job
 from poseviewer.batch.results import JobResult, failed_result
-from poseviewer.batch.work import Plan, StoppedError, run_job
+from poseviewer.batch.table import Job
 
-_SPAWN = get_context("spawn")  # a fork would copy threads' locks in whatever state they are
+_SPAWN = multiprocessing.get_context("spawn")
+"""A fork would copy the locks of other threads as they happen to be."""
 
 _stop: Event | None = None
 """In a worker process: set when the batch is to stop."""
 
 
-def run_here(jobs: Sequence[Job], plan: Plan, processes: int) -> Iterator[JobResult]:
+def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[JobResult]:
     """The results of the jobs as they come, in no order.
 
-    A process that dies (for want of memory, say) takes no other job along: those that were under
-    way are then run alone, and fail only if they die again. To stop, stop asking: what is under
-    way then ends between two evaluations.
+    When a process dies (for lack of memory, say), the jobs under way are run again one by one, and
+    only one that dies again fails. To stop, stop asking: jobs under way end between two
+    evaluations.
 
     Raises:
         BatchError: results cannot be written.
@@ -36,9 +40,9 @@ def run_here(jobs: Sequence[Job], plan: Plan, processes: int) -> Iterator[JobRes
         suspects: list[Job] = []
         yield from _run_together(waiting, plan, min(processes, len(waiting)), suspects)
         for job in suspects:
-            again: list[Job] = []
-            yield from _run_together(deque([job]), plan, 1, again)
-            if again:
+            died_again: list[Job] = []
+            yield from _run_together(deque([job]), plan, 1, died_again)
+            if died_again:
                 yield failed_result(
                     job,
                     "the process that fitted it died, twice; is there memory enough for the photo "
@@ -47,43 +51,43 @@ def run_here(jobs: Sequence[Job], plan: Plan, processes: int) -> Iterator[JobRes
 
 
 def _run_together(
-    waiting: deque[Job], plan: Plan, processes: int, suspects: list[Job]
+    waiting: deque[Job], plan: BatchPlan, processes: int, suspects: list[Job]
 ) -> Iterator[JobResult]:
-    """Run jobs until none waits, or a process dies: ``suspects`` are then those under way."""
+    """Run jobs until none waits, or a process dies: ``suspects`` gets those under way then."""
     stop = _SPAWN.Event()
     pool = ProcessPoolExecutor(processes, _SPAWN, _begin, (stop,))
-    flying: dict[Future[JobResult], Job] = {}
+    running: dict[Future[JobResult], Job] = {}
     try:
-        while waiting or flying:
-            # No more than can run: what is under way when a process dies is what may have done it.
-            while len(flying) < processes and not suspects:
-                job = _first_ready(waiting, flying.values())
+        while waiting or running:
+            # No more than can run: any of those under way may be why a process died.
+            while len(running) < processes and not suspects:
+                job = first_ready(waiting, running.values())
                 if job is None:
                     break
                 try:
-                    flying[pool.submit(_work, job, plan)] = job
+                    running[pool.submit(_work, job, plan)] = job
                 except BrokenProcessPool:
                     break
                 waiting.remove(job)
-            if not flying:
+            if not running:
                 return
-            done, _ = wait(flying, return_when=FIRST_COMPLETED)
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                job = flying.pop(future)
+                job = running.pop(future)
                 try:
                     yield future.result()
                 except BrokenProcessPool:
                     suspects.append(job)
-            if suspects and not flying:
+            if suspects and not running:
                 return
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
 
 
-def _first_ready(waiting: Iterable[Job], flying: Iterable[Job]) -> Job | None:
+def first_ready(waiting: Iterable[Job], running: Iterable[Job]) -> Job | None:
     """The first job that need not wait for the row above it."""
-    ahead = {job.key for job in (*waiting, *flying)}
+    ahead = {job.key for job in (*waiting, *running)}
     return next((job for job in waiting if not ahead.intersection(job.above[:1])), None)
 
 
@@ -93,10 +97,18 @@ def _begin(stop: Event) -> None:
     _stop = stop
     # Ctrl-C goes to all processes of a terminal; the first one tells the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
 
 
-def _work(job: Job, plan: Plan) -> JobResult:
+def _end_with_parent() -> None:
+    """End this process when the one that started it has ended, even if it was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)  # nobody is left to hand a result to
+
+
+def _work(job: Job, plan: BatchPlan) -> JobResult:
     stop = _stop
     try:
         return run_job(job, plan, stop.is_set if stop is not None else lambda: False)

@@ -1,10 +1,10 @@
-"""One job from its files to its result; the same in a process of this machine and on a cluster."""
+"""One job from its files to its result, in a process of this machine or on a cluster."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult, load
-from poseviewer.batch.jobs import COLUMNS, LAST, Job
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
     JobResult,
+    as_row_of,
     failed_result,
     load_result,
-    load_result_of,
     save_result,
 )
+from poseviewer.batch.table import COLUMNS, LAST, Job
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo.load import save_image
 from poseviewer.fit.registration import LoadedModel
@@ -36,13 +36,13 @@ from poseviewer.starts.registration import load_model
 _log = logging.getLogger(__name__)
 
 MODELS_KEPT = 8
-"""So many models stay loaded in each process."""
+"""How many models stay loaded in each process."""
 PICTURE_SIDE = 480
 """Longer side of the pictures of the poses, px."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class BatchPlan:
     """What all jobs of a batch share."""
 
     folder: Path
@@ -55,16 +55,16 @@ class StoppedError(Exception):
     """The batch was told to stop in the middle of a job."""
 
 
-def run_job(job: Job, plan: Plan, stopped: Callable[[], bool] = lambda: False) -> JobResult:
+def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: False) -> JobResult:
     """Fit a row and keep its result; at once where that was done before.
 
     Raises:
         BatchError: the result cannot be written, so that no other could.
         StoppedError: ``stopped`` became true.
     """
-    found = load_result(plan.folder, job)
+    found = load_result(plan.folder, job.key)
     if found is not None:
-        return found
+        return as_row_of(job, found)
     try:
         fitted = _fit(job, plan, stopped)
         picture = smaller(fitted.picture())
@@ -78,7 +78,7 @@ def run_job(job: Job, plan: Plan, stopped: Callable[[], bool] = lambda: False) -
     return _keep(job, plan, fitted, picture)
 
 
-def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
+def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
@@ -103,12 +103,12 @@ def _fit(job: Job, plan: Plan, stopped: Callable[[], bool]) -> FitResult:
     return case.fit(watch=watch)
 
 
-def _start_of(job: Job, plan: Plan) -> str | Path:
+def _start_of(job: Job, plan: BatchPlan) -> str | Path:
     if job.start == AUTOMATIC:
         return AUTOMATIC
     if job.start != LAST:
         return job.path(job.start)
-    above = (load_result_of(plan.folder, key) for key in job.above)
+    above = (load_result(plan.folder, key) for key in job.above)
     nearest = next((result for result in above if result is not None), None)
     if nearest is None:
         raise SettingsError(
@@ -136,29 +136,31 @@ def _changed(path: Path) -> int:
         return 0  # the reader says what is wrong
 
 
-def _keep(job: Job, plan: Plan, fitted: FitResult, picture: Picture) -> JobResult:
+def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> JobResult:
     """Write the pose, the picture and, last, the result."""
     pose, drawn = result_files(job)
     progress = fitted.progress
     assert progress is not None  # it was searched for
-    verdict = progress.verdict
     result = JobResult(
         job.row,
         job.photo,
         job.model,
         job.start,
         progress.status.value,
-        "",
-        progress.loss,
-        progress.start_loss,
-        progress.evaluations,
-        round(progress.seconds, 3),
-        pose,
-        drawn,
-        "" if verdict is None else verdict.word,
-        None if verdict is None else round(verdict.probability, 4),
-        "" if verdict is None else "\n".join(verdict.reasons),
+        loss=progress.loss,
+        start_loss=progress.start_loss,
+        evaluations=progress.evaluations,
+        seconds=round(progress.seconds, 3),
+        pose=pose,
+        picture=drawn,
     )
+    if (verdict := progress.verdict) is not None:
+        result = replace(
+            result,
+            verdict=verdict.word,
+            probability=round(verdict.probability, 4),
+            reasons="\n".join(verdict.reasons),
+        )
     try:
         fitted.save(plan.folder / pose)
         save_image(plan.folder / drawn, picture)

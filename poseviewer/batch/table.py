@@ -6,7 +6,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
@@ -17,11 +17,11 @@ from poseviewer.fit.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
 BOX = "box"
-"""A column that may be there: where the start is ``auto``, a rectangle about the object."""
+"""An optional column: where the start is ``auto``, a rectangle about the object."""
 LAST = "last"
 """In the column ``start``: the pose that the nearest row above ended in."""
 REACH = 20
-"""So many rows above are looked at for one that ended in a pose."""
+"""How many rows above are searched for one that ended in a pose."""
 KEY_LENGTH = 16
 
 
@@ -32,13 +32,13 @@ class Job:
     row: int
     """From 1; the line of column names does not count."""
     photo: str
-    """As the table has it, and so are ``model`` and ``start``."""
+    """As the table has it, like ``model`` and ``start``."""
     model: str
     start: str
     folder: str
-    """What relative paths start from: the table's own folder, absolute."""
+    """The table's folder, absolute: relative paths start from it."""
     key: str = ""
-    """The same for the same files, unchanged, and the same settings: a result has it as a name."""
+    """A hash of the files' names, sizes and times and of the settings; it names the result."""
     box: str = ""
     """For the start ``auto``: left, top, width, height in px, as the table has it."""
     above: tuple[str, ...] = ()
@@ -69,44 +69,35 @@ class Job:
 def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     """The rows of a CSV file with the columns ``photo``, ``model`` and ``start``, in their order.
 
-    A start ``auto`` is looked for, in the rectangle of the column ``box`` if there is one. Other
-    columns are left alone; relative paths start from the file's folder. Whether the files
-    of a row are there is found out when it is that row's turn.
+    Other columns than these and ``box`` are ignored. The files that a row names are opened, and
+    may turn out to be missing, when the row is fitted.
 
     Raises:
         BatchError: there is no such file, no such column, or no row.
     """
     path = Path(path)
-    rows = _read_rows(path)
     folder = str(path.resolve().parent)
     jobs = [
-        Job(
-            number,
-            _cell(row, "photo"),
-            _cell(row, "model"),
-            _cell(row, "start"),
-            folder,
-            box=_cell(row, BOX),
-        )
-        for number, row in enumerate(rows, 1)
+        Job(number, row["photo"], row["model"], row["start"], folder, box=row.get(BOX, ""))
+        for number, row in enumerate(_read_rows(path), 1)
     ]
     if not jobs:
         raise BatchError(f"{path.name}: no rows; wanted a photo, a model and a start in each.")
     return with_keys(jobs, settings)
 
 
-def with_keys(jobs: Sequence[Job], settings: FitSettings) -> tuple[Job, ...]:
-    """The jobs, in the order of their rows, with their keys and what they follow."""
+def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
+    """The jobs, in the order of their rows, with ``key`` and ``above`` filled in."""
     keyed: list[Job] = []
     for job in jobs:
         if job.start == LAST and keyed:
             nearest = keyed[-1]
             job = replace(job, above=(nearest.key, *nearest.above)[:REACH])
-        keyed.append(_with_key(job, settings))
+        keyed.append(replace(job, key=_key(job, settings)))
     return tuple(keyed)
 
 
-def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
+def _read_rows(path: Path) -> list[dict[str, str]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -115,15 +106,14 @@ def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
         reason = "is not UTF-8 text" if isinstance(error, ValueError) else error.strerror
         raise BatchError(f"{path.name}: cannot be read ({reason}); save it as CSV.") from None
     head = text.split("\n", 1)[0]
-    # Spreadsheets of half the world write semicolons.
-    between = ";" if ";" in head and "," not in head else ","
+    # Many spreadsheets write semicolons.
+    delimiter = ";" if ";" in head and "," not in head else ","
     try:
-        table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
-        names = [(name or "").strip().lower() for name in table.fieldnames or ()]
-        table.fieldnames = names
-        rows = list(table)
+        lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
     except csv.Error as error:
         raise BatchError(f"{path.name}: not a CSV file ({error}); save it as CSV.") from None
+    lines = [[cell.strip() for cell in line] for line in lines if line]
+    names = [name.lower() for name in lines[0]] if lines else []
     missing = [column for column in COLUMNS if column not in names]
     if missing:
         found = ", ".join(names)[:100] or "nothing"
@@ -131,26 +121,21 @@ def _read_rows(path: Path) -> Sequence[Mapping[str, str | None]]:
             f"{path.name}: no column {missing[0]!r} in its first line, which has {found}; "
             f"wanted {', '.join(COLUMNS)}."
         )
-    return rows
+    return [dict.fromkeys(names, "") | dict(zip(names, line, strict=False)) for line in lines[1:]]
 
 
-def _cell(row: Mapping[str, str | None], column: str) -> str:
-    return (row.get(column) or "").strip()
-
-
-def _with_key(job: Job, settings: FitSettings) -> Job:
+def _key(job: Job, settings: FitSettings) -> str:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
     content: list[Any] = [[str(path), *_stamp(path)] for path in files]
     if job.start == LAST:
         content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
     text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
-    key = hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
-    return replace(job, key=key)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """Size and time of a file, by which a changed one is told; zeros where there is none."""
+    """Size and time of a file; zeros where there is none."""
     try:
         state = path.stat()
     except (OSError, ValueError):

@@ -1,0 +1,172 @@
+"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from poseviewer.batch.results import JobResult, Manifest
+from poseviewer.batch.table import LAST, Job, with_keys
+from poseviewer.errors import BatchError
+from poseviewer.files.formats.bop_images import (
+    CAMERAS,
+    BopImage,
+    BopObject,
+    load_bop_images,
+    same_intrinsics,
+    save_bop_images,
+)
+from poseviewer.files.formats.bop_scene import MODEL_NAME, PHOTO_NAME, load_scene_file
+from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.starts.automatic import AUTOMATIC
+
+STARTS = "starts"
+"""In the folder of results: the start poses of a scene's rows."""
+FROM_SCENE = "gt"
+MODEL_FILE = "obj_{:06d}.ply"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneOptions:
+    """What a scene's folder does not say."""
+
+    models: Path | None = None
+    """The folder of ``obj_000001.ply`` and so on, in mm."""
+    start: str = FROM_SCENE
+    """``gt``: the scene's own poses; ``last``: the pose that the image before ended in, the first
+    image from the scene's own; else a pose file, for all images."""
+    objects: tuple[int, ...] = ()
+    """Which objects; empty: all that have poses."""
+
+
+def load_scene_jobs(
+    scene: Path, out: Path, settings: FitSettings, options: SceneOptions
+) -> tuple[Job, ...]:
+    """The rows of a scene; their start poses are written into ``out``, where they changed.
+
+    Raises:
+        PoseViewerError: it is no scene, or the options do not go with it.
+    """
+    if settings.free_focal:
+        raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
+    if options.models is None:
+        raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
+    if not options.models.is_dir():
+        raise BatchError(
+            f"--models {options.models}: no such folder; name that of obj_000001.ply ..."
+        )
+    objects = _objects_to_fit(scene, options)
+    if not objects:
+        raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")
+    try:
+        (out / STARTS).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BatchError(
+            f"{out}: cannot be made ({error.strerror}); name a folder of yours."
+        ) from None
+    if options.start == LAST:  # object by object, each from where it was in the image before
+        objects.sort(key=lambda one: (one[1].object_id, one[2], one[0].number))
+    models = Path(os.path.relpath(options.models.resolve(), scene))
+    jobs, before = [], None
+    for row, (image, found, instance) in enumerate(objects, 1):
+        same = found.object_id, instance
+        start = LAST
+        if options.start != LAST or same != before:
+            start = os.path.relpath(_save_start(out, image, found, instance), scene)
+        model = str(models / MODEL_FILE.format(found.object_id))
+        jobs.append(Job(row, image.photo, model, start, str(scene)))
+        before = same
+    return with_keys(jobs, settings)
+
+
+def _objects_to_fit(scene: Path, options: SceneOptions) -> list[tuple[BopImage, BopObject, int]]:
+    """Image, object at its start pose, and which of several of this object in the image."""
+    if options.start == AUTOMATIC:
+        raise BatchError(
+            "--start auto with a BOP scene: the start would not know the scene's cameras; give "
+            "gt, last or a pose file."
+        )
+    read, wanted = load_bop_images(scene), options.objects
+    one_start = options.start not in (FROM_SCENE, LAST)
+    if not read.posed and not (one_start and wanted):
+        raise BatchError(
+            f"{scene}: no scene_gt.json in it, so --start has to be a pose file, and --objects to "
+            "say which objects."
+        )
+    place = load_pose(options.start, 1, 1).pose.camera_from_model if one_start else None
+    if place is not None and wanted:
+        return [(image, BopObject(number, place), 0) for image in read.images for number in wanted]
+    found = []
+    for image in read.images:
+        seen: Counter[int] = Counter()
+        for one in image.objects:
+            if not wanted or one.object_id in wanted:
+                start = one if place is None else replace(one, place=place)
+                found.append((image, start, seen[one.object_id]))
+                seen[one.object_id] += 1
+    return found
+
+
+def _save_start(out: Path, image: BopImage, found: BopObject, instance: int) -> Path:
+    """The start pose as a file, which keeps its time where nothing changed."""
+    more = f"-{instance + 1}" if instance else ""
+    path = out / STARTS / f"{image.number:06d}-{found.object_id:06d}{more}.json"
+    new = out / STARTS / ".new.json"
+    save_pose(new, PoseRecord(Pose(image.camera, found.place)))
+    if path.is_file() and path.read_bytes() == new.read_bytes():
+        new.unlink()
+    else:
+        new.replace(path)
+    return path
+
+
+def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
+    """Write ``scene_gt.json`` and ``scene_camera.json`` into the folder of results; nothing where
+    the rows are not from a scene.
+
+    The poses are those of all rows that have one, mm, in the order of the rows. The cameras are
+    the scene's own, as its file has them.
+
+    Raises:
+        PoseViewerError: the scene is gone, or the files cannot be written.
+    """
+    if manifest.scene is None:
+        return
+    poses: dict[int, list[BopObject]] = defaultdict(list)
+    for result in sorted(results, key=lambda result: result.row):
+        if result.pose:
+            place = load_pose(folder / result.pose, 1, 1).pose.camera_from_model
+            found = BopObject(_number(MODEL_NAME, result.model), place)
+            poses[_number(PHOTO_NAME, result.photo)].append(found)
+    save_bop_images(folder, load_scene_file(Path(manifest.scene) / CAMERAS), dict(poses))
+
+
+def require_scene_camera(manifest: Manifest, photo: str, camera: Camera) -> None:
+    """Refuse a pose with another camera than the scene's, which a BOP scene cannot hold.
+
+    Raises:
+        BatchError: it has another.
+    """
+    if manifest.scene is None:
+        return
+    number = _number(PHOTO_NAME, photo)
+    images = load_bop_images(Path(manifest.scene)).images
+    own = next((image.camera for image in images if image.number == number), None)
+    if own is None or not isinstance(camera, Perspective) or not same_intrinsics(own, camera):
+        raise BatchError(
+            f"The camera is not the BOP scene's for image {number}; undo (Z) what changed it, the "
+            "poses of a scene are by its own cameras."
+        )
+
+
+def _number(pattern: str, path: str) -> int:
+    found = re.fullmatch(pattern, Path(path).name)
+    if found is None:
+        raise BatchError(f"{Path(path).name}: no BOP number in its name; run the batch again.")
+    return int(found[1])
