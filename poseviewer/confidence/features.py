@@ -19,10 +19,10 @@ from poseviewer.fit.turns import turning_steps
 from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes, moments_of_images
 from poseviewer.render.pyramid.level_pose import level_pose
-from poseviewer.render.software.kernel_correlations import whiten
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 WRONG = 48

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.software.kernel_correlations import whiten
+from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.render.types import Moments
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.software.kernel_correlations import squared_correlations
+from poseviewer.geometry.linear_algebra import squared_correlations
 from poseviewer.render.types import Moments, PhotoAttributes
 
 EDGE_WEIGHT = 2.5
@@ -22,7 +22,6 @@ EDGE_WEIGHT = 2.5
 ones less."""
 NOISE = 1e-3
 """Share of the variance that no pose explains: sensor noise, and what models leave out."""
-NOT_KNOWN = np.zeros((0, 0))
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
@@ -83,8 +82,6 @@ def _worst_with_edges(worst: int) -> float:
 
 def _squares(moments: Moments) -> FloatArray:
     """(min(n, m),): the squared canonical correlations of F and M."""
-    known = moments.photo_whitening
-    photo = NOT_KNOWN if known is None else known
     return squared_correlations(
-        moments.mean, moments.covariance, moments.photo_channels, photo, known is not None
+        moments.mean, moments.covariance, moments.photo_channels, moments.photo_whitening
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
-from poseviewer.render.software.kernel_correlations import whiten
+from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.render.structure import (
     PhotoStructure,
 )
@@ -38,7 +38,7 @@ class FixedPart:
     covariance: FloatArray
     """(n, n): of F."""
     whitening: FloatArray
-    """(rank, n): see ``kernel_correlations.whiten``."""
+    """(rank, n): see ``linear_algebra.whiten``."""
     edges: NDArray[np.float32]
     """(2, height, width): the photo's orientation field times the weights."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.render.software.kernel_correlations import squared_correlations, whiten
+from poseviewer.geometry.linear_algebra import squared_correlations, whiten
 
 
 def make_moments(seed: int, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -43,15 +43,15 @@ def test_squares_are_those_of_the_singular_values(n, m, is_known):
     mean, covariance = make_moments(n + m, n + m)
     one, other = (np.linalg.inv(np.linalg.cholesky(c)) for c in _blocks(covariance, n))
     wanted = np.linalg.svd(one @ covariance[:n, n:] @ other.T, compute_uv=False) ** 2
-    photo = whiten(covariance[:n, :n], mean[:n]) if is_known else np.zeros((0, 0))
-    found = squared_correlations(mean, covariance, n, photo, is_known)
+    photo = whiten(covariance[:n, :n], mean[:n]) if is_known else None
+    found = squared_correlations(mean, covariance, n, photo)
     np.testing.assert_allclose(np.sort(found), np.sort(wanted), atol=1e-8)
 
 
 def test_of_a_photo_that_says_nothing_they_are_zero():
     mean, covariance = make_moments(1, 7)
     covariance[:3], covariance[:, :3] = 0.0, 0.0
-    found = squared_correlations(mean, covariance, 3, np.zeros((0, 0)), False)
+    found = squared_correlations(mean, covariance, 3)
     np.testing.assert_array_equal(found, np.zeros(3))
 
 

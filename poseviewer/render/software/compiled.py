@@ -17,16 +17,15 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import processors
-from poseviewer.render.software import kernel_attributes, kernel_correlations, kernel_pose
+from poseviewer.render.software import kernel_attributes, kernel_pose
 from poseviewer.render.software.kernel_compiler import sources_stamp
 from poseviewer.render.software.renderer import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
-from poseviewer.render.types import Moments, PhotoAttributes
+from poseviewer.render.types import PhotoAttributes
 
 BY_US: tuple[Any, ...] = (
     kernel_pose.rasterise,
     kernel_attributes.shade,
-    kernel_correlations.squared_correlations,
 )
 BY_HELPER: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
 SIDE = 16
@@ -58,12 +57,8 @@ def compile_kernels() -> None:
 
 
 def compile_rasteriser() -> None:
-    """Compile the kernels that draw, and the loss's; or load them, if they are compiled."""
+    """Compile the kernels that draw; or load them, if they are compiled."""
     SoftwareRenderer(_triangle()).render(_pose())
-    nothing = Moments(0, 0.0, np.zeros(2), np.zeros((2, 2)), 1)
-    kernel_correlations.squared_correlations(
-        nothing.mean, nothing.covariance, 1, np.zeros((0, 0)), False
-    )
 
 
 def compile_moments() -> None:

@@ -1,0 +1,60 @@
+"""Whitening and canonical correlations of small covariance matrices, in plain NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from poseviewer.geometry.arrays import FloatArray
+
+CONSTANT_VARIANCE = 1e-12
+"""A channel whose variance is below this share of its mean square counts as constant."""
+RANK_TOLERANCE = 1e-7
+"""Eigenvalues of a correlation matrix below this share of the greatest count as zero: sums in
+float32 are no more exact."""
+
+
+def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
+    """W (rank, k) with ``W C W^T = I`` on the range of the covariance C (k, k).
+
+    ``W^T W`` is the pseudo-inverse of C, in which tolerances apply to the correlation matrix, so
+    that a channel's unit does not matter. Where a channel varies so little that its rounding
+    weighs more than ``RANK_TOLERANCE``, that is the tolerance.
+    """
+    variance = covariance.diagonal()
+    rounding = CONSTANT_VARIANCE * (variance + mean * mean)
+    varies = variance > rounding
+    if not varies.all():
+        whitening = whiten(covariance[np.ix_(varies, varies)], mean[varies])
+        found = np.zeros((len(whitening), len(mean)))
+        found[:, varies] = whitening
+        return found
+    if not len(mean):
+        return np.zeros((0, 0))
+    scale = 1.0 / np.sqrt(variance)
+    values, vectors = np.linalg.eigh(covariance * scale * scale[:, None])
+    limit = max(RANK_TOLERANCE, (rounding * scale * scale).max()) * values[-1]
+    first = int(values.searchsorted(limit, "right"))  # eigenvalues ascend
+    return vectors.T[first:] * scale / np.sqrt(values[first:, None])
+
+
+def squared_correlations(
+    mean: FloatArray,
+    covariance: FloatArray,
+    n: int,
+    photo_whitening: FloatArray | None = None,
+) -> FloatArray:
+    """The squared canonical correlations of the first ``n`` channels with the m others.
+
+    (min(n, m),), ascending, 0 where there is nothing to correlate; by rounding they may be a little
+    beyond [0, 1]. They are the eigenvalues of ``K^T K`` or ``K K^T``, with ``K = W_F C_FM W_M^T``.
+    ``photo_whitening`` is W_F (rank, n), made of the covariance where it is not given.
+    """
+    if photo_whitening is None:
+        photo_whitening = whiten(covariance[:n, :n], mean[:n])
+    model_whitening = whiten(covariance[n:, n:], mean[n:])
+    joint = photo_whitening @ covariance[:n, n:] @ model_whitening.T
+    if joint.shape[0] > joint.shape[1]:
+        joint = joint.T
+    squares = np.asarray(np.linalg.eigvalsh(joint @ joint.T), float)
+    missing = min(n, len(mean) - n) - len(squares)
+    return np.concatenate([np.zeros(missing), squares]) if missing else squares
