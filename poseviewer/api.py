@@ -46,14 +46,20 @@ from poseviewer.fit.settings import FitSettings, Limits, settings_as_json
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.looks import LOOKS, SOLID_OPACITY, Picture, View, draw_look
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
 from poseviewer.starts.automatic import AUTOMATIC, AutoStart
-from poseviewer.starts.marks import Material, Start, StartCamera, load_unplaced
-from poseviewer.starts.registration import load_registration
+from poseviewer.starts.registration import (
+    Start,
+    StartCamera,
+    StartInputs,
+    load_registration,
+    load_with_start,
+)
 
 __all__ = [
     "Case",
@@ -77,7 +83,7 @@ from poseviewer.files.pose.file import (
 from poseviewer.files.pose.verdict import RecordedVerdict
 
 Watch = Callable[[FitProgress], Any]
-Find = Callable[[Material], Start]
+Find = Callable[[StartInputs], Start]
 
 
 def load(
@@ -128,13 +134,14 @@ def load(
         )
     if start == AUTOMATIC:
         known, where = camera or StartCamera(), Path(mask) if mask else None
-        start = AutoStart(box, known, chosen, where, watch=watch).find
+        rectangle = None if box is None else Rectangle(*box)
+        start = AutoStart(rectangle, known, chosen, where, watch=watch).find
     if isinstance(start, str | Path):
         registration = load_registration(photo, model, start, calibration)
     else:
         find = _at(start) if isinstance(start, Pose) else start
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_unplaced(Path(photo), unplaced, find, calibration)
+        registration = load_with_start(Path(photo), unplaced, find, calibration)
     weights = None
     if mask is not None:
         weights = load_mask(mask, registration.photo.width, registration.photo.height)

@@ -29,8 +29,7 @@ from poseviewer.render.pyramid import levels
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Moments, PhotoAttributes
-from poseviewer.starts.marks import Material, Start
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.registration import Start, StartInputs, load_model
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -190,7 +189,7 @@ def test_a_start_is_found_by_whatever_is_given_to_find_it(scene):
     truth = load_pose(scene.truth, 160, 120).pose
     photos: list[str] = []
 
-    def find(material: Material) -> Start:
+    def find(material: StartInputs) -> Start:
         photos.append(material.photo.name)
         return Start(truth, ("found by hand.",))
 

@@ -27,8 +27,9 @@ from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.starts.marks import Material, StartCamera, start_from_pairs
 from poseviewer.starts.placing import surface_point
+from poseviewer.starts.point_pairs import start_from_pairs
+from poseviewer.starts.registration import StartCamera, StartInputs
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
@@ -116,7 +117,7 @@ def pairs(folder: Path) -> None:
     found = [surface_point(mesh, truth, spot) for spot in SPOTS]
     points = np.array([point for point in found if point is not None])
     pixels = np.rint(truth.project(points))
-    material = Material(photo, mesh, None)
+    material = StartInputs(photo, mesh, None)
     start = start_from_pairs(material, PointPairs(points, pixels), StartCamera(focal_px=1333.0))
     save_pose(folder / "start.json", PoseRecord(start.pose))
     run("overlay", case.photo, case.model, "--pose", folder / "start.json",

@@ -34,14 +34,9 @@ from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.marks import (
-    Material,
-    Start,
-    StartCamera,
-    start_from_found_wheels,
-    start_from_pairs,
-    start_from_wheels,
-)
+from poseviewer.starts.point_pairs import start_from_pairs
+from poseviewer.starts.registration import Start, StartCamera, StartInputs
+from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
 
 LOOKS_OF_THE_DEMO = ("outline", "relit", "residual")
 
@@ -229,7 +224,7 @@ def _open(options: Namespace) -> Case:
     return case
 
 
-def _start(options: Namespace, known: StartCamera) -> Path | str | Callable[[Material], Start]:
+def _start(options: Namespace, known: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
     given = vars(options)
     if given.get("last"):
         return last_pose()
@@ -238,7 +233,7 @@ def _start(options: Namespace, known: StartCamera) -> Path | str | Callable[[Mat
     if options.start is not None:
         return AUTOMATIC
 
-    def find(material: Material) -> Start:
+    def find(material: StartInputs) -> Start:
         if given.get("pairs") is not None:
             return start_from_pairs(material, load_pairs(options.pairs), known)
         if options.find_wheels is not None:

@@ -9,6 +9,8 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from poseviewer.geometry.rectangle import Rectangle
+
 
 def positive(text: str) -> float:
     """A finite number above 0."""
@@ -57,7 +59,7 @@ def size(text: str) -> tuple[int, int]:
     return int(sides[0]), int(sides[1])
 
 
-def rectangle(text: str) -> tuple[int, int, int, int]:
+def rectangle(text: str) -> Rectangle:
     """``left,top,width,height`` in px of the photo."""
     try:
         left, top, width, height = (int(part) for part in text.split(","))
@@ -65,7 +67,7 @@ def rectangle(text: str) -> tuple[int, int, int, int]:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not four whole numbers, left,top,width,height"
         ) from None
-    return left, top, width, height
+    return Rectangle(left, top, width, height)
 
 
 def listed(kind: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:

@@ -24,6 +24,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.cma_es import CloudState, CmaOptions, evolve
 from poseviewer.optimise.nelder_mead import SimplexState
 from poseviewer.optimise.quadratic import QuadraticOptions, quadratic_descent
@@ -456,7 +457,7 @@ def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
     return bool(variances[1] > LEAST_COLOUR**2)
 
 
-def _rectangle(photo: Photo, region: tuple[int, int, int, int]) -> NDArray[np.float32]:
+def _rectangle(photo: Photo, region: Rectangle) -> NDArray[np.float32]:
     left, top, width, height = region
     found = inside((photo.height, photo.width), (left, top, left + width, top + height))
     if not found.any():

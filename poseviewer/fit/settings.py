@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from poseviewer.errors import SettingsError
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.renderers import RendererName
 
@@ -54,8 +55,8 @@ class FitSettings:
     pixels: PixelsName = "near"
     """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
     speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
-    region: tuple[int, int, int, int] | None = None
-    """Rectangle (left, top, width, height) in px that P lies in."""
+    region: Rectangle | None = None
+    """That P lies in, px."""
     mask: str | None = None
     """File name of the mask, for the record."""
     renderer: RendererName = "software"
@@ -71,6 +72,8 @@ class FitSettings:
                     f"{name}={getattr(self, name)!r}: there is no such choice; "
                     f"take one of {', '.join(choices)}."
                 )
+        if self.region is not None:
+            object.__setattr__(self, "region", Rectangle(*self.region))
         if self.method == "paper":
             object.__setattr__(self, "grey", True)
             object.__setattr__(self, "colour_reflectance", False)

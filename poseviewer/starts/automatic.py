@@ -1,10 +1,19 @@
-"""Starts without a person: poses proposed by a search over views, and the best of them taken."""
+"""Starts that nobody gives: views from everywhere, tried on a small picture.
+
+A rectangle about the object fixes where and how large the model is in each view. Views whose
+outline has another shape than the rectangle need no try. The others are scored by the loss of a fit
+on the coarsest pyramid level; the best that differ are improved by short descents, the best of
+these by longer ones, and a few are proposed. Without a rectangle, squares of a few sizes all over
+the photo are tried first: that holds for a large object on a calm ground, not for small ones in
+clutter.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -12,61 +21,151 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.files.photo.load import load_mask
-from poseviewer.fit.loss import registration_loss
-from poseviewer.fit.problem import FitProblem, fit_pose, make_photo_attributes, make_problem
+from poseviewer.fit.loss import registration_loss, worst_registration_loss
+from poseviewer.fit.problem import fit_pose, make_photo_attributes, make_problem
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
+from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import Level, sketch_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
-from poseviewer.starts.box_fit import Box, BoxFits, fit_box
-from poseviewer.starts.boxes import find_boxes
-from poseviewer.starts.marks import Material, Rectangle, Start, StartCamera, likely_wheels
-from poseviewer.starts.view_search import Proposal, ViewProblem, ViewRules, find_views, ranked
-from poseviewer.starts.views import even_rotations, ground_views
+from poseviewer.starts.registration import Start, StartCamera, StartInputs
+from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
+from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Wheels
-
-MOST_BY_WHEELS = 4
-"""Poses that a vehicle's wheels give."""
-WHEEL_APART = 0.7
-"""Of a wheel's half axis: so near to where it was found a pose must put a wheel's centre."""
 
 AUTOMATIC = "auto"
 """In the place of a pose file: find a start."""
 MARGIN = 0.35
 """How far the compared pixels reach beyond the rectangle, as a share of its sides."""
-SMALLEST_BOX = 8
-"""px: sides of a rectangle."""
-CORNERS = 120
-"""Corners of the model that say where its outline is, to a per cent."""
+SMALLEST_SIDE_PX = 8
+"""Of a rectangle about the object."""
+HULL_POINTS = 120
+"""Directions in which the model's outermost vertices stand for its outline, to a per cent."""
+COVERED = 0.6
+"""Share of its rectangle that a model covers, about."""
+BEHIND_CAMERA = 4.0
+"""What a pose that is partly behind the camera counts as off its rectangle: all four sides."""
+WHEEL_POSES = 4
+"""Poses that a vehicle's wheels add to the proposals."""
+WHEEL_DISTANCE = 0.7
+"""So near, in half axes of a wheel that was found, a pose must put the wheel's centre."""
 TRIAL = Limits(400)
 """Of the fit from each proposal that decides which is taken."""
 
+SQUARES = (0.25, 0.4, 0.6, 0.85)
+"""Sides of the squares tried without a rectangle, as shares of the photo's shorter side."""
+STRIDE = 0.5
+"""From one square to the next, as a share of its side."""
+PHOTO_PX = 160.0
+"""Longer side of the photo on the level that the squares are tried on."""
+VIEWS_A_SQUARE = 16
+MOST_SQUARES, LARGEST_OVERLAP = 3, 0.3
+"""So many of the best squares are searched, which overlap (intersection over union) by less."""
+
+BeginThread = Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Descents from the best poses so far."""
+
+    poses: int
+    evaluations: int
+    """Of each descent."""
+    step: float
+    """Edge of its simplex: radians, shares of the radius."""
+    side_px: float
+    """Side of the rectangle, made square, on the level that it is made on."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """How many views are tried, how the best are improved, and how many are proposed."""
+
+    views: int = 2400
+    """Spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
+    aspect_threshold: float = 0.35
+    """Views are tried whose aspect ratio is off by no more than this factor (as a logarithm)."""
+    rectangle_weight: float = 4.0
+    """What it costs, beside the loss, that the outline leaves the rectangle: times the squares of
+    its four sides' distances, as shares of the rectangle's size."""
+    side_px: float = 40.0
+    """Side of the rectangle, made square, on the coarsest level."""
+    rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 80, 0.08, 60.0))
+    proposals: int = 5
+    distance: float = 0.1
+    """Proposals are no nearer to one another: mean distance of the model's corners in the photo, as
+    a share of the rectangle's diagonal."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wanted:
+class StartQuery:
     """What a start is looked for."""
 
     photo: Photo
     mesh: Mesh
     keypoints: VehicleKeypoints | None
     camera: Camera
-    box: Rectangle | None = None
-    """Rectangle (left, top, width, height) about the object, px; None: anywhere in the photo."""
+    rectangle: Rectangle | None = None
+    """About the object; None: anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
     mask: NDArray[np.float32] | None = None
-    rules: ViewRules = field(default_factory=ViewRules)
+    """(height, width): weights of the photo's pixels."""
+    options: ViewOptions = field(default_factory=ViewOptions)
 
     @property
-    def corners(self) -> FloatArray:
-        """(k, 3): those of the model that say where its outline is."""
-        return few_corners(self.mesh)
+    def points(self) -> FloatArray:
+        """(k, 3): vertices that say where the model's outline is, in its frame."""
+        return outermost_points(self.mesh)
+
+    def views(self, rectangle: Rectangle, count: int | None = None, stride: int = 1) -> ViewPoses:
+        """Poses that fill a rectangle: about ``count``, or each ``stride``-th of all. A vehicle's
+        are those on level ground.
+        """
+        if self.keypoints is None:
+            rotations = even_rotations(count or self.options.views // stride)
+        else:
+            rotations = ground_views(self.keypoints)
+            rotations = rotations[:: -(-len(rotations) // count) if count else stride]
+        return poses_filling(rectangle, rotations, self.points, self.mesh.centre, self.camera)
+
+    def photo_about(self, rectangle: Rectangle) -> PhotoAttributes:
+        """The photo as the default method compares it, its region the surroundings of a rectangle
+        within the settings' own region.
+
+        Raises:
+            SettingsError: the region leaves too few pixels.
+        """
+        wide = rectangle.grown(2.0 * MARGIN)
+        corners = max(int(wide.left), 0), max(int(wide.top), 0)
+        region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
+        if self.settings.region is not None:
+            both = region.intersection(Rectangle(*self.settings.region))
+            region = both if both.area > 0.0 else region
+        settings = replace(self.settings, method="default", pixels="whole", region=region)
+        pose = self.views(rectangle, 1).poses[0]
+        return make_photo_attributes(self.photo, self.mesh, pose, settings, self.mask)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A start pose that was found."""
+
+    pose: Pose
+    loss: float
+    """On the last level: to be compared with other proposals of the same search."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,10 +178,10 @@ class Proposals:
 
 
 def propose(
-    wanted: Wanted, renderer: Renderer | None = None, begin: Callable[[], None] | None = None
+    query: StartQuery, renderer: Renderer | None = None, begin: BeginThread | None = None
 ) -> Proposals:
-    """Up to five start poses, by a search over views on all cores; some 3,000 evaluations of small
-    pictures. The same arguments give the same proposals.
+    """Up to ``options.proposals`` start poses that differ, by a search over views on all cores:
+    some 3,000 evaluations of small pictures. The same arguments give the same proposals.
 
     ``begin`` is called by each thread first (to lower its priority, say).
 
@@ -90,86 +189,227 @@ def propose(
         QuickStartError: the rectangle is too small, or not in the photo.
         SettingsError: the region leaves too few pixels.
     """
-    renderer = make_renderer(wanted.mesh) if renderer is None else renderer
-    if wanted.box is not None:
-        box = _checked(wanted.box, wanted.photo)
-        fits, photo = _fits(wanted, box), _photo_about(wanted, box)
-        problem = _problem(wanted, box, photo)
-        views = find_views(problem, fits, renderer, begin)
-        return _some(_by_wheels(wanted, problem, views, renderer, begin), photo)
-    return _propose_anywhere(wanted, renderer, begin)
+    renderer = make_renderer(query.mesh) if renderer is None else renderer
+    if query.rectangle is None:
+        search, found = _search_everywhere(query, renderer, begin)
+    else:
+        rectangle = _checked(query.rectangle, query.photo)
+        search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin)
+        found = _with_wheels(search, search.best_views(query.views(rectangle)))
+    if not found:
+        raise QuickStartError(
+            "No view of the model fits there; lay the rectangle closer about the object."
+        )
+    return Proposals(tuple(found), search.photo)
 
 
-def _by_wheels(
-    wanted: Wanted,
-    problem: ViewProblem,
-    views: tuple[Proposal, ...],
-    renderer: Renderer,
-    begin: Callable[[], None] | None,
-) -> tuple[Proposal, ...]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _ViewSearch:
+    """A search over the views that fill a rectangle."""
+
+    query: StartQuery
+    rectangle: Rectangle
+    photo: PhotoAttributes
+    renderer: Renderer
+    begin: BeginThread | None
+
+    def best_views(self, views: ViewPoses) -> list[Proposal]:
+        """The best views that differ, improved round by round."""
+        options = self.query.options
+        found = self._try_all(views)
+        for this in options.rounds:
+            found = self._descend(this, self._distinct(found, this.poses))
+        return self._distinct(found, options.proposals)
+
+    def ranked(self, poses: Sequence[Pose]) -> list[Proposal]:
+        """Poses of several searches, scored anew over this one's region; those that differ."""
+        found = self._scored(poses, self._level(self.query.options.side_px), 1)
+        return self._distinct(found, self.query.options.proposals)
+
+    def _level(self, side_px: float) -> Level:
+        """The level on which the rectangle, made square, has about ``side_px`` along each side."""
+        area = self.rectangle.area / self.photo.factor**2
+        factor = max(1, round(area**0.5 / side_px))
+        return sketch_level(self.photo, self.renderer, factor, COVERED * area)
+
+    def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
+        def score(own: Renderer, pose: Pose) -> Proposal:
+            return Proposal(pose, registration_loss(own.moments(pose, level.photo)))
+
+        with RendererPool(level.renderer, begin=self.begin) as pool:
+            return list(pool.map(score, poses, *chunk))
+
+    def _try_all(self, views: ViewPoses) -> list[Proposal]:
+        options = self.query.options
+        shaped = np.flatnonzero(views.aspect_errors <= options.aspect_threshold)
+        if not len(shaped):
+            shaped = np.argsort(views.aspect_errors)[: len(views.poses) // 10 + 1]
+        scored = self._scored([views.poses[i] for i in shaped], self._level(options.side_px))
+        # Half of the logarithm goes to each of width and height, half of that to each side.
+        costs = options.rectangle_weight * 4.0 * (views.aspect_errors[shaped] / 4.0) ** 2
+        return [Proposal(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)]
+
+    def _descend(self, this: Round, starts: Sequence[Proposal]) -> list[Proposal]:
+        """Where short descents from the starts end."""
+        level = self._level(this.side_px)
+        mesh, weight = self.query.mesh, self.query.options.rectangle_weight
+        worst = worst_registration_loss(level.photo)
+
+        def descend(own: Renderer, start: Proposal) -> Proposal:
+            chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
+
+            def objective(parameters: FloatArray) -> float:
+                try:
+                    pose = chart.to_pose(parameters)
+                except OutsideChartError:
+                    return worst
+                loss = registration_loss(own.moments(pose, level.photo))
+                return loss + weight * self._off_rectangle(pose)
+
+            corners = axis_simplex(np.zeros(6), np.full(6, this.step))
+            states = downhill_simplex(objective, corners, x_tolerance=1e-3, f_tolerance=1e-4)
+            *_, last = islice(states, this.evaluations)
+            return Proposal(chart.to_pose(last.vertices[0]), float(last.values[0]))
+
+        with RendererPool(level.renderer, begin=self.begin) as pool:
+            return list(pool.map(descend, starts, at_a_time=1))
+
+    def _off_rectangle(self, pose: Pose) -> float:
+        """The squares of the distances between the sides of the outline's box and the rectangle's,
+        as shares of its size, summed.
+        """
+        seen = pose.project(self.query.points)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        wanted = self.rectangle
+        off = np.concatenate([low - wanted[:2], high - [wanted.right, wanted.bottom]])
+        share = float(off @ off) / wanted.area
+        return share if np.isfinite(share) else BEHIND_CAMERA
+
+    def _distinct(self, found: Sequence[Proposal], most: int) -> list[Proposal]:
+        """The best whose pictures of the model differ."""
+        reach = self.query.options.distance * float(np.hypot(*self.rectangle[2:]))
+        ordered = sorted(found, key=lambda one: one.loss)
+        pictures = [(one, one.pose.project(self.query.points)) for one in ordered]
+        seen = ((one, picture) for one, picture in pictures if np.isfinite(picture).all())
+        kept = non_maximum_suppression(
+            seen,
+            lambda a, b: bool(np.linalg.norm(a[1] - b[1], axis=1).mean() < reach),
+            most,
+        )
+        return [one for one, _ in kept]
+
+
+def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
     """The proposals of ``views``; where the photo shows a vehicle's two wheels, the poses by them,
     and of the views those alone that put the wheels there: a pose that does not can have less loss
     on a car whose paint is not the model's.
     """
-    if wanted.keypoints is None or wanted.box is None:
+    query = search.query
+    if query.keypoints is None:
         return views
-    material = Material(wanted.photo, wanted.mesh, wanted.keypoints)
+    inputs = StartInputs(query.photo, query.mesh, query.keypoints)
     try:
-        found = likely_wheels(material, wanted.box, wanted.camera)
+        found = likely_wheels(inputs, search.rectangle, query.camera)
     except QuickStartError:  # no two are seen, as from in front
         return views
-    agreeing = [one for one in views if _shows(one.pose, wanted.keypoints, found[0].wheels)]
-    poses = [one.fit.pose for one in found[:MOST_BY_WHEELS]]
-    return ranked(problem, [*agreeing, *(Proposal(p, np.inf) for p in poses)], renderer, begin)
+    agreeing = [v.pose for v in views if _shows(v.pose, query.keypoints, found[0].wheels)]
+    return search.ranked([*agreeing, *(one.fit.pose for one in found[:WHEEL_POSES])])
 
 
 def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
     """Whether a pose has the wheels about where they were found."""
     side = visible_side(keypoints, pose)
     pairs = (wheels.rear, side.rear_wheel), (wheels.front, side.front_wheel)
-    away = [
+    off = [
         np.hypot(*(pose.project(centre) - [wheel.cx, wheel.cy])) / wheel.a
         for wheel, centre in pairs
     ]
-    return bool(max(away) < WHEEL_APART)
+    return bool(max(off) < WHEEL_DISTANCE)
 
 
-def _propose_anywhere(
-    wanted: Wanted, renderer: Renderer, begin: Callable[[], None] | None
-) -> Proposals:
-    everywhere = Box(0.0, 0.0, float(wanted.photo.width), float(wanted.photo.height))
-    photo = _photo_about(wanted, everywhere)
-    boxes = find_boxes(photo, lambda box, count: _few_fits(wanted, box, count), renderer, begin)
-    # The squares say where, not which shape; each has its share of the views.
-    wanted = replace(wanted, rules=replace(wanted.rules, misshapen=np.inf, box_weight=0.0))
-    found: list[Proposal] = []
-    for box in boxes:
-        near = _problem(wanted, box, _photo_about(wanted, box))
-        found += find_views(near, _fits(wanted, box, 2 * len(boxes)), renderer, begin)
+def _search_everywhere(
+    query: StartQuery, renderer: Renderer, begin: BeginThread | None
+) -> tuple[_ViewSearch, list[Proposal]]:
+    """A search in each of the likeliest squares; each has its share of the views."""
+    everywhere = Rectangle(0.0, 0.0, float(query.photo.width), float(query.photo.height))
+    photo = query.photo_about(everywhere)
+    squares = _likeliest_squares(query, photo, renderer, begin)
+    # The squares say where, not which shape.
+    options = replace(query.options, aspect_threshold=np.inf, rectangle_weight=0.0)
+    query = replace(query, options=options)
+    poses: list[Pose] = []
+    for square in squares:
+        search = _ViewSearch(query, square, query.photo_about(square), renderer, begin)
+        views = query.views(square, stride=2 * len(squares))
+        poses += [one.pose for one in search.best_views(views)]
     # Regions about other places are other pixels: all are compared again, over the whole photo.
-    largest = max(boxes, key=lambda box: box.width)
-    return _some(ranked(_problem(wanted, largest, photo), found, renderer, begin), photo)
+    largest = max(squares, key=lambda square: square.width)
+    search = _ViewSearch(query, largest, photo, renderer, begin)
+    return search, search.ranked(poses)
+
+
+def _likeliest_squares(
+    query: StartQuery, photo: PhotoAttributes, renderer: Renderer, begin: BeginThread | None
+) -> list[Rectangle]:
+    """The likeliest places of the model in a photo, the best first; on all cores."""
+    height, width = (side * photo.factor for side in photo.weights.shape)
+    squares = squares_over(width, height)
+    factor = max(1, round(max(photo.weights.shape) / PHOTO_PX))
+    area = float(np.median([square.area for square in squares])) / photo.factor**2
+    level = sketch_level(photo, renderer, factor, area)
+
+    def score(own: Renderer, pose: Pose) -> float:
+        return registration_loss(own.moments(pose, level.photo))
+
+    with RendererPool(level.renderer, begin=begin) as pool:
+        views = (query.views(square, VIEWS_A_SQUARE).poses for square in squares)
+        losses = [min(pool.map(score, poses)) for poses in views]
+    ordered = (squares[i] for i in np.argsort(losses, kind="stable"))
+    return non_maximum_suppression(
+        ordered, lambda a, b: a.overlap(b) >= LARGEST_OVERLAP, MOST_SQUARES
+    )
+
+
+def squares_over(width: float, height: float) -> list[Rectangle]:
+    """Squares of all sizes of ``SQUARES`` that cover a photo, ``STRIDE`` apart or less."""
+
+    def starts(length: float, side: float) -> list[float]:
+        count = int(np.ceil((length - side) / (STRIDE * side))) + 1
+        return np.linspace(0.0, length - side, count).tolist()
+
+    sides = [share * min(width, height) for share in SQUARES]
+    return [
+        Rectangle(u, v, side, side)
+        for side in sides
+        for v in starts(height, side)
+        for u in starts(width, side)
+    ]
 
 
 def best_start(
-    wanted: Wanted, proposals: Proposals, renderer: Renderer, watch: Callable[[], object]
+    query: StartQuery, proposals: Proposals, renderer: Renderer, watch: Callable[[], object]
 ) -> Start:
     """The pose to go on from: a short fit from each proposal, and the end of least loss.
 
     ``watch`` is called after every evaluation; whatever it raises ends the search.
     """
-    poses = [fitted(wanted, one.pose, renderer, watch) for one in proposals.found]
+    poses = [fitted(query, one.pose, renderer, watch) for one in proposals.found]
     losses = [registration_loss(renderer.moments(pose, proposals.photo)) for pose in poses]
     best = int(np.argmin(losses))
-    return Start(poses[best], (_note(best, losses),))
+    note = f"start found: one proposal, loss {losses[best]:.2f}"
+    if len(losses) > 1:
+        nth = ("first", "second", "third", "fourth")[best] if best < 4 else f"{best + 1}th"
+        note = f"start found: the {nth} of {len(losses)} proposals, loss {losses[best]:.2f}, "
+        note += f"the next best {sorted(losses)[1]:.2f}"
+    return Start(poses[best], (f"{note}; look whether it is right.",))
 
 
-def fitted(wanted: Wanted, start: Pose, renderer: Renderer, watch: Callable[[], object]) -> Pose:
+def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[], object]) -> Pose:
     """Where a short fit from ``start`` ends; ``start`` where none can be made from it."""
-    settings = replace(wanted.settings, method="default", lock=(), limits=TRIAL)
-    registration = Registration(wanted.photo, wanted.mesh, "", "", wanted.keypoints, start, ())
+    settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
+    registration = Registration(query.photo, query.mesh, "", "", query.keypoints, start, ())
     try:
-        problem: FitProblem = make_problem(registration, settings, wanted.mask)[0]
+        problem = make_problem(registration, settings, query.mask)[0]
     except SettingsError:
         return start
     pose = start
@@ -179,118 +419,52 @@ def fitted(wanted: Wanted, start: Pose, renderer: Renderer, watch: Callable[[], 
     return pose
 
 
-def _note(best: int, losses: list[float]) -> str:
-    text = f"start found: the {_ordinal(best + 1)} of {len(losses)} proposals, loss "
-    others = sorted(loss for index, loss in enumerate(losses) if index != best)
-    if not others:
-        return f"start found: one proposal, loss {losses[best]:.2f}; look whether it is right."
-    return f"{text}{losses[best]:.2f}, the next best {others[0]:.2f}; look whether it is right."
-
-
-def _ordinal(number: int) -> str:
-    return {1: "first", 2: "second", 3: "third", 4: "fourth"}.get(number, f"{number}th")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class AutoStart:
-    """``find`` is a start for ``quick_start.load_unplaced``."""
+    """``find`` is a start for ``starts.registration.load_with_start``."""
 
-    box: Rectangle | None = None
+    rectangle: Rectangle | None = None
     """About the object; None: the settings' region, or anywhere."""
     camera: StartCamera = field(default_factory=StartCamera)
     settings: FitSettings = field(default_factory=FitSettings)
     mask: Path | None = None
     watch: Callable[[], object] = lambda: None
 
-    def find(self, material: Material) -> Start:
+    def find(self, inputs: StartInputs) -> Start:
         """The best of the proposals.
 
         Raises:
             PoseViewerError: the rectangle, the region or the mask cannot be used.
         """
-        photo, box = material.photo, self.box or self.settings.region
-        mask = load_mask(self.mask, photo.width, photo.height) if self.mask else None
-        camera = self.camera.of(photo)
-        wanted = Wanted(photo, material.mesh, material.keypoints, camera, box, self.settings, mask)
-        renderer = make_renderer(material.mesh)
-        return best_start(wanted, propose(wanted, renderer), renderer, self.watch)
+        photo, rectangle = inputs.photo, self.rectangle or self.settings.region
+        query = StartQuery(
+            photo,
+            inputs.mesh,
+            inputs.keypoints,
+            self.camera.of(photo),
+            None if rectangle is None else Rectangle(*rectangle),
+            self.settings,
+            load_mask(self.mask, photo.width, photo.height) if self.mask else None,
+        )
+        renderer = make_renderer(inputs.mesh)
+        return best_start(query, propose(query, renderer), renderer, self.watch)
 
 
 @lru_cache(maxsize=4)
-def few_corners(mesh: Mesh) -> FloatArray:
-    """(k, 3): the outermost vertices in some hundred directions, in the model's frame."""
+def outermost_points(mesh: Mesh) -> FloatArray:
+    """(k, 3): the outermost vertices in ``HULL_POINTS`` directions, in the model's frame."""
     corners = hull_points(mesh)
-    outermost = np.argmax(corners @ even_rotations(CORNERS)[:, 2].T, axis=0)
+    outermost = np.argmax(corners @ even_rotations(HULL_POINTS)[:, 2].T, axis=0)
     return corners[np.unique(outermost)]
 
 
-def _checked(box: Rectangle, photo: Photo) -> Box:
-    left, top, width, height = box
-    inside = (
-        min(left + width, photo.width) - max(left, 0),
-        min(top + height, photo.height) - max(top, 0),
-    )
-    if min(inside) < SMALLEST_BOX:
+def _checked(rectangle: Rectangle, photo: Photo) -> Rectangle:
+    left, top, width, height = rectangle
+    inside = rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
+    if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
         raise QuickStartError(
-            f"--box {left},{top},{width},{height}: has no {SMALLEST_BOX}x{SMALLEST_BOX} px in the "
-            f"photo of {photo.width}x{photo.height} px; give the object's left,top,width,height."
+            f"--box {left},{top},{width},{height}: has no {SMALLEST_SIDE_PX}x{SMALLEST_SIDE_PX} px "
+            f"in the photo of {photo.width}x{photo.height} px; give the object's "
+            "left,top,width,height."
         )
-    return Box(float(left), float(top), float(width), float(height))
-
-
-def _some(found: tuple[Proposal, ...], photo: PhotoAttributes) -> Proposals:
-    if not found:
-        raise QuickStartError(
-            "No view of the model fits there; lay the rectangle closer about the object."
-        )
-    return Proposals(found, photo)
-
-
-def _fits(wanted: Wanted, box: Box, share: int = 1) -> BoxFits:
-    """The views to be tried, a ``share``-th of them. A vehicle's are those on level ground."""
-    if wanted.keypoints is None:
-        return _filling(wanted, box, even_rotations(wanted.rules.views // share))
-    return _filling(wanted, box, ground_views(wanted.keypoints)[::share])
-
-
-def _few_fits(wanted: Wanted, box: Box, count: int) -> BoxFits:
-    """About ``count`` of these views."""
-    if wanted.keypoints is None:
-        return _filling(wanted, box, even_rotations(count))
-    views = ground_views(wanted.keypoints)
-    return _filling(wanted, box, views[:: -(-len(views) // count)])
-
-
-def _filling(wanted: Wanted, box: Box, rotations: FloatArray) -> BoxFits:
-    return fit_box(box, rotations, wanted.corners, wanted.mesh.centre, wanted.camera)
-
-
-def _problem(wanted: Wanted, box: Box, photo: PhotoAttributes) -> ViewProblem:
-    mesh = wanted.mesh
-    return ViewProblem(photo, box, wanted.corners, mesh.centre, mesh.diameter / 2.0, wanted.rules)
-
-
-def _photo_about(wanted: Wanted, box: Box) -> PhotoAttributes:
-    """The photo with the surroundings of a rectangle as its region."""
-    wide = box.grown(2.0 * MARGIN)
-    left, top = max(int(wide.left), 0), max(int(wide.top), 0)
-    right, bottom = int(wide.left + wide.width) + 1, int(wide.top + wide.height) + 1
-    return _attributes(wanted, box, (left, top, right - left, bottom - top))
-
-
-def _attributes(wanted: Wanted, box: Box, region: Rectangle) -> PhotoAttributes:
-    """Over a region within the settings' own, by the default method's way to compare."""
-    own = wanted.settings.region
-    settings = replace(wanted.settings, method="default", pixels="whole", region=_both(region, own))
-    some = _few_fits(wanted, box, 1).poses[0]
-    return make_photo_attributes(wanted.photo, wanted.mesh, some, settings, wanted.mask)
-
-
-def _both(one: Rectangle, other: Rectangle | None) -> Rectangle:
-    """What two rectangles share; of a box far from the region, the box."""
-    if other is None:
-        return one
-    left, top = max(one[0], other[0]), max(one[1], other[1])
-    right = min(one[0] + one[2], other[0] + other[2])
-    bottom = min(one[1] + one[3], other[1] + other[3])
-    return (left, top, right - left, bottom - top) if right > left and bottom > top else one
+    return Rectangle(float(left), float(top), float(width), float(height))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage, optimize
 
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.vehicle.ellipses import Ellipse
 
 COARSE_WIDTH, FINE_WIDTH = 256, 640
@@ -66,11 +67,8 @@ def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
             x, y, longer, shorter, tilt = _scaled(parameters, 1.0 / fine)
             ellipse = Ellipse(x, y, np.exp(longer), np.exp(shorter), tilt + np.pi / 2.0)
             found.append(Supported(ellipse, support))
-    kept: list[Supported] = []
-    for one in sorted(found, key=lambda one: -one.support):
-        if all(_apart(one.ellipse, other.ellipse) for other in kept):
-            kept.append(one)
-    return kept[:MOST_KEPT]
+    found.sort(key=lambda one: -one.support)
+    return non_maximum_suppression(found, _is_same_ellipse, MOST_KEPT)
 
 
 def edge_field(grey: NDArray[np.float32]) -> FieldImage:
@@ -140,21 +138,19 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
         matched = np.real(np.asarray(fft.ifft2(product))[:height, :width])
         better = matched > best
         best[better], which[better] = matched[better], index
-    starts: list[FloatArray] = []
-    for place in np.argsort(-best, axis=None):
-        y, x = divmod(int(place), width)
-        longer, shorter, tilt = shapes[which[y, x]]
-        new = np.array([x + 0.5, y + 0.5, np.log(longer), np.log(shorter), tilt])
-        if all(_is_elsewhere(new, other) for other in starts):
-            starts.append(new)
-            if len(starts) == MOST_TRIED:
-                break
-    return starts
+
+    def candidates() -> Iterator[FloatArray]:
+        for place in np.argsort(-best, axis=None):
+            y, x = divmod(int(place), width)
+            longer, shorter, tilt = shapes[which[y, x]]
+            yield np.array([x + 0.5, y + 0.5, np.log(longer), np.log(shorter), tilt])
+
+    return non_maximum_suppression(candidates(), _is_near, MOST_TRIED)
 
 
-def _is_elsewhere(one: FloatArray, other: FloatArray) -> bool:
-    away = np.hypot(*(one[:2] - other[:2])) > 0.25 * np.exp(other[2])
-    return bool(away or abs(one[2] - other[2]) > 0.2)
+def _is_near(one: FloatArray, other: FloatArray) -> bool:
+    distance = np.hypot(*(one[:2] - other[:2]))
+    return bool(distance <= 0.25 * np.exp(other[2]) and abs(one[2] - other[2]) <= 0.2)
 
 
 def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
@@ -192,7 +188,7 @@ def _is_wheel_like(parameters: FloatArray, width: int) -> bool:
     return bool(SIZES[0] / 1.2 <= longer <= 1.2 * SIZES[-1] and ASPECTS[0] / 1.2 <= aspect <= 1.25)
 
 
-def _apart(one: Ellipse, other: Ellipse) -> bool:
-    """Whether two ellipses are not nearly the same one."""
-    middle = np.hypot(one.cx - other.cx, one.cy - other.cy) > 0.12 * one.a
-    return bool(middle or abs(np.log(one.a / other.a)) > 0.08)
+def _is_same_ellipse(one: Supported, other: Supported) -> bool:
+    a, b = one.ellipse, other.ellipse
+    distance = np.hypot(a.cx - b.cx, a.cy - b.cy)
+    return bool(distance <= 0.12 * a.a and abs(np.log(a.a / b.a)) <= 0.08)

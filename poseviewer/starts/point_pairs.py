@@ -10,21 +10,29 @@ are given, the best first.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from poseviewer.errors import QuickStartError
+from poseviewer.files.marks import PointPairs
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.geometry.scaled_orthographic import scaled_orthographic_poses
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
+from poseviewer.starts.placing import surface_point
+from poseviewer.starts.registration import Start, StartCamera, StartInputs
 
 FEWEST_PERSPECTIVE, FEWEST_PARALLEL, FEWEST_FOR_FOCAL = 4, 3, 6
 LEAST_SPREAD = 0.01
@@ -33,8 +41,52 @@ PLANE_SPREAD = 0.001
 """And in a plane, whose two poses are asked for apart, where this holds of the third."""
 MANY = 6
 """From so many pairs on, SQPnP's answer alone is refined."""
+SAME_TURN = 1e-3
+"""Answers whose rotations differ by less in every entry are one but for rounding."""
 AS_GOOD, AS_GOOD_PX = 1.5, 1.0
 """An answer is as good as the best one up to this factor, or so many px, of its error."""
+FOCALS = tuple(np.geomspace(0.25, 16.0, 13))
+"""Focal lengths that are tried first, in longer sides of the photo: views of 127 to 3.6 degrees."""
+LEAST_ERROR_PX = 1.0
+"""Standard deviation of a pair that is taken at least: few pairs can fit by chance."""
+LARGEST_DOUBT = 0.3
+"""Standard deviation of the logarithm of a focal length that is still an answer: 30 per cent."""
+HIDDEN_BEHIND = 0.02
+"""A point is hidden where a surface lies before it by this share of the model's diameter."""
+
+
+def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera) -> Start:
+    """The start that point pairs give; of mirror images the one whose points can be seen.
+
+    Raises:
+        QuickStartError: they give none.
+    """
+    camera, points, pixels = known.of(inputs.photo), pairs.points, pairs.pixels
+    notes: list[str] = []
+    fits: tuple[PairFit, ...] = ()
+    unknown = not known.parallel and (known.free_focal or not known.knows_focal(inputs.photo))
+    if unknown and (len(points) >= FEWEST_FOR_FOCAL or known.free_focal):
+        fits = _with_focal(camera, pairs, notes, required=known.free_focal)
+    fit = likeliest(fits or poses_from_pairs(points, pixels, camera), points, inputs.mesh)
+    errors = ", ".join(f"{error:.1f}" for error in fit.errors_px)
+    notes.append(f"start from {len(points)} point pairs, off by {errors} px.")
+    return Start(fit.pose, tuple(notes))
+
+
+def _with_focal(
+    camera: Camera, pairs: PointPairs, notes: list[str], required: bool
+) -> tuple[PairFit, ...]:
+    assert isinstance(camera, Perspective)  # asked for under perspective alone
+    try:
+        found = focal_from_pairs(pairs.points, pairs.pixels, camera)
+    except QuickStartError:
+        if required:
+            raise
+        return ()
+    seen = found.fit.pose.camera
+    assert isinstance(seen, Perspective)
+    notes.append(f"focal length from the pairs: {seen.fx:.0f} px, to {found.doubt:.0%}.")
+    return (found.fit,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +132,14 @@ def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tu
             "photo belongs to which of the model."
         )
     worst = max(AS_GOOD * fits[0].rms_px, fits[0].rms_px + AS_GOOD_PX)
-    return _distinct([fit for fit in fits if fit.rms_px <= worst])
+    good = (fit for fit in fits if fit.rms_px <= worst)
+    return tuple(non_maximum_suppression(good, lambda a, b: _turn_between(a, b) <= SAME_TURN))
+
+
+def _turn_between(one: PairFit, other: PairFit) -> float:
+    """The largest difference between entries of two rotations."""
+    matrices = (fit.pose.camera_from_model.rotation for fit in (one, other))
+    return float(np.abs(np.subtract(*matrices)).max())
 
 
 def fit_of(pose: Pose, points: ArrayLike, pixels: ArrayLike) -> PairFit:
@@ -134,14 +193,14 @@ def _answers(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """(rotation vector, translation) of each answer, after Levenberg-Marquardt over all pairs."""
     extents = np.linalg.svd(points, compute_uv=False)
-    ways = [cv2.SOLVEPNP_SQPNP]
+    solvers = [cv2.SOLVEPNP_SQPNP]
     if extents[2] <= PLANE_SPREAD * extents[0]:
-        ways.append(cv2.SOLVEPNP_IPPE)
+        solvers.append(cv2.SOLVEPNP_IPPE)
     starts: list[tuple[Any, Any]] = []
-    for way in ways:
-        # A way that finds no answer raises: IPPE wants an exact plane.
+    for solver in solvers:
+        # A solver that finds no answer raises: IPPE wants an exact plane.
         with suppress(cv2.error):
-            found = cv2.solvePnPGeneric(points, pixels, matrix, None, flags=way)
+            found = cv2.solvePnPGeneric(points, pixels, matrix, None, flags=solver)
             starts += zip(found[1], found[2], strict=True)
     if len(points) < MANY:
         for three in map(list, combinations(range(len(points)), 3)):
@@ -155,11 +214,114 @@ def _answers(
     return [(answer[:3], answer[3:]) for answer in answers if np.isfinite(answer).all()]
 
 
-def _distinct(fits: list[PairFit]) -> tuple[PairFit, ...]:
-    """Without those that another, better one equals but for rounding."""
-    kept: list[PairFit] = []
-    for fit in fits:
-        turn = fit.pose.camera_from_model.rotation
-        if all(np.abs(turn - k.pose.camera_from_model.rotation).max() > 1e-3 for k in kept):
-            kept.append(fit)
-    return tuple(kept)
+@dataclass(frozen=True, slots=True, eq=False)
+class FocalFit:
+    """A pose with a camera whose focal length was found."""
+
+    fit: PairFit
+    doubt: float
+    """Standard deviation of the focal length, as a share of it, as the pairs' errors make it."""
+
+
+def focal_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Perspective) -> FocalFit:
+    """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2).
+
+    ``camera`` gives the principal point and the ratio of ``fx`` and ``fy``.
+
+    Raises:
+        QuickStartError: too few pairs, or pairs that leave the focal length open, as those do that
+            are all about as far away.
+    """
+    points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
+    if len(points) < FEWEST_FOR_FOCAL:
+        raise QuickStartError(
+            f"{len(points)} point pairs; the focal length needs at least {FEWEST_FOR_FOCAL}: add "
+            f"{FEWEST_FOR_FOCAL - len(points)}, or give the focal length."
+        )
+    tried = [fit for focal in FOCALS for fit in _at(points, pixels, camera, focal)]
+    if not tried:
+        poses_from_pairs(points, pixels, camera)  # says why there is none
+    found, doubt = _refined(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
+    if not doubt <= LARGEST_DOUBT:
+        raise QuickStartError(
+            f"The point pairs leave the focal length open (by {min(doubt, 9.99):.0%}): add pairs "
+            "nearer and farther away, or give the focal length."
+        )
+    return FocalFit(found, doubt)
+
+
+def _at(
+    points: FloatArray, pixels: FloatArray, camera: Perspective, focal: float
+) -> tuple[PairFit, ...]:
+    """The poses with a focal length in longer sides of the photo; none where that gives none."""
+    fx = focal * max(camera.width, camera.height)
+    try:
+        return poses_from_pairs(points, pixels, with_focal(camera, fx))
+    except QuickStartError:
+        return ()
+
+
+def with_focal(camera: Perspective, fx: float) -> Perspective:
+    """The camera with another focal length; its pixels keep their shape."""
+    return replace(camera, fx=fx, fy=camera.fy * fx / camera.fx)
+
+
+def _refined(points: FloatArray, pixels: FloatArray, start: Pose) -> tuple[PairFit, float]:
+    """Least squares over rotation, place and focal length at once; and the focal's deviation."""
+    camera, transform = start.camera, start.camera_from_model
+    assert isinstance(camera, Perspective)  # as ``focal_from_pairs`` made it
+    middle = points.mean(axis=0)
+    at = transform.apply(middle)
+
+    def placed(x: FloatArray) -> Pose:
+        # The depth goes along with the focal length, or the two would hold each other.
+        place = at * [1.0, 1.0, math.exp(x[6])] + x[3:6] * at[2]
+        rotation = rotation_about(*x[:3]) @ transform.rotation
+        focal = with_focal(camera, camera.fx * math.exp(x[6]))
+        return Pose(focal, RigidTransform(rotation, place - rotation @ middle))
+
+    def residuals(x: FloatArray) -> FloatArray:
+        # Behind the camera: worse than anything in front of it.
+        return np.nan_to_num(placed(x).project(points) - pixels, nan=1e6).ravel()
+
+    end = least_squares(residuals, np.zeros(7), method="lm", max_nfev=2000)
+    fit = fit_of(placed(end.x), points, pixels)
+    freedom = max(2 * len(points) - 7, 1)
+    error = max(LEAST_ERROR_PX, math.sqrt(2.0 * end.cost / freedom))
+    variances = np.linalg.pinv(end.jac.T @ end.jac, rcond=1e-14)
+    return fit, error * math.sqrt(max(float(variances[6, 6]), 0.0))
+
+
+def likeliest(
+    fits: Sequence[PairFit], points: ArrayLike, mesh: Mesh, near: Pose | None = None
+) -> PairFit:
+    """Of poses that show points (n, 3) about equally well, the one from which most of them can be
+    seen, since the photo shows them; of equals the one turned least from ``near``, else the first.
+    """
+    if len(fits) == 1:
+        return fits[0]
+    points = np.asarray(points, dtype=float)
+
+    def rank(fit: PairFit) -> tuple[int, float]:
+        turned = 0.0
+        if near is not None:
+            turned = rotation_angle(
+                near.camera_from_model.rotation, fit.pose.camera_from_model.rotation
+            )
+        return -_seen(fit.pose, points, mesh), turned
+
+    return min(fits, key=rank)
+
+
+def _seen(pose: Pose, points: FloatArray, mesh: Mesh) -> int:
+    """How many of the points (n, 3) no other part of the surface hides."""
+    depths = pose.camera_from_model.apply(points)[:, 2]
+    count = 0
+    for pixel, depth in zip(pose.project(points), depths, strict=True):
+        nearest = surface_point(mesh, pose, pixel)
+        if nearest is None:
+            count += 1  # at the outline, just beside it
+            continue
+        before = depth - pose.camera_from_model.apply(nearest)[2]
+        count += bool(before <= HIDDEN_BEHIND * mesh.diameter)
+    return count

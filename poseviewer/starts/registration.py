@@ -1,19 +1,69 @@
-"""Photo, model and start pose from files, checked against one another."""
+"""From files to a registration: photo, model, and a start pose that a file gives, or that is found
+on the photo.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from poseviewer.errors import SettingsError
 from poseviewer.files.camera.calibration import Calibration
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo.calibrated import load_calibrated_photo, matched
-from poseviewer.files.pose.file import (
-    check_against,
-    load_pose,
-)
+from poseviewer.files.pose.file import check_against, load_pose
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.vehicle.keypoints import VehicleKeypoints
+
+
+@dataclass(frozen=True, slots=True)
+class StartCamera:
+    """What is known of the camera where no pose file says it."""
+
+    parallel: bool = False
+    focal_px: float | None = None
+    """None: EXIF's; without that, the pairs' where they tell it, else a view of 50 degrees."""
+    free_focal: bool = False
+    """Find it from the pairs even where it is known."""
+
+    def of(self, photo: Photo) -> Camera:
+        """The camera: its principal point is the photo's middle."""
+        camera = photo.default_camera()
+        if self.parallel:
+            return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+        if self.focal_px is not None:
+            camera = replace(camera, fx=self.focal_px, fy=self.focal_px)
+        return camera
+
+    def knows_focal(self, photo: Photo) -> bool:
+        """Whether a focal length was given, or stands in the photo."""
+        return self.focal_px is not None or photo.focal_length_35mm is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A start pose, and what is to be said about it."""
+
+    pose: Pose
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartInputs:
+    """What a start is found for."""
+
+    photo: Photo
+    mesh: Mesh
+    keypoints: VehicleKeypoints | None
+
+
+FindStart = Callable[[StartInputs], Start]
 
 
 def load_model(path: str | Path) -> LoadedModel:
@@ -41,13 +91,51 @@ def load_registration(
     photo = load_calibrated_photo(photo_path, calibration)
     photo, record, notes = matched(photo, load_pose(pose_path, photo.width, photo.height))
     model = model if isinstance(model, LoadedModel) else load_model(model)
-    warnings = (
-        *(f"{photo.name}: {note}" for note in photo.notes),
-        *(f"{model.name}: {note}" for note in model.mesh.notes),
-        *record.warnings,
-        *check_against(record, photo.sha256, model.sha256),
-        *notes,
-    )
+    checks = check_against(record, photo.sha256, model.sha256)
+    return _registration(photo, model, record.pose, (*record.warnings, *checks, *notes))
+
+
+def load_with_start(
+    photo_path: str | Path,
+    model: str | Path | LoadedModel,
+    find: FindStart,
+    calibration: Calibration | None = None,
+) -> Registration:
+    """The same with a start that ``find`` finds on the photo; its notes are last.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or no start is found, or one for a photo of another
+            size.
+    """
+    if not callable(find):
+        raise SettingsError(
+            f"a start of type {type(find).__name__}; wanted a pose file, a pose, "
+            '"auto", or a function that finds a start on the photo.'
+        )
+    photo = load_calibrated_photo(photo_path, calibration)
+    model = model if isinstance(model, LoadedModel) else load_model(model)
+    start = find(StartInputs(photo, model.mesh, model.keypoints))
+    if not isinstance(start, Start):
+        raise SettingsError(
+            f"the function that finds a start gave {type(start).__name__}; "
+            "wanted a starts.registration.Start."
+        )
+    camera = start.pose.camera
+    if (camera.width, camera.height) != (photo.width, photo.height):
+        raise SettingsError(
+            f"a start for photos of {camera.width}x{camera.height} px, and {photo.name} has "
+            f"{photo.width}x{photo.height}; use pose.scaled, if it is the same photo made smaller "
+            "or larger."
+        )
+    return _registration(photo, model, start.pose, start.notes)
+
+
+def _registration(
+    photo: Photo, model: LoadedModel, start: Pose, notes: tuple[str, ...]
+) -> Registration:
+    of_files = [(photo.name, note) for note in photo.notes]
+    of_files += [(model.name, note) for note in model.mesh.notes]
+    warnings = (*(f"{name}: {note}" for name, note in of_files), *notes)
     return Registration(
-        photo, model.mesh, model.name, model.sha256, model.keypoints, record.pose, warnings
+        photo, model.mesh, model.name, model.sha256, model.keypoints, start, warnings
     )

@@ -20,6 +20,7 @@ from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import Ellipse, circles_of
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints, model_axes
@@ -32,6 +33,8 @@ SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
 """Of a wheel, in wheelbases: from a hub cap to a tractor's tyre."""
 AS_GOOD, AS_GOOD_PX = 1.5, 0.5
 """An answer is as good as the best one up to this factor, or so many px, of its error."""
+SAME_TURN = 0.02
+"""Answers whose rotations differ by less in every entry are one."""
 OUT_OF_REACH_PX = 1e4
 """The error of numbers that are no pose."""
 
@@ -82,8 +85,15 @@ def poses_from_wheels(
             "is the rear wheel, and that both outline the same part of a wheel."
         )
     worst = max(AS_GOOD * fits[0].error_px, fits[0].error_px + AS_GOOD_PX)
-    good = _distinct([fit for fit in fits if fit.error_px <= worst])
+    good = non_maximum_suppression(
+        (fit for fit in fits if fit.error_px <= worst),
+        lambda a, b: np.abs(_rotation(a) - _rotation(b)).max() <= SAME_TURN,
+    )
     return tuple(sorted(good, key=lambda fit: not fit.from_above))  # stable: then by error
+
+
+def _rotation(fit: WheelFit) -> FloatArray:
+    return fit.pose.camera_from_model.rotation
 
 
 def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
@@ -161,13 +171,3 @@ def wheel_rims(pose: Pose, side: SideKeypoints, radius: float) -> tuple[FloatArr
     t = np.linspace(0.0, 2.0 * math.pi, RIM_POINTS, endpoint=False)[:, None]
     circle = radius * (np.cos(t) * along + np.sin(t) * across)
     return pose.project(side.rear_wheel + circle), pose.project(side.front_wheel + circle)
-
-
-def _distinct(fits: list[WheelFit]) -> list[WheelFit]:
-    """Without those that another, better one equals."""
-    kept: list[WheelFit] = []
-    for fit in fits:
-        turn = fit.pose.camera_from_model.rotation
-        if all(np.abs(turn - k.pose.camera_from_model.rotation).max() > 0.02 for k in kept):
-            kept.append(fit)
-    return kept

@@ -15,7 +15,7 @@ import hashlib
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +26,11 @@ from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import PoseError, pose_error
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts.automatic import (
-    Proposals,
-    Rectangle,
-    Wanted,
-    best_start,
-    few_corners,
-    propose,
-)
-from poseviewer.starts.box_fit import box_of
+from poseviewer.starts.automatic import Proposals, StartQuery, best_start, outermost_points, propose
 from poseviewer.starts.registration import load_model
+from poseviewer.starts.views import box_of
 from poseviewer.study.real_cases import RealCase, load_cases
 from poseviewer.study.trial_table import print_trials
 
@@ -84,7 +78,7 @@ def _trial(case: RealCase, model: LoadedModel, anywhere: bool, fit: bool) -> Tri
     mesh = model.mesh
     box = None if anywhere else careless_box(case.name, mesh, case.truth)
     photo = load_photo(case.photo)
-    wanted = Wanted(photo, mesh, model.keypoints, case.truth.camera, box)
+    wanted = StartQuery(photo, mesh, model.keypoints, case.truth.camera, box)
     renderer = make_renderer(mesh)
     began, spent = time.perf_counter(), time.process_time()
     proposals = propose(wanted, renderer)
@@ -108,7 +102,7 @@ def _trial(case: RealCase, model: LoadedModel, anywhere: bool, fit: bool) -> Tri
     )
 
 
-def _taken(wanted: Wanted, proposals: Proposals, case: RealCase) -> PoseError:
+def _taken(wanted: StartQuery, proposals: Proposals, case: RealCase) -> PoseError:
     renderer = make_renderer(wanted.mesh)
     start = best_start(wanted, proposals, renderer, lambda: None)
     return pose_error(wanted.mesh, start.pose, case.truth)
@@ -126,17 +120,16 @@ def was_tuned(name: str) -> bool:
 
 def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
     """A rectangle about the object, the same for a case each time: px."""
-    box = box_of(truth, few_corners(mesh))
+    box = box_of(truth, outermost_points(mesh))
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
     left, top, right, bottom = np.random.default_rng(seed).uniform(0.0, CARELESS, 4)
-    wide = replace(
-        box,
-        left=box.left - left * box.width,
-        top=box.top - top * box.height,
-        width=box.width * (1.0 + left + right),
-        height=box.height * (1.0 + top + bottom),
+    wide = (
+        box.left - left * box.width,
+        box.top - top * box.height,
+        box.width * (1.0 + left + right),
+        box.height * (1.0 + top + bottom),
     )
-    return round(wide.left), round(wide.top), round(wide.width), round(wide.height)
+    return Rectangle(*map(round, wide))
 
 
 def summary(found: Sequence[Trial]) -> str:

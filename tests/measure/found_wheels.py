@@ -26,8 +26,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.marks import Material, find_wheels
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.registration import StartInputs, load_model
+from poseviewer.starts.wheels import find_wheels
 from poseviewer.study.real_cases import load_cases, matches
 from poseviewer.study.trial_table import print_trials
 from poseviewer.vehicle.chart import visible_side
@@ -85,7 +85,7 @@ def _trial(car: _Car, mesh: Mesh, keypoints: VehicleKeypoints, guess: bool) -> T
     box = careless_box(car.name, mesh, truth)
     began = time.perf_counter()
     try:
-        found = find_wheels(Material(photo, mesh, keypoints), box, camera, guess)
+        found = find_wheels(StartInputs(photo, mesh, keypoints), box, camera, guess)
     except QuickStartError as error:
         sys.stderr.write(f"{car.name}: {error}\n")
         return Trial(car.set, car.name, False, seconds=time.perf_counter() - began)

@@ -16,11 +16,17 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.automatic import Wanted, few_corners, propose
-from poseviewer.starts.box_fit import box_of
-from poseviewer.starts.boxes import candidate_boxes
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.automatic import (
+    Round,
+    StartQuery,
+    ViewOptions,
+    outermost_points,
+    propose,
+    squares_over,
+)
 from poseviewer.starts.registration import load_model
-from poseviewer.starts.view_search import Round, ViewRules
+from poseviewer.starts.views import box_of
 from poseviewer.study.real_cases import load_cases
 from poseviewer.vehicle.chart import visible_side
 from tests.measure.auto_start import careless_box, is_right, run_trials
@@ -29,12 +35,12 @@ from tests.scene import Scene
 SIZE = (160, 120)
 
 
-def wanted(scene: Scene, box, **more) -> Wanted:
+def wanted(scene: Scene, box, **more) -> StartQuery:
     camera = load_pose(scene.truth, *SIZE).pose.camera
-    return Wanted(load_photo(scene.photo), load_mesh(scene.model), None, camera, box, **more)
+    return StartQuery(load_photo(scene.photo), load_mesh(scene.model), None, camera, box, **more)
 
 
-def box_about(scene: Scene) -> tuple[int, int, int, int]:
+def box_about(scene: Scene) -> Rectangle:
     return careless_box("scene", load_mesh(scene.model), load_pose(scene.truth, *SIZE).pose)
 
 
@@ -45,7 +51,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     assert any(is_right(pose_error(asked.mesh, one.pose, truth)) for one in found)
     assert 1 <= len(found) <= 5
     assert [one.loss for one in found] == sorted(one.loss for one in found)
-    corners = few_corners(asked.mesh)
+    corners = outermost_points(asked.mesh)
     box = box_of(truth, corners)
     for index, one in enumerate(found):
         for other in found[:index]:
@@ -59,7 +65,7 @@ def test_a_car_stands_where_its_wheels_are_seen(projection: str):
     photo, model = load_photo(case.photo), load_model(case.model)
     truth = load_pose(case.truth, photo.width, photo.height).pose
     box = careless_box(projection, model.mesh, truth)
-    found = propose(Wanted(photo, model.mesh, model.keypoints, truth.camera, box)).found
+    found = propose(StartQuery(photo, model.mesh, model.keypoints, truth.camera, box)).found
     assert pose_error(model.mesh, found[0].pose, truth).percent < 3.0
     assert model.keypoints is not None
     side = visible_side(model.keypoints, truth)
@@ -106,18 +112,18 @@ def test_box_without_auto_is_refused(scene: Scene, capsys):
 
 
 def test_without_a_box_the_whole_photo_is_searched(scene: Scene):
-    rules = ViewRules(views=300, rounds=(Round(6, 20, 0.12, 40.0),))
-    asked = wanted(scene, None, rules=rules)
+    options = ViewOptions(views=300, rounds=(Round(6, 20, 0.12, 40.0),))
+    asked = wanted(scene, None, options=options)
     found = propose(asked).found
-    truth = box_of(load_pose(scene.truth, *SIZE).pose, few_corners(asked.mesh))
-    first = box_of(found[0].pose, few_corners(asked.mesh))
+    truth = box_of(load_pose(scene.truth, *SIZE).pose, outermost_points(asked.mesh))
+    first = box_of(found[0].pose, outermost_points(asked.mesh))
     # On black ground the place is told, whatever the view.
     assert abs(first.centre[0] - truth.centre[0]) < 0.3 * truth.width
     assert abs(first.centre[1] - truth.centre[1]) < 0.3 * truth.height
 
 
 def test_candidate_boxes_cover_the_photo():
-    boxes = candidate_boxes(640.0, 480.0)
+    boxes = squares_over(640.0, 480.0)
     for share in (0.25, 0.85):
         some = [box for box in boxes if box.width == share * 480.0]
         assert min(box.left for box in some) == 0.0

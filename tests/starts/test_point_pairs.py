@@ -10,9 +10,7 @@ import pytest
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
-from poseviewer.starts.focal_from_pairs import focal_from_pairs
-from poseviewer.starts.pair_choice import likeliest
-from poseviewer.starts.point_pairs import poses_from_pairs
+from poseviewer.starts.point_pairs import focal_from_pairs, likeliest, poses_from_pairs
 from tests.meshes import make_box
 
 PINHOLE = Perspective(900.0, 850.0, 300.0, 260.0, 640, 480)

@@ -17,6 +17,7 @@ from poseviewer.app.state.gestures import pins_in_photo, rings_in_photo
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Overlay, Session
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
 from poseviewer.vehicle.chart import VehicleChart
 
@@ -221,9 +222,7 @@ class PhotoScene:
             self._rings.colors = np.rint(255.0 * (shades / 255.0) ** 2.2).astype(np.uint8)
         _set(self._rings, "visible", shown)
 
-    def _show_rectangle(
-        self, name: str, lines: Any, rectangle: tuple[int, int, int, int] | None
-    ) -> None:
+    def _show_rectangle(self, name: str, lines: Any, rectangle: Rectangle | None) -> None:
         if self._shown.get(name) == (rectangle, self._size):
             return
         self._shown[name] = (rectangle, self._size)

@@ -12,13 +12,13 @@ from poseviewer.app.state.marks import WHEELS, Marks, Pair
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.starts.focal_from_pairs import focal_from_pairs
-from poseviewer.starts.pair_choice import likeliest
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     FEWEST_FOR_FOCAL,
     fewest_pairs,
     fit_of,
+    focal_from_pairs,
+    likeliest,
     poses_from_pairs,
 )
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
 WHEELS = 2
@@ -32,7 +33,7 @@ class Marks:
     """All marks; only the last pair may be half done."""
 
     pairs: tuple[Pair, ...] = ()
-    box: tuple[int, int, int, int] | None = None
+    box: Rectangle | None = None
     """Rectangle (left, top, width, height) about the object, px."""
     rims: tuple[FloatArray, ...] = ()
     """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""

@@ -12,7 +12,8 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Proposals, Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.starts.automatic import Rectangle, Wanted
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.automatic import StartQuery
 
 LEAST_SIDE = 2
 """px: a smaller rectangle is none."""
@@ -37,18 +38,19 @@ def rectangle_between(document: Document, one: FloatArray, other: FloatArray) ->
     left, top = (int(v) for v in np.floor(low))
     right, bottom = (int(v) for v in np.ceil(high))
     small = min(right - left, bottom - top) < LEAST_SIDE
-    return None if small else (left, top, right - left, bottom - top)
+    return None if small else Rectangle.from_corners(left, top, right, bottom)
 
 
-def wanted_of(document: Document) -> Wanted:
+def wanted_of(document: Document) -> StartQuery:
     """What the proposals are looked for, with the camera at hand."""
     registration = document.registration
-    return Wanted(
+    box = document.marks.box or document.settings.region
+    return StartQuery(
         registration.photo,
         registration.mesh,
         registration.keypoints,
         document.pose.camera,
-        document.marks.box or document.settings.region,
+        None if box is None else Rectangle(*box),
         document.settings,
     )
 

@@ -28,7 +28,8 @@ from poseviewer.files.state.last_pose import last_pose
 from poseviewer.files.state.uploads import display_name, keep_upload
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.marks import Material, find_wheels
+from poseviewer.starts.registration import StartInputs
+from poseviewer.starts.wheels import find_wheels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +135,7 @@ class Tasks:
             registration, region = document.registration, document.settings.region
             if region is None:
                 raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-            material = Material(registration.photo, registration.mesh, registration.keypoints)
+            material = StartInputs(registration.photo, registration.mesh, registration.keypoints)
             photo, camera = registration.photo, document.pose.camera
             is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
             found = find_wheels(material, region, camera, is_guess)

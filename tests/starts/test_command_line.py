@@ -17,8 +17,9 @@ from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import load_pose
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.marks import Material, StartCamera, find_wheels, start_from_wheels
-from poseviewer.starts.wheel_search import find_wheel_pairs
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.registration import StartCamera, StartInputs
+from poseviewer.starts.wheels import find_wheel_pairs, find_wheels, start_from_wheels
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.ellipses import Ellipse, ellipse_through
 from poseviewer.vehicle.wheel_pose import Wheels, wheel_rims
@@ -104,7 +105,7 @@ def test_the_demos_wheels_place_it(projection: str):
     truth = load_pose(case.truth, photo.width, photo.height).pose
     wheels = seen_wheels(truth, keypoints)
     known = StartCamera(parallel=projection == "parallel")
-    start = start_from_wheels(Material(photo, mesh, keypoints), wheels, known)
+    start = start_from_wheels(StartInputs(photo, mesh, keypoints), wheels, known)
     wanted = Parallel if known.parallel else Perspective
     assert isinstance(start.pose.camera, wanted)
     assert pose_error(mesh, start.pose, truth).percent < 4.0
@@ -120,7 +121,7 @@ def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
     truth = load_pose(case.truth, photo.width, photo.height).pose
     side = visible_side(keypoints, truth)
     wanted = truth.project([side.front_wheel, side.rear_wheel])
-    best = find_wheel_pairs(photo.grey(), (140, 220, 670, 330))[0]
+    best = find_wheel_pairs(photo.grey(), Rectangle(140, 220, 670, 330))[0]
     for wheel, centre in zip((best.left, best.right), wanted, strict=True):
         assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
 
@@ -132,7 +133,7 @@ def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess
     photo, mesh = load_photo(case.photo), load_mesh(case.model)
     truth = load_pose(case.truth, photo.width, photo.height).pose
     camera = photo.default_camera() if is_guess else truth.camera
-    material = Material(photo, mesh, load_keypoints(case.model, mesh))
+    material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
     found = find_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)
     assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
     assert found.fit.from_above

@@ -7,21 +7,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.camera import Parallel, Perspective
-from poseviewer.starts.box_fit import Box, box_of, fit_box
-from poseviewer.starts.views import even_rotations, ground_views
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.views import box_of, even_rotations, ground_views, poses_filling
 from tests.app.state.documents import make_keypoints
 from tests.meshes import make_box
 
 CAR = make_box((4.0, 1.7, 1.3))
-BOX = Box(20.0, 70.0, 60.0, 35.0)
+BOX = Rectangle(20.0, 70.0, 60.0, 35.0)
 CAMERAS = (Perspective(150.0, 140.0, 83.0, 58.0, 160, 120), Parallel(1.0, 83.0, 58.0, 160, 120))
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
-    fits = fit_box(BOX, even_rotations(60), CAR.vertices, CAR.centre, camera)
+    fits = poses_filling(BOX, even_rotations(60), CAR.vertices, CAR.centre, camera)
     assert len(fits.poses) == 60
-    for pose, misshapen in zip(fits.poses, fits.misshapen, strict=True):
+    for pose, misshapen in zip(fits.poses, fits.aspect_errors, strict=True):
         seen = box_of(pose, CAR.vertices)
         np.testing.assert_allclose(seen.centre, BOX.centre, atol=0.5)
         assert seen.width * seen.height == pytest.approx(BOX.width * BOX.height, rel=0.04)
@@ -32,7 +32,7 @@ def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
 def test_the_true_view_comes_back():
     camera = CAMERAS[0]
     rotation = even_rotations(7)[3]
-    (pose,) = fit_box(BOX, rotation[None], CAR.vertices, CAR.centre, camera).poses
+    (pose,) = poses_filling(BOX, rotation[None], CAR.vertices, CAR.centre, camera).poses
     # As seen along the line of sight to the rectangle's middle.
     middle = pose.camera_from_model.apply(CAR.centre)
     to_middle = Rotation.align_vectors([middle / np.linalg.norm(middle)], [[0.0, 0.0, 1.0]])[0]
