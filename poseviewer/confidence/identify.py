@@ -17,6 +17,7 @@ from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
@@ -131,7 +132,7 @@ def shared_settings(registrations: Sequence[Registration], settings: FitSettings
         return settings
     box = union_box([(found.mesh, found.start) for found in registrations])
     region = box if settings.region is None else _intersection(box, settings.region)
-    return replace(settings, pixels="whole", region=region)
+    return replace(settings, pixels="whole", region=Rectangle(*region))
 
 
 def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:

@@ -15,8 +15,8 @@ import pytest
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.batch.run import open_batch, save_outcome
 from poseviewer.batch.job import run_job
+from poseviewer.batch.run import open_batch, save_outcome
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.running_app import settle
 from tests.app.socket_page import SocketPage

@@ -22,6 +22,7 @@ from poseviewer.files.pose.file import load_pose
 from poseviewer.fit.near import box_near
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
@@ -93,7 +94,7 @@ def test_the_box_about_all_models_is_the_least_one(scene, others):
 
 def test_a_region_cuts_the_shared_pixels(scene, others):
     opened = open_all(scene, others)
-    shared = shared_settings(opened, FitSettings(region=(0, 0, 80, 200)))
+    shared = shared_settings(opened, FitSettings(region=Rectangle(0, 0, 80, 200)))
     weights = make_problem(opened[0], shared)[0].photo.weights
     assert np.any(weights > 0.0)
     assert not np.any(weights[:, 80:])
