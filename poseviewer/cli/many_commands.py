@@ -19,23 +19,20 @@ from poseviewer.starts.registration import load_registration
 
 def study(options: Namespace) -> int:
     """Measure from how far off fits find the pose; print the table."""
-    from poseviewer.study import options as wanted
-    from poseviewer.study import run as studies
+    from poseviewer.study.plan import read_plan
+    from poseviewer.study.run import open_study, write_report
 
-    plan = wanted.read_plan(options)
+    plan = read_plan(options)
     tell = _say_nothing if options.quiet else _tell
     try:
-        if isinstance(plan, wanted.RealPlan):
-            run = studies.open_real(plan)
-        else:
-            run = studies.open_study(plan, tell)
+        run = open_study(plan, tell)
         with _bar(len(run.left), options.quiet) as bar:
             for _ in run.trials(options.jobs or processors()):
                 bar.update()
     except KeyboardInterrupt:
         _tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
         return EXIT_INTERRUPTED
-    print(studies.report(run).as_text())
+    print(write_report(run).as_text())
     print(f"\nrows, summary: {run.out}")
     return 0
 

@@ -1,9 +1,10 @@
-"""What a study is to run, and what its folder says of how it was made."""
+"""What a study is to run: from the command line, and into the folder that says how it was made."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,28 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.pose.checks import read_json
 from poseviewer.files.writing import sha256_of, write_whole
 from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
-from poseviewer.study.backgrounds import background_files
-from poseviewer.study.deviations import READINGS, Reading
-from poseviewer.study.photos import DRAWN, TRACED, Kind
+from poseviewer.study.photos import DRAWN, KINDS, TRACED, Kind, background_files
 from poseviewer.study.real_cases import CASES, STARTS
+from poseviewer.study.trials import READINGS, Reading
 
 ABOUT = "study.json"
+OF_DEVIATIONS = {
+    "starts": "starts",
+    "deviations": "percents",
+    "readings": "readings",
+    "kinds": "kinds",
+    "photos": "photos",
+    "size": "size",
+    "model": "model",
+    "backgrounds": "backgrounds",
+    "cars": "cars",
+    "seed": "seed",
+}
+OF_REAL = {"degrees": "degrees", "cases": "pattern", "draws": "draws"}
+"""Options to the fields of the plan that they set."""
+OF_CYCLES = ("grey", "background")
+"""Kinds of photo that Blender draws where none are named."""
+SMALLEST_SIDE_PX, LARGEST_PERCENT = 32, 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +76,15 @@ class StudyPlan:
         the paper did; both sets of pixels, to compare them, on other ground that is drawn; and on
         photos as they are the clipped one.
         """
-        names = (self.pixels,) if self.pixels else _usual_pixels(self.method, kind)
+        names: tuple[PixelsName, ...]
+        if self.pixels:
+            names = (self.pixels,)
+        elif self.method == "default":
+            names = ("near",)
+        elif kind in ("plain", "plain-traced"):
+            names = ("whole",)
+        else:
+            names = ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in names]
 
     def about(self) -> dict[str, Any]:
@@ -116,6 +141,68 @@ class RealPlan:
         }
 
 
+def read_plan(options: Namespace) -> StudyPlan | RealPlan:
+    """The study that is wanted; what was not given is as the plan has it.
+
+    Raises:
+        SettingsError: the options do not go together, or one is out of range.
+    """
+    shared: dict[str, Any] = {
+        "out": options.out,
+        "method": options.method,
+        "pixels": options.pixels,
+        "limits": Limits(evaluations=options.evaluations),
+    }
+    if options.method == "paper" and options.pixels == "near":
+        raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+    if options.real:
+        _refuse(
+            options,
+            [*OF_DEVIATIONS, "projection", "photographer"],
+            "goes with synthetic photos: leave out",
+        )
+        return RealPlan(folder=options.real, **shared, **_given(options, OF_REAL))
+    _refuse(options, list(OF_REAL), "goes with --real FOLDER: name one, or leave out")
+    given = _given(options, OF_DEVIATIONS)
+    _check(given)
+    if options.photographer == "cycles":
+        given["kinds"] = tuple(_traced(kind) for kind in given.get("kinds", OF_CYCLES))
+    if options.projection:
+        given["parallel"] = options.projection == "parallel"
+    return StudyPlan(**shared, **given)
+
+
+def _traced(kind: str) -> str:
+    if kind not in DRAWN:
+        raise SettingsError(
+            f"--photographer cycles with --kinds {kind}, which is not drawn; of those that are, "
+            f"there are {', '.join(DRAWN)}"
+        )
+    return f"{kind}-traced"
+
+
+def _given(options: Namespace, names: dict[str, str]) -> dict[str, Any]:
+    found = {field: getattr(options, name) for name, field in names.items()}
+    return {field: value for field, value in found.items() if value is not None}
+
+
+def _refuse(options: Namespace, names: Sequence[str], why: str) -> None:
+    for name in names:
+        if getattr(options, name) is not None:
+            raise SettingsError(f"--{name} {why} --{name}")
+
+
+def _check(given: dict[str, Any]) -> None:
+    for name, known in (("readings", READINGS), ("kinds", [k for k in KINDS if k not in TRACED])):
+        for item in given.get(name, ()):
+            if item not in known:
+                raise SettingsError(f"--{name} {item}: there are {', '.join(known)}")
+    if max(given.get("percents", (0.0,))) > LARGEST_PERCENT:
+        raise SettingsError(f"--deviations {max(given['percents']):g}: 100 % is the most")
+    if min(given.get("size", (SMALLEST_SIDE_PX,))) < SMALLEST_SIDE_PX:
+        raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
+
+
 def open_folder(out: Path, about: Mapping[str, Any]) -> None:
     """Make the folder, or see that what is in it was made in the same way.
 
@@ -140,14 +227,6 @@ def open_folder(out: Path, about: Mapping[str, Any]) -> None:
             f"{out}: holds trials of another study ({other[0]} was {there.get(other[0])}, and is "
             f"{about[other[0]]} now); name another folder"
         )
-
-
-def _usual_pixels(method: Method, kind: Kind) -> tuple[PixelsName, ...]:
-    if method == "default":
-        return ("near",)
-    if kind in ("plain", "plain-traced"):
-        return ("whole",)
-    return ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
 
 
 def _fingerprint(path: Path) -> str:

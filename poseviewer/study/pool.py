@@ -5,19 +5,24 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context, parent_process
-from typing import TypeVar
+from typing import Any, Protocol
 
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 
-Task = TypeVar("Task")
-Row = TypeVar("Row")
+
+class Runnable(Protocol):
+    """A task that another process can run."""
+
+    def run(self) -> Any:
+        """Its row."""
+        ...
 
 
-def run_all(work: Callable[[Task], Row], tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
+def run_all(tasks: Sequence[Runnable], jobs: int) -> Iterator[Any]:
     """The rows of all tasks as they are done, in any order; one job runs them here, in order.
 
     Processes, not threads: between two kernel calls a search spends a fifth of its time in Python.
@@ -27,11 +32,11 @@ def run_all(work: Callable[[Task], Row], tasks: Sequence[Task], jobs: int) -> It
         SettingsError: one of the processes was ended from outside, as for want of memory.
     """
     if jobs == 1 or len(tasks) < 2:
-        yield from map(work, tasks)
+        yield from (task.run() for task in tasks)
         return
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_end_with_the_study)
     try:
-        for done in as_completed([pool.submit(work, task) for task in tasks]):
+        for done in as_completed([pool.submit(task.run) for task in tasks]):
             yield done.result()
     except BrokenProcessPool:
         raise SettingsError(

@@ -1,106 +1,81 @@
-"""What the trials of the study come to: shares of fits that found the pose, and how sure."""
+"""What the trials come to: shares of fits that found the pose, and how sure they are."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import binomtest
 
 from poseviewer.figures.study_sheet import ReliabilityLine, ReliabilityPanel
 from poseviewer.figures.text_table import Table
-from poseviewer.study.deviations import READINGS
 from poseviewer.study.photos import KINDS
-from poseviewer.study.trial import Trial
-from poseviewer.study.wilson import wilson_interval
+from poseviewer.study.trials import READINGS, RealTrial, Trial
 
 NONE = "–"  # noqa: RUF001 - a dash in a table
 LABELS = {str(kind): label for kind, label in KINDS.items()}
+Line = tuple[str, str, str, str]
+"""Method, reading, kind of photo, pixels."""
 
 
-@dataclass(frozen=True, slots=True)
-class Rate:
-    """Trials that differ in their draw alone."""
-
-    percent: float
-    trials: int
-    found: int
-
-    @property
-    def share(self) -> float:
-        """In [0, 1]."""
-        return self.found / self.trials
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """In [0, 1], of 95 %."""
-        return wilson_interval(self.found, self.trials)
+def wilson_interval(found: int, trials: int) -> tuple[float, float]:
+    """The 95 % interval of a share, in [0, 1]; unlike the normal approximation it is right for few
+    trials too, and for none or all found (Wilson, 1927).
+    """
+    interval = binomtest(found, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """How reliable one method is on one kind of photo, by one reading of the deviation."""
-
-    method: str
-    kind: str
-    pixels: str
-    reading: str
-    rates: tuple[Rate, ...]
-    """By deviation."""
-    seconds: float
-    evaluations: float
-    """Medians of all its fits."""
-
-    @property
-    def label(self) -> str:
-        """The photos, and which pixels count where a method has more than one choice."""
-        label = LABELS.get(self.kind, self.kind)
-        return label if self.pixels == "near" else f"{label}, {self.pixels}"
-
-
-def lines_of(trials: Sequence[Trial]) -> list[Line]:
-    """The trials, gathered; by method, reading and kind."""
-    groups: dict[tuple[str, str, str, str], list[Trial]] = {}
+def _lines(trials: Sequence[Trial]) -> dict[Line, list[Trial]]:
+    """Trials of one method, reading, kind and pixels; in this order."""
+    lines: dict[Line, list[Trial]] = {}
     for trial in trials:
         where = trial.method, trial.reading, trial.kind, trial.pixels
-        groups.setdefault(where, []).append(trial)
-    kinds = [*LABELS, ""]
+        lines.setdefault(where, []).append(trial)
+    readings, kinds = [str(reading) for reading in READINGS], [*LABELS]
 
-    def order(where: tuple[str, str, str, str]) -> tuple[str, int, int, str]:
-        return where[0], READINGS.index(where[1]), kinds.index(where[2]), where[3]  # type: ignore[arg-type]
+    def order(line: Line) -> tuple[str, int, int, str]:
+        return line[0], readings.index(line[1]), kinds.index(line[2]), line[3]
 
-    return [_line(*where, groups[where]) for where in sorted(groups, key=order)]
+    return {line: lines[line] for line in sorted(lines, key=order)}
 
 
-def _line(method: str, reading: str, kind: str, pixels: str, trials: Sequence[Trial]) -> Line:
-    rates = []
-    for percent in sorted({trial.percent for trial in trials}):
+def _reliability(line: Line, trials: Sequence[Trial]) -> ReliabilityLine:
+    label = LABELS[line[2]] if line[3] == "near" else f"{LABELS[line[2]]}, {line[3]}"
+    percents = sorted({trial.percent for trial in trials})
+    counts = []
+    for percent in percents:
         found = [trial.found for trial in trials if trial.percent == percent]
-        rates.append(Rate(percent, len(found), sum(found)))
-    return Line(
-        method,
-        kind,
-        pixels,
-        reading,
-        tuple(rates),
-        float(np.median([trial.seconds for trial in trials])),
-        float(np.median([trial.evaluations for trial in trials])),
+        counts.append((sum(found), len(found)))
+    intervals = [wilson_interval(*count) for count in counts]
+    return ReliabilityLine(
+        label,
+        tuple(percents),
+        tuple(found / count for found, count in counts),
+        tuple(low for low, _ in intervals),
+        tuple(high for _, high in intervals),
     )
 
 
-def study_table(lines: Sequence[Line]) -> Table:
-    """A row for each line, a column for each deviation."""
-    percents = sorted({rate.percent for line in lines for rate in line.rates})
+def study_table(trials: Sequence[Trial]) -> Table:
+    """A row for each method, reading, kind and pixels, a column for each deviation."""
+    percents = sorted({trial.percent for trial in trials})
     rows = []
-    for line in lines:
-        cells = {rate.percent: _cell(rate) for rate in line.rates}
+    for line, some in _lines(trials).items():
+        found = _reliability(line, some)
+        cells = {
+            percent: f"{100 * share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
+            for percent, share, low, high in zip(
+                found.percent, found.share, found.low, found.high, strict=True
+            )
+        }
         rows.append(
             (
-                f"{line.method}: {line.label}",
-                line.reading,
+                f"{line[0]}: {found.label}",
+                line[1],
                 *(cells.get(percent, NONE) for percent in percents),
-                f"{line.evaluations:.0f}",
-                f"{line.seconds:.2g}",
+                f"{np.median([trial.evaluations for trial in some]):.0f}",
+                f"{np.median([trial.seconds for trial in some]):.2g}",
             )
         )
     columns = (
@@ -111,32 +86,58 @@ def study_table(lines: Sequence[Line]) -> Table:
     return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
 
 
-def _cell(rate: Rate) -> str:
-    low, high = rate.interval
-    return f"{100 * rate.share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def panels_of(lines: Sequence[Line]) -> list[list[ReliabilityPanel]]:
+def study_panels(trials: Sequence[Trial]) -> list[list[ReliabilityPanel]]:
     """For the figure: a row for each method, a column for each reading."""
-    methods = list(dict.fromkeys(line.method for line in lines))
-    readings = [r for r in READINGS if any(line.reading == r for line in lines)]
-    return [[_panel(m, r, lines) for r in readings] for m in methods]
-
-
-def _panel(method: str, reading: str, lines: Sequence[Line]) -> ReliabilityPanel:
-    size = "own value" if reading == "relative" else "span"
-    return ReliabilityPanel(
-        f"method {method}, {reading}",
-        f"each number off by up to ... % of its {size}",
-        tuple(
-            ReliabilityLine(
-                line.label,
-                tuple(rate.percent for rate in line.rates),
-                tuple(rate.share for rate in line.rates),
-                tuple(rate.interval[0] for rate in line.rates),
-                tuple(rate.interval[1] for rate in line.rates),
+    lines = _lines(trials)
+    panels = []
+    for method in dict.fromkeys(line[0] for line in lines):
+        row = []
+        for reading in (r for r in READINGS if any(line[1] == r for line in lines)):
+            size = "own value" if reading == "relative" else "span"
+            own = [
+                _reliability(line, some)
+                for line, some in lines.items()
+                if line[:2] == (method, reading)
+            ]
+            title = f"method {method}, {reading}"
+            row.append(
+                ReliabilityPanel(title, f"each number off by up to ... % of its {size}", tuple(own))
             )
-            for line in lines
-            if line.method == method and line.reading == reading
+        panels.append(row)
+    return panels
+
+
+def real_table(trials: Sequence[RealTrial]) -> Table:
+    """A row for each set, method and deviation: medians of the errors, and shares of the fits."""
+    groups: dict[tuple[str, str, str, int], list[RealTrial]] = {}
+    for trial in trials:
+        where = trial.set, trial.method, trial.pixels, trial.degrees
+        groups.setdefault(where, []).append(trial)
+    return Table(
+        "Error as a share of the model's size in the photo, %; medians, and shares of the fits",
+        (
+            *("photos", "method", "off by", "fits", "start", "end", "improved"),
+            *("found", "made worse", "loss below truth's", "seconds"),
         ),
+        tuple(_real_row(where, groups[where]) for where in sorted(groups)),
+    )
+
+
+def _real_row(where: tuple[str, str, str, int], trials: Sequence[RealTrial]) -> tuple[str, ...]:
+    """``found``: within the truth's accuracy + 1 %. ``made worse``: by more than that accuracy."""
+    name, method, pixels, degrees = where
+    start = np.array([trial.error_percent_start for trial in trials])
+    end = np.array([trial.error_percent_end for trial in trials])
+    accuracy = np.array([trial.accuracy_percent for trial in trials])
+    shares = (
+        end < start,
+        end < accuracy + 1.0,
+        end > start + accuracy,
+        [trial.loss_end < trial.loss_truth for trial in trials],
+    )
+    return (
+        *(name, f"{method}, {pixels}", f"{degrees}°", str(len(trials))),
+        *(f"{np.median(start):.2f}", f"{np.median(end):.2f}"),
+        *(f"{np.mean(share):.0%}" for share in shares),
+        f"{np.median([trial.seconds for trial in trials]):.2g}",
     )

@@ -29,10 +29,10 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.level_pose import level_pose
-from poseviewer.study.real import RealTask, RealTrial, open_real_task
 from poseviewer.study.real_cases import load_cases, load_starts
 from poseviewer.study.run import TRIALS
-from poseviewer.study.trial_table import print_trials
+from poseviewer.study.trials import RealTask, RealTrial
+from tests.measure.trial_table import print_trials
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _agreement(task: RealTask, mesh: Mesh, ends: Sequence[Pose]) -> Agreement:
 
 def _outline_shares(task: RealTask, poses: Sequence[Pose]) -> list[float]:
     """Of the outline at each pose: the share that has an edge of the photo on it."""
-    registration, renderer = open_real_task(task)
+    registration, renderer = task.open()
     photo = make_problem(registration, task.settings)[0].photo
     pictures = [renderer.covers(level_pose(pose, photo.factor)) for pose in poses]
     return [outline_support(photo.channels, photo.weights, seen).share for seen in pictures]

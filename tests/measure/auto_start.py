@@ -32,7 +32,7 @@ from poseviewer.starts.automatic import Proposals, StartQuery, best_start, outer
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
 from poseviewer.study.real_cases import RealCase, load_cases
-from poseviewer.study.trial_table import print_trials
+from tests.measure.trial_table import print_trials
 
 WITHIN_DEG, WITHIN_PERCENT = 15.0, 15.0
 CARELESS = 0.1

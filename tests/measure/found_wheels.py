@@ -29,11 +29,11 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import StartInputs, load_model
 from poseviewer.starts.wheels import find_wheels
 from poseviewer.study.real_cases import load_cases, matches
-from poseviewer.study.trial_table import print_trials
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.ellipses import Ellipse
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 from tests.measure.auto_start import careless_box
+from tests.measure.trial_table import print_trials
 
 WITHIN_PERCENT = 15.0
 """A start is right where the mean distance in the photo is a smaller share of the car's size."""

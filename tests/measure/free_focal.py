@@ -23,7 +23,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pool import processors
 from poseviewer.starts.registration import load_model
-from poseviewer.study.trial_table import print_trials
+from tests.measure.trial_table import print_trials
 
 FACTORS = (0.75, 1.0, 4.0 / 3.0)
 

@@ -34,7 +34,7 @@ from poseviewer.study.real_cases import (
     load_starts,
     matches,
 )
-from poseviewer.study.trial_table import print_trials
+from tests.measure.trial_table import print_trials
 
 SETS = ("lmo", "hope")
 """The sets of several models whose photos show one another's surroundings."""

@@ -13,8 +13,8 @@ from poseviewer.files.table import RowTable
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.study.real import RealTrial, real_tasks, run_real_trial
 from poseviewer.study.run import TRIALS
+from poseviewer.study.trials import RealTrial, real_tasks
 from tests.measure import agreement
 from tests.measure.agreement import agreements, distances, summary
 from tests.study.real_folder import write_real_folder
@@ -34,7 +34,7 @@ def save_ends(folder: Path, out: Path, shifts: list[tuple[float, float]]) -> Non
         there = FreeBodyChart.near(mesh, truth).to_pose(np.array([0.0, 0.0, 0.0, *shift, 0.0]))
         chart = FreeBodyChart.near(mesh, Pose(truth.camera, task.start.camera_from_model))
         end = " ".join(repr(float(number)) for number in chart.from_pose(there))
-        table.append(replace(run_real_trial(task), end=end))
+        table.append(replace(task.run(), end=end))
 
 
 def test_how_far_ends_are_apart_and_from_the_truth(folder, tmp_path):

@@ -9,8 +9,8 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.study.real import real_tasks, run_real_trial
 from poseviewer.study.real_cases import load_cases
+from poseviewer.study.trials import real_tasks
 from tests.study.real_folder import write_real_folder
 
 WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
@@ -91,7 +91,7 @@ def test_every_real_case_can_be_fitted(shared_data):
     tasks = real_tasks(shared_data, (5,), 1, "", settings)
     assert [task.case.name for task in tasks] == [case.name for case in load_cases(shared_data)]
     for task in tasks:
-        trial = run_real_trial(task)
+        trial = task.run()
         assert np.isfinite([trial.error_percent_end, trial.loss_end]).all(), trial
         assert 0.0 < trial.loss_end <= trial.loss_start, trial
         assert trial.status == "EVALUATIONS_SPENT", trial

@@ -19,8 +19,7 @@ from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
-from poseviewer.study.light import random_lighting
-from poseviewer.study.synthetic import Ground, Photographer, PhotoQuality
+from poseviewer.study.synthetic import Ground, Photographer, PhotoQuality, random_lighting
 from poseviewer.vehicle.chart import VehicleChart
 from tests.opengl import require_opengl
 

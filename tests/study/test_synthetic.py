@@ -8,8 +8,15 @@ import pytest
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl.renderer import OpenGLRenderer
-from poseviewer.study.light import DirectionalLight, Lighting, random_lighting
-from poseviewer.study.synthetic import Ground, Photographer, PhotoQuality, make_photo
+from poseviewer.study.synthetic import (
+    DirectionalLight,
+    Ground,
+    Lighting,
+    Photographer,
+    PhotoQuality,
+    make_photo,
+    random_lighting,
+)
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 

@@ -8,27 +8,41 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from poseviewer.errors import RendererUnavailableError
+from poseviewer.errors import PhotoFileError, RendererUnavailableError
 from poseviewer.files.formats.blender_script import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
+from poseviewer.files.photo.load import load_photo, save_image
+from poseviewer.files.state.folder import state_folder
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.study.cycles.finishes import FINISHES, corner_colours, find_finishes
-from poseviewer.study.cycles.stage import FURTHEST, make_stage
+from poseviewer.study.cycles.scene import Scene
+from poseviewer.study.cycles.stage import (
+    FINISHES,
+    FURTHEST,
+    corner_colours,
+    find_finishes,
+    make_stage,
+)
 from poseviewer.study.synthetic import PhotoQuality, as_photographed
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 VARIABLE = "POSEVIEWER_BLENDER_PYTHON"
+SCRIPT = Path(__file__).with_name("blender.py")
 SAMPLES = 48
+"""Light paths per pixel at most."""
+QUALITY = PhotoQuality(blur_px=0.5, noise=2.0)
+CACHE = "traced"
+"""Folder of path-traced photos in the user's state folder."""
 GROUND_SIZE = 200.0
 """Of the ground that catches shadows, in the stage's metres."""
 NEAREST = 0.01
@@ -36,28 +50,6 @@ NEAREST = 0.01
 Job = tuple[dict[str, Any], dict[str, NDArray]]
 KNEE = 0.7
 """Light above it is compressed, as a camera does; below, the picture is as it was lit."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """What a vehicle is photographed in; directions are the stage's: z up, x ahead, y left."""
-
-    sun_towards: FloatArray
-    """(3,), towards the sun."""
-    sun_light: FloatArray
-    """(3,): linear RGB that a white surface facing the sun gains."""
-    sun_angle: float
-    """Diameter of the sun in the sky, radians: shadows are the softer the larger it is."""
-    surroundings: NDArray[np.float32]
-    """(h, w, 3) linear RGB, as ``surroundings`` makes it."""
-    ground: FloatArray
-    """(3,): linear RGB reflectance of the ground, as the paint mirrors it."""
-    behind: NDArray[np.float32]
-    """(3,) or (h, w, 3) display-encoded RGB in [0, 1]: what the shadow falls on, and all else."""
-    paint: FloatArray | None = None
-    """(3,): display-encoded RGB of another paint; None: the model's own."""
-    exposure: float = 1.0
-    seed: int = 0
 
 
 class CyclesPhotographer:
@@ -107,8 +99,9 @@ class CyclesPhotographer:
             RendererUnavailableError: there is no Blender.
         """
         job, arrays = self._job(pose, scene, samples)
+        sources = (path.read_text("utf-8") for path in (Path(__file__), SCRIPT))
         digest = hashlib.sha256(json.dumps(job, sort_keys=True).encode())
-        for part in (blender_version(), repr(quality), repr(scene.exposure), *_sources()):
+        for part in (blender_version(), repr(quality), repr(scene.exposure), *sources):
             digest.update(part.encode())
         for array in (*arrays.values(), np.asarray(scene.behind)):
             digest.update(repr((array.shape, array.dtype.str)).encode())
@@ -136,8 +129,41 @@ class CyclesPhotographer:
         }
         if scene is not None:
             arrays["surroundings"] = scene.surroundings
-            job |= _lit(scene)
+            brightest = float(np.max(scene.sun_light))
+            job["seed"] = scene.seed % 2**31
+            job["sun"] = {
+                "towards": scene.sun_towards.tolist(),
+                # A sun of strength pi lights a white surface that faces it to 1.
+                "strength": np.pi * brightest,
+                "colour": (scene.sun_light / brightest).tolist(),
+                "angle": scene.sun_angle,
+            }
+            job["ground"] = {"size": GROUND_SIZE, "colour": scene.ground.tolist()}
         return job, arrays
+
+
+def draw_traced(
+    photographer: CyclesPhotographer, pose: Pose, scene: Scene, tell: Callable[[str], None]
+) -> NDArray[np.uint8]:
+    """The photo, (h, w, 3) RGB: from the cache, if one like it was drawn before.
+
+    Raises:
+        RendererUnavailableError: there is no Blender.
+        PoseViewerError: the cache cannot be written to.
+    """
+    folder = state_folder() / CACHE
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise PhotoFileError(f"{folder}: cannot be made ({error.strerror})") from None
+    path = folder / f"{photographer.fingerprint(pose, scene, QUALITY)}.png"
+    if path.is_file():
+        return load_photo(path).as_rgb8(pose.camera.width, pose.camera.height)
+    began = perf_counter()
+    pixels = photographer.photograph(pose, scene, QUALITY)
+    tell(f"a photo was path-traced in {perf_counter() - began:.0f} s")
+    save_image(path, pixels)
+    return pixels
 
 
 @cache
@@ -157,25 +183,6 @@ def blender_version() -> str:
     return found[-1].removeprefix("bpy ")
 
 
-def _lit(scene: Scene) -> dict[str, Any]:
-    brightest = float(np.max(scene.sun_light))
-    return {
-        "seed": scene.seed % 2**31,
-        "sun": {
-            "towards": _listed(scene.sun_towards),
-            # A sun of strength pi lights a white surface that faces it to 1.
-            "strength": np.pi * brightest,
-            "colour": _listed(scene.sun_light / brightest),
-            "angle": scene.sun_angle,
-        },
-        "ground": {"size": GROUND_SIZE, "colour": _listed(scene.ground)},
-    }
-
-
-def _listed(values: ArrayLike) -> list[float]:
-    return np.asarray(values, dtype=float).tolist()
-
-
 def _run(job: dict[str, Any], arrays: dict[str, NDArray]) -> NDArray[np.float32]:
     """(h, w, 4) linear RGB times alpha, and alpha."""
     blender_version()
@@ -183,7 +190,7 @@ def _run(job: dict[str, Any], arrays: dict[str, NDArray]) -> NDArray[np.float32]
         folder = Path(name)
         (folder / "job.json").write_text(json.dumps(job))
         np.savez(folder / "arrays.npz", **arrays)  # type: ignore[arg-type]
-        result = _python("-m", "blender", name)
+        result = _python(str(SCRIPT), name)
         picture = folder / "picture.npy"
         if result.returncode or not picture.is_file():
             raise RendererUnavailableError(f"Blender drew no photo: {_last_line(result)}")
@@ -193,8 +200,8 @@ def _run(job: dict[str, Any], arrays: dict[str, NDArray]) -> NDArray[np.float32]
 def _python(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Python with ``bpy``; a process of its own, as it does not go with other libraries."""
     program = os.environ.get(VARIABLE) or sys.executable
-    # Its own folder alone: our libraries are not that Python's.
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    # Our libraries are not that Python's.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     try:
         return subprocess.run(
             [program, *arguments], env=environment, capture_output=True, text=True, check=False
@@ -209,14 +216,6 @@ def _python(*arguments: str) -> subprocess.CompletedProcess[str]:
 def _last_line(result: subprocess.CompletedProcess[str]) -> str:
     lines = (result.stderr or result.stdout).strip().splitlines()
     return lines[-1] if lines else f"exit code {result.returncode}"
-
-
-@cache
-def _sources() -> tuple[str, ...]:
-    """The code that makes a picture of a job."""
-    folder = Path(__file__).parent
-    found = [Path(__file__), *sorted((folder / "blender").glob("*.py"))]
-    return tuple(path.read_text("utf-8") for path in found)
 
 
 def _compressed(light: FloatArray) -> FloatArray:

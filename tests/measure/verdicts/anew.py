@@ -15,9 +15,8 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
-from poseviewer.study.features_text import evidence_as_text
-from poseviewer.study.real import RealTask, open_real_task
 from poseviewer.study.real_cases import load_cases, load_starts
+from poseviewer.study.trials import RealTask, features_as_text
 
 
 def gather_anew(table: Path, folder: Path, tell: Callable[[str], object]) -> Path:
@@ -53,11 +52,11 @@ def gather_anew(table: Path, folder: Path, tell: Callable[[str], object]) -> Pat
 
 
 def _gather_row(row: dict[str, str], task: RealTask) -> None:
-    registration, renderer = open_real_task(task)
+    registration, renderer = task.open()
     problem, _ = make_problem(registration, task.settings)
     pose = problem.chart.to_pose(np.array(row["end"].split(), float))
     features = gather_features(problem, registration.mesh, renderer, pose)
-    row["evidence"], row["verdict"] = evidence_as_text(features), judge(features).word
+    row["evidence"], row["verdict"] = features_as_text(features), judge(features).word
 
 
 def _save(path: Path, rows: list[dict[str, str]]) -> Path:

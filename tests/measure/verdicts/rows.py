@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.study.features_text import evidence_from_text
 
 BEYOND_TRUTH_PERCENT = 1.0
 """A fit is right within the truth's own accuracy and so much of the model's size."""
@@ -72,7 +71,7 @@ def load_judged(
 
 
 def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial:
-    features, verdict = evidence_from_text(row["evidence"]), row["verdict"]
+    features, verdict = _features(row["evidence"]), row["verdict"]
     if "case" in row:
         name = row["set"]
         most = accuracies.get(name, float(row["accuracy_percent"])) + BEYOND_TRUTH_PERCENT
@@ -81,6 +80,10 @@ def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial
     case = f"{row['kind']}-{row['photo']}"
     right = row["found"] == "True"
     return JudgedTrial(case, f"{row['method']}, {row['kind']}", right, features, verdict)
+
+
+def _features(text: str) -> dict[str, float]:
+    return {name: float(value) for name, value in (part.split("=", 1) for part in text.split())}
 
 
 def numbers_of(trials: Sequence[JudgedTrial], names: Sequence[str]) -> FloatArray:

@@ -15,13 +15,13 @@ from poseviewer.files.photo.load import load_photo
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.study.cycles.photographer import (
+    QUALITY,
     VARIABLE,
     CyclesPhotographer,
     blender_version,
 )
-from poseviewer.study.cycles.stage import upright
-from poseviewer.study.traced import QUALITY, random_scene
-from poseviewer.study.views import random_view
+from poseviewer.study.cycles.scene import random_scene
+from poseviewer.study.photos import random_view
 from tests.study.cycles.blender import require_blender
 from tests.vehicles import save_vehicle
 
@@ -39,7 +39,7 @@ def make_view(folder, parallel=True):
 
 def make_scene(photographer, pose, behind, seed=0):
     random = np.random.default_rng(seed)
-    return random_scene(pose, upright(photographer.keypoints), behind, False, random)
+    return random_scene(pose, photographer.keypoints, behind, False, random)
 
 
 @pytest.mark.parametrize("parallel", [True, False])

@@ -9,10 +9,15 @@ import pytest
 
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
-from poseviewer.study.cycles import surroundings
-from poseviewer.study.cycles.finishes import FINISHES, corner_colours, find_finishes
-from poseviewer.study.cycles.stage import DIAMETER, make_stage
-from poseviewer.study.views import random_view
+from poseviewer.study.cycles import scene as surroundings
+from poseviewer.study.cycles.stage import (
+    DIAMETER,
+    FINISHES,
+    corner_colours,
+    find_finishes,
+    make_stage,
+)
+from poseviewer.study.photos import random_view
 from tests.meshes import make_bumpy
 from tests.vehicles import save_vehicle
 
@@ -65,8 +70,8 @@ def test_finishes_go_by_names_and_then_by_the_commonest_colour():
 def test_surroundings_light_a_white_ground_as_is_said():
     random = np.random.default_rng(0)
     photo = random.integers(0, 256, (60, 90, 3)).astype(np.uint8)
-    plain = surroundings.of_a_plain(np.full(3, 0.2), random)
-    for light in (surroundings.of_photo(photo), plain):
+    plain = surroundings.around_plain(np.full(3, 0.2), random)
+    for light in (surroundings.around_photo(photo), plain):
         assert light.shape == (512, 1024, 3)
         np.testing.assert_allclose(light[:, 0], light[:, -1], atol=0.2)  # the circle is closed
         scaled = surroundings.scaled_to(light, 0.4)

@@ -1,8 +1,12 @@
-"""A vehicle on a ground that catches its shadow, path-traced; the picture before any background."""
+"""Run in Blender's Python, in a process of its own (bpy and NumPy, nothing of ours):
+``python blender.py FOLDER`` path-traces a vehicle on a ground that catches its shadow, as
+``job.json`` and ``arrays.npz`` in the folder say; the picture is that before any background.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +14,26 @@ import bpy  # pyright: ignore[reportMissingImports]
 import numpy as np
 from mathutils import Matrix, Vector  # pyright: ignore[reportMissingImports]
 
-from .materials import COLOURS, make_material
-
 JOB, ARRAYS, PICTURE, RENDERED = "job.json", "arrays.npz", "picture.npy", "rendered.exr"
 MOST_BOUNCES, MOST_PANES = 6, 12
 NOISE_LEFT = 0.01
 """A pixel whose noise is below it takes no more samples."""
+
+
+COLOURS = "colours"
+"""Name of the mesh's colour attribute."""
+LINING = (0.05, 0.05, 0.052, 1.0)
+"""Of the inside of the paint, which has no thickness: the cabin's dark lining."""
+PANE_CLEAR, PANE_IOR = 0.4, 1.55
+"""Share of the light that a tinted pane lets through; its refractive index, for reflections."""
+SETTINGS: dict[str, dict[str, float]] = {
+    "paint": {"Roughness": 0.36, "Metallic": 0.12, "Coat Weight": 1.0, "Coat Roughness": 0.02},
+    "plastic": {"Roughness": 0.4},
+    "rubber": {"Roughness": 0.8},
+    "metal": {"Roughness": 0.22, "Metallic": 0.85},
+    "glass": {},
+}
+"""Inputs of Blender's Principled BSDF for each finish."""
 
 
 def draw(folder: Path) -> None:
@@ -48,7 +66,7 @@ def _add_model(arrays: Any, finishes: list[str]) -> None:
     colours.data.foreach_set("color", rgba.ravel())
     mesh.normals_split_custom_set_from_vertices(arrays["normals"].tolist())
     for finish in finishes:
-        mesh.materials.append(make_material(finish))
+        mesh.materials.append(_make_material(finish))
     _link(bpy.data.objects.new("model", mesh))
 
 
@@ -144,3 +162,52 @@ def _render(path: Path) -> Any:
 
 def _link(thing: Any) -> None:
     bpy.context.scene.collection.objects.link(thing)
+
+
+def _make_material(finish: str) -> Any:
+    """The material of a finish."""
+    material = bpy.data.materials.new(finish)
+    material.use_nodes = True
+    tree = material.node_tree
+    if finish == "glass":
+        _make_pane(tree)
+        return material
+    surface = tree.nodes["Principled BSDF"]
+    for name, value in SETTINGS[finish].items():
+        surface.inputs[name].default_value = value
+    colour = tree.nodes.new("ShaderNodeVertexColor")
+    colour.layer_name = COLOURS
+    tree.links.new(colour.outputs["Color"], surface.inputs["Base Color"])
+    if finish == "paint":
+        lining = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        lining.inputs["Color"].default_value = LINING
+        back = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+        _show(tree, _mixed(tree, back, surface, lining))
+    return material
+
+
+def _make_pane(tree: Any) -> None:
+    """A thin pane: partly clear, and a mirror as far as Fresnel's equations have it."""
+    through = tree.nodes.new("ShaderNodeBsdfTransparent")
+    through.inputs["Color"].default_value = (PANE_CLEAR * 0.93, PANE_CLEAR, PANE_CLEAR * 0.96, 1.0)
+    shine = tree.nodes.new("ShaderNodeBsdfGlossy")
+    shine.inputs["Roughness"].default_value = 0.004
+    fresnel = tree.nodes.new("ShaderNodeFresnel")
+    fresnel.inputs["IOR"].default_value = PANE_IOR
+    _show(tree, _mixed(tree, fresnel.outputs[0], through, shine))
+
+
+def _mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    tree.links.new(share, mix.inputs[0])
+    tree.links.new(first.outputs[0], mix.inputs[1])
+    tree.links.new(second.outputs[0], mix.inputs[2])
+    return mix
+
+
+def _show(tree: Any, shader: Any) -> None:
+    tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.study.trial_table import print_trials
 from tests.measure import auto_start, identification
+from tests.measure.trial_table import print_trials
 
 
 @dataclass(frozen=True, slots=True)

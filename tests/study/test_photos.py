@@ -8,7 +8,7 @@ import pytest
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.camera import Parallel
-from poseviewer.study.views import random_view
+from poseviewer.study.photos import random_view
 from poseviewer.vehicle.chart import VehicleChart
 from tests.vehicles import save_vehicle
 

@@ -1,1 +1,0 @@
-"""What runs in Blender's Python, in a process of its own: ``bpy`` and NumPy, nothing of ours."""
