@@ -79,8 +79,8 @@ from poseviewer.files.pose.file import (
     ChartParameters,
     ModelReference,
     PhotoReference,
+    RecordedVerdict,
 )
-from poseviewer.files.pose.verdict import RecordedVerdict
 
 Watch = Callable[[FitProgress], Any]
 Find = Callable[[StartInputs], Start]

@@ -12,15 +12,17 @@ from pathlib import Path
 from poseviewer.batch.results import JobResult, Manifest
 from poseviewer.batch.table import LAST, Job, with_keys
 from poseviewer.errors import BatchError
-from poseviewer.files.formats.bop_images import (
+from poseviewer.files.formats.bop import (
     CAMERAS,
+    MODEL_NAME,
+    PHOTO_NAME,
     BopImage,
     BopObject,
     load_bop_images,
+    load_scene_file,
     same_intrinsics,
     save_bop_images,
 )
-from poseviewer.files.formats.bop_scene import MODEL_NAME, PHOTO_NAME, load_scene_file
 from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose

@@ -73,8 +73,8 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
         PoseViewerError: the pose cannot be read, or not be said in the format wanted.
     """
     from poseviewer.errors import PoseFileError
+    from poseviewer.files.formats.lens import for_one_photo
     from poseviewer.files.formats.table import FORMATS
-    from poseviewer.files.formats.which_photo import for_one_photo
     from poseviewer.files.photo.load import is_stored_turned
 
     read = FORMATS[options.source_format].read

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from poseviewer.errors import PoseFileError
 
-_IN_PACKAGE = Path(__file__).parents[1] / "demo_files"
-_IN_SOURCE = Path(__file__).parents[2] / "assets"
+PLACES = (Path(__file__).parents[1] / "demo_files", Path(__file__).parents[2] / "assets")
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,19 +20,12 @@ class DemoCase:
     truth: Path
 
 
-def _case(name: str) -> DemoCase:
-    folder = _IN_PACKAGE if _IN_PACKAGE.is_dir() else _IN_SOURCE
+def demo_case(projection: str = "perspective") -> DemoCase:
+    """The demo photographed in ``perspective``, or (nearly) in ``parallel`` projection."""
+    name = "" if projection == "perspective" else "_parallel"
+    folder = next((place for place in PLACES if place.is_dir()), PLACES[0])
     photo = folder / f"demo_photo{name}.jpg"
     if not photo.exists():
         raise PoseFileError(f"{photo.name}: the bundled demo is not there; install poseviewer anew")
-    return DemoCase(
-        photo,
-        folder / "demo_car.glb",
-        folder / f"demo{name}_pose_start.json",
-        folder / f"demo{name}_pose_true.json",
-    )
-
-
-def demo_case(projection: str = "perspective") -> DemoCase:
-    """The demo photographed in ``perspective``, or (nearly) in ``parallel`` projection."""
-    return _case("" if projection == "perspective" else "_parallel")
+    start, truth = (folder / f"demo{name}_pose_{kind}.json" for kind in ("start", "true"))
+    return DemoCase(photo, folder / "demo_car.glb", start, truth)

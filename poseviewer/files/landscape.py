@@ -26,14 +26,9 @@ from numpy.typing import ArrayLike
 from poseviewer.geometry.arrays import FloatArray
 
 CSV_COLUMNS = (
-    "first_name",
-    "second_name",
-    "first_value",
-    "second_value",
-    "loss",
-    "first_offset",
+    "first_name", "second_name", "first_value", "second_value", "loss", "first_offset",
     "second_offset",
-)
+)  # fmt: skip
 
 
 class LossSlice(Protocol):

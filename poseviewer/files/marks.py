@@ -6,9 +6,8 @@ As in all files, pixel centres are at integers; inside at i + 0.5 (``geometry.fr
 from __future__ import annotations
 
 import csv
-import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -17,16 +16,18 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.pose.checks import kind_of
+from poseviewer.files.checks import kind_of, read_json, read_text
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.ellipses import Ellipse
 from poseviewer.vehicle.wheel_pose import Wheels
 
-COLUMNS = ("x", "y", "z", "u", "v")
+PAIR = ("x", "y", "z", "u", "v")
+ELLIPSE = ("cx", "cy", "a", "b", "angle")
+WHEELS = ("rear", "front")
 LARGEST_FILE = 1_000_000
 """Bytes; a thousand pairs have fewer."""
-_ELLIPSE = ("cx", "cy", "a", "b", "angle")
+KIND = "list of marks"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +52,10 @@ def load_pairs(path: str | Path) -> PointPairs:
         QuickStartError: there is no such file, or it holds something else.
     """
     path = Path(path)
-    text = _read(path)
-    rows = _json_rows(path.name, text) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
-    numbers = [_numbers(f"{path.name}: {where}", row, COLUMNS) for where, row in rows]
-    table = np.array(numbers, dtype=float).reshape(-1, len(COLUMNS))
+    text = read_text(path, LARGEST_FILE, KIND, QuickStartError)
+    rows = _json_rows(path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
+    numbers = [_numbers(f"{path.name}: {where}", row, PAIR) for where, row in rows]
+    table = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(table[:, :3], points_from_integer_centres(table[:, 3:]))
 
 
@@ -66,68 +67,40 @@ def load_wheels(text: str) -> Wheels:
     Raises:
         QuickStartError: it is neither.
     """
-    if ";" in text:
-        parts = [part.split(",") for part in text.split(";") if part.strip()]
-        if len(parts) != 2:
-            raise QuickStartError(
-                f"--wheels: {len(parts)} ellipses; wanted two, rear;front, each cx,cy,a,b,angle."
-            )
-        rows = [
-            _numbers(f"--wheels: the {name} wheel", part, _ELLIPSE)
-            for name, part in zip(("rear", "front"), parts, strict=True)
-        ]
-        return Wheels(*map(_ellipse, rows))
-    path = Path(text)
-    data = _parsed(path.name, _read(path))
-    rows = []
-    for name in ("rear", "front"):
-        wheel = data.get(name) if isinstance(data, dict) else None
-        if isinstance(wheel, dict):
-            wheel = [wheel.get(key) for key in _ELLIPSE]
-        if not isinstance(wheel, list):
-            raise QuickStartError(
-                f"{path.name}: no ellipse {name!r}; wanted rear and front, each with "
-                f"{', '.join(_ELLIPSE)}."
-            )
-        rows.append(_numbers(f"{path.name}: the {name} wheel", wheel, _ELLIPSE))
-    return Wheels(*map(_ellipse, rows))
-
-
-def _read(path: Path) -> str:
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise QuickStartError(f"{path.name}: larger than any list of marks; is it the file?")
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
+    name, wheels = "--wheels", [part.split(",") for part in text.split(";") if part.strip()]
+    if ";" not in text:
+        path = Path(text)
+        name, data = path.name, read_json(path, LARGEST_FILE, KIND, QuickStartError)
+        wheels = [data.get(wheel) if isinstance(data, dict) else None for wheel in WHEELS]
+    elif len(wheels) != len(WHEELS):
         raise QuickStartError(
-            f"{path.name}: no such file in {path.parent}; check the path."
-        ) from None
-    except OSError as error:
-        raise QuickStartError(f"{path.name}: cannot be read ({error.strerror}).") from error
-    except UnicodeDecodeError:
-        raise QuickStartError(f"{path.name}: is no text; wanted CSV or JSON.") from None
+            f"--wheels: {len(wheels)} ellipses; wanted two, rear;front, each cx,cy,a,b,angle."
+        )
+    found = []
+    for which, wheel in zip(WHEELS, wheels, strict=True):
+        row = [wheel.get(key) for key in ELLIPSE] if isinstance(wheel, dict) else wheel
+        if not isinstance(row, list):
+            raise QuickStartError(
+                f"{name}: no ellipse {which!r}; wanted rear and front, each with "
+                f"{', '.join(ELLIPSE)}."
+            )
+        cx, cy, a, b, degrees = _numbers(f"{name}: the {which} wheel", row, ELLIPSE)
+        u, v = points_from_integer_centres([cx, cy])
+        found.append(Ellipse(float(u), float(v), a, b, math.radians(degrees)))
+    return Wheels(*found)
 
 
-def _parsed(name: str, text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise QuickStartError(f"{name}: not JSON ({str(error)[:80]}); mend it.") from error
-
-
-def _json_rows(name: str, text: str) -> list[tuple[str, Sequence[Any]]]:
-    data = _parsed(name, text)
+def _json_rows(path: Path) -> Iterable[tuple[str, Sequence[Any]]]:
+    data = read_json(path, LARGEST_FILE, KIND, QuickStartError)
     rows = data.get("pairs") if isinstance(data, dict) else data
     if not isinstance(rows, list):
-        raise QuickStartError(f'{name}: no list "pairs"; wanted rows of x, y, z, u, v.')
-    found: list[tuple[str, Sequence[Any]]] = []
+        raise QuickStartError(f'{path.name}: no list "pairs"; wanted rows of x, y, z, u, v.')
     for number, row in enumerate(rows, 1):
         if isinstance(row, dict):
             model, photo = row.get("model"), row.get("photo")
-            lists = isinstance(model, list) and isinstance(photo, list)
-            row = [*(model or []), *(photo or [])] if lists else [row.get(key) for key in COLUMNS]
-        found.append((f"pair {number}", row if isinstance(row, list) else [row]))
-    return found
+            both = isinstance(model, list) and isinstance(photo, list)
+            row = [*(model or []), *(photo or [])] if both else [row.get(key) for key in PAIR]
+        yield f"pair {number}", row if isinstance(row, list) else [row]
 
 
 def _csv_rows(text: str) -> list[tuple[str, Sequence[Any]]]:
@@ -138,35 +111,23 @@ def _csv_rows(text: str) -> list[tuple[str, Sequence[Any]]]:
         for number, row in enumerate(csv.reader(StringIO(text), delimiter=separator), 1)
         if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
     ]
-    named = bool(rows) and not any(_is_number(cell) for cell in rows[0][1])
+    named = bool(rows) and not any(_number(cell) is not None for cell in rows[0][1])
     return rows[1:] if named else rows
 
 
-def _is_number(text: str) -> bool:
+def _number(value: Any) -> float | None:
     try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        return None if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _numbers(where: str, row: Sequence[Any], names: Sequence[str]) -> list[float]:
     wanted = f"wanted {len(names)} numbers, {', '.join(names)}."
     if len(row) != len(names):
         raise QuickStartError(f"{where} has {len(row)} values; {wanted}")
-    numbers = []
-    for value, name in zip(row, names, strict=True):
-        try:
-            number = math.nan if isinstance(value, bool) or value is None else float(value)
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if not math.isfinite(number):
+    numbers = [_number(value) for value in row]
+    for number, value, name in zip(numbers, row, names, strict=True):
+        if number is None or not math.isfinite(number):
             raise QuickStartError(f"{where}: {name} is {kind_of(value)}; {wanted}")
-        numbers.append(number)
-    return numbers
-
-
-def _ellipse(row: Sequence[float]) -> Ellipse:
-    cx, cy, a, b, degrees = row
-    centre = points_from_integer_centres([cx, cy])
-    return Ellipse(float(centre[0]), float(centre[1]), a, b, math.radians(degrees))
+    return [number for number in numbers if number is not None]

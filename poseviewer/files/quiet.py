@@ -18,11 +18,10 @@ def quiet_libraries() -> Iterator[None]:
 
     What libjpeg itself prints about a slightly damaged JPEG cannot be reached from here.
     """
-    loggers = [logging.getLogger(name) for name in ("trimesh", "PIL")]
-    levels = [logger.level for logger in loggers]
+    levels = {logging.getLogger(name): logging.getLogger(name).level for name in ("trimesh", "PIL")}
     cv2_level = cv2_logging.getLogLevel()
     cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
-    for logger in loggers:
+    for logger in levels:
         logger.setLevel(SILENT)
     try:
         with warnings.catch_warnings():
@@ -30,5 +29,5 @@ def quiet_libraries() -> Iterator[None]:
             yield
     finally:
         cv2_logging.setLogLevel(cv2_level)
-        for logger, level in zip(loggers, levels, strict=True):
+        for logger, level in levels.items():
             logger.setLevel(level)

@@ -25,8 +25,11 @@ class RowTable(Generic[Row]):
             SettingsError: the file is a table of something else, or cannot be read or written.
         """
         self._path, self._type = path, row_type
-        self._hints = get_type_hints(row_type)
-        self.columns = _columns(row_type)
+        truth = {"True": True, "False": False}.__getitem__
+        hints = get_type_hints(row_type)
+        self._kinds = {name: truth if kind is bool else kind for name, kind in hints.items()}
+        own = get_annotations(row_type)  # stand before the fields that it inherits
+        self.columns = sorted((f.name for f in fields(row_type)), key=lambda n: n not in own)  # type: ignore[arg-type]
         text = _read(path)
         whole = text[: text.rfind("\n") + 1]
         self.rows: list[Row] = self._parse(whole) if whole else []
@@ -63,26 +66,15 @@ class RowTable(Generic[Row]):
                 f"{self._path}: is not a table of such trials; name another folder, or take it away"
             )
         try:
-            return [self._type(**self._typed(cells)) for cells in reader]
+            return [
+                self._type(**{name: self._kinds[name](text) for name, text in cells.items()})
+                for cells in reader
+            ]
         except (ValueError, TypeError, KeyError) as error:
             raise SettingsError(
                 f"{self._path}: holds a row that cannot be read ({error}); mend it, or name "
                 "another folder"
             ) from None
-
-    def _typed(self, cells: dict[str, str]) -> dict[str, Any]:
-        truth = {"True": True, "False": False}.__getitem__
-        kinds: dict[type, Any] = {bool: truth}
-        return {
-            name: kinds.get(self._hints[name], self._hints[name])(cells[name]) for name in cells
-        }
-
-
-def _columns(row_type: type) -> list[str]:
-    """A class's own fields before those it inherits."""
-    names = [field.name for field in fields(row_type)]
-    own = get_annotations(row_type)
-    return sorted(names, key=lambda name: name not in own)
 
 
 def _read(path: Path) -> str:

@@ -19,19 +19,10 @@ def write_whole(
     Raises:
         error: the folder is missing, or cannot be written to.
     """
+    temporary = None
     try:
-        _write_and_rename(path, data, private)
-    except OSError as problem:
-        raise error(
-            f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from problem
-
-
-def _write_and_rename(path: Path, data: bytes, private: bool) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=".part", dir=path.parent)
-    temporary = Path(name)
-    try:
+        handle, name = tempfile.mkstemp(".part", f".{path.name[:40]}.", path.parent)
+        temporary = Path(name)
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
@@ -39,9 +30,15 @@ def _write_and_rename(path: Path, data: bytes, private: bool) -> None:
         if not private:  # as mkstemp makes it
             temporary.chmod(_usual_mode(path))
         temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    except BaseException as problem:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        if not isinstance(problem, OSError):
+            raise
+        raise error(
+            f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
+            "check that the folder exists and is yours to write to."
+        ) from problem
 
 
 def _usual_mode(path: Path) -> int:
@@ -54,10 +51,6 @@ def _usual_mode(path: Path) -> int:
 
 
 def sha256_of(path: str | Path) -> str:
-    """The SHA-256 of a file's bytes in hexadecimal, read piece by piece.
-
-    Raises:
-        OSError: the file cannot be read.
-    """
+    """The SHA-256 of a file's bytes in hexadecimal, read piece by piece; raises OSError."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.files.checks import read_json
 from poseviewer.files.demo import demo_case
-from poseviewer.files.pose.checks import read_json
 from poseviewer.files.writing import sha256_of, write_whole
 from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
 from poseviewer.study.photos import DRAWN, KINDS, TRACED, Kind, background_files

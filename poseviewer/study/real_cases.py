@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.files.checks import read_json
 from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.checks import read_json
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation

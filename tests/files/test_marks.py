@@ -48,7 +48,7 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
         ("[[1,2,3,4,true]]", "pair 1: v is True"),
         ("[7]", "pair 1 has 1 values"),
         ('[{"model": [1, 2], "photo": [3]}]', "pair 1 has 3 values"),
-        (b"\xff\xfe\x00\x01", "is no text"),
+        (b"\xff\xfe\x00\x01", "not a text"),
         (b"1" * 1_000_001, "larger than"),
         (None, "no such file"),
     ],

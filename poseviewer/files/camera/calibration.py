@@ -1,14 +1,12 @@
-"""The calibrated camera of a photo, from a file of cameras in any format that is known."""
+"""The calibrated camera of a photo, chosen and scaled from a file of cameras."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.files.camera.bop import bop_cameras, is_bop
-from poseviewer.files.camera.colmap import colmap_cameras
-from poseviewer.files.camera.file_camera import FileCamera, parse_json, problem, read_text
-from poseviewer.files.camera.opencv import opencv_cameras, parse_opencv
+from poseviewer.errors import CalibrationFileError
+from poseviewer.files.camera.cameras import FileCamera, load_cameras
 from poseviewer.geometry.camera import Perspective
 
 ROUNDING_PX = 1.0
@@ -33,28 +31,6 @@ class Calibration:
     """Focal length of the undistorted photo, as a share of the calibrated one."""
 
 
-def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
-    """All cameras in an OpenCV YAML, XML or JSON, a BOP JSON or a COLMAP ``cameras.txt``.
-
-    Raises:
-        CalibrationFileError: it cannot be used as one of these.
-    """
-    path = Path(path)
-    kind = path.suffix.lower()
-    if kind == ".txt":
-        return colmap_cameras(path)
-    if kind in (".yml", ".yaml", ".xml"):
-        return opencv_cameras(path.name, parse_opencv(path.name, read_text(path)), fisheye)
-    if kind == ".json":
-        data = parse_json(path.name, read_text(path))
-        if is_bop(data):
-            return bop_cameras(path.name, data)
-        return opencv_cameras(path.name, data, fisheye)
-    raise problem(
-        path.name, f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json or .txt"
-    )
-
-
 def load_calibration(choice: Calibration, photo: str, width: int, height: int) -> FileCamera:
     """The camera that took the photo named ``photo``, of ``width`` x ``height`` px.
 
@@ -66,13 +42,17 @@ def load_calibration(choice: Calibration, photo: str, width: int, height: int) -
     return replace(found, camera=_for_size(choice, found.camera, width, height))
 
 
+def _error(name: str, found: str, wanted: str) -> CalibrationFileError:
+    return CalibrationFileError(f"{name}: {found}; {wanted}.")
+
+
 def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileCamera:
     name = choice.path.name
     if choice.camera is not None:
         for camera in cameras:
             if camera.name == choice.camera:
                 return camera
-        raise problem(name, f"no camera {choice.camera[:30]!r} in it", f"it has {_names(cameras)}")
+        raise _error(name, f"no camera {choice.camera[:30]!r} in it", f"it has {_names(cameras)}")
     if len(cameras) == 1:
         return cameras[0]
     stem = Path(photo).stem
@@ -82,7 +62,7 @@ def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileC
     if len(named) == 1:
         return named[0]
     found = f"{len(cameras)} cameras, {_names(cameras)}, and none of them named after {photo}"
-    raise problem(name, found, "choose one by --calibration-camera NAME")
+    raise _error(name, found, "choose one by --calibration-camera NAME")
 
 
 def _names(cameras: list[FileCamera]) -> str:
@@ -99,18 +79,18 @@ def _for_size(choice: Calibration, camera: Perspective, width: int, height: int)
         outside = sized and (left + across > camera.width or top + down > camera.height)
         if min(left, top) < 0 or min(across, down) < 1 or outside:
             found = f"is for {_size(camera)}, and {left},{top},{across},{down} is not inside"
-            raise problem(name, found, "give --calibration-crop left,top,width,height in its px")
+            raise _error(name, found, "give --calibration-crop left,top,width,height in its px")
         camera = camera.cropped(left, top, across, down)
     elif not sized:
         if choice.resized:
             found = "says no size of its pictures"
-            raise problem(name, found, "give it as --calibration-crop 0,0,WIDTH,HEIGHT")
+            raise _error(name, found, "give it as --calibration-crop 0,0,WIDTH,HEIGHT")
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) == (width, height):
         return camera
     if choice.resized and _is_scaling(camera, width, height):
         return camera.resized(width, height)
-    raise problem(name, f"the camera is for {_size(camera)}, the photo has {width}x{height} px",
+    raise _error(name, f"the camera is for {_size(camera)}, the photo has {width}x{height} px",
            _advice(choice, camera, width, height))  # fmt: skip
 
 

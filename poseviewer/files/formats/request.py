@@ -1,15 +1,19 @@
-"""What a user asks of a conversion besides the pose, and what came of it."""
+"""What a user asks of a conversion besides the pose, what came of it, and checks of all formats."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.pose.checks import Reading
+from poseviewer.files.checks import Reading
 from poseviewer.files.pose.file import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
+from poseviewer.geometry.lens import Lens, Undistortion
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
@@ -45,6 +49,46 @@ class Written:
     """What the user should know about it."""
 
 
+def refuse_existing(request: Request, *paths: Path) -> None:
+    """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
+    for path in paths:
+        if path.is_dir():
+            raise PoseFileError(f"{path}: is a folder; name a file in it.")
+        if path.exists() and not request.overwrite:
+            raise PoseFileError(
+                f"{path}: is there already and was not touched; name another, or add --overwrite."
+            )
+
+
+def write_new(request: Request, contents: Mapping[Path, str | bytes], *notes: str) -> Written:
+    """Write files that are not there yet, or that the user wants overwritten; all or none.
+
+    Raises:
+        PoseFileError: a path is taken, or cannot be written to.
+    """
+    refuse_existing(request, *contents)
+    for path, content in contents.items():
+        write_whole(
+            path, content if isinstance(content, bytes) else content.encode(), PoseFileError
+        )
+    return Written(tuple(contents), notes)
+
+
+def json_text(data: Mapping[str, Any]) -> str:
+    """JSON to be read by people as well."""
+    return json.dumps(data, indent=2) + "\n"
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there; raises PoseFileError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PoseFileError(
+            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
+        ) from error
+
+
 def require_perspective(record: PoseRecord, tool: str) -> Perspective:
     """The record's camera, pixel centres at i + 0.5.
 
@@ -64,40 +108,10 @@ def refuse_lens(record: PoseRecord, tool: str) -> None:
     the photo as taken.
     """
     if record.undistortion is not None:
-        raise no_such_lens(tool)
-
-
-def no_such_lens(tool: str) -> PoseFileError:
-    """The error of a lens that a tool's files cannot say."""
-    return PoseFileError(
-        f"The pose is one in an undistorted photo, and {tool} files cannot hold its lens; write it "
-        "for the undistorted photo, with --undistorted-photo FILE."
-    )
-
-
-def refuse_existing(request: Request, *paths: Path) -> None:
-    """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
-    for path in paths:
-        if path.is_dir():
-            raise PoseFileError(f"{path}: is a folder; name a file in it.")
-        if path.exists() and not request.overwrite:
-            raise PoseFileError(
-                f"{path}: is there already and was not touched; name another, or add --overwrite."
-            )
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, unless it is there.
-
-    Raises:
-        PoseFileError: it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
         raise PoseFileError(
-            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from error
+            f"The pose is one in an undistorted photo, and {tool} files cannot hold its lens; "
+            "write it for the undistorted photo, with --undistorted-photo FILE."
+        )
 
 
 def require_file(path: Path | None, what: str, tool: str) -> Path:
@@ -114,11 +128,7 @@ def require_file(path: Path | None, what: str, tool: str) -> Path:
 
 
 def metres_per_unit(unit: str) -> float:
-    """The size of a length unit.
-
-    Raises:
-        PoseFileError: nobody here knows it.
-    """
+    """The size of a length unit; raises PoseFileError where nobody here knows it."""
     if unit not in METRES:
         raise PoseFileError(
             f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
@@ -131,30 +141,50 @@ def unit_of(record: PoseRecord, request: Request) -> str | None:
     return request.unit or (record.model.unit if record.model else None)
 
 
+def photo_name(record: PoseRecord) -> str | None:
+    """The name of the photo's file, where the pose has it."""
+    return record.photo.file if record.photo else None
+
+
 def size_of(
-    reading: Reading, request: Request, found: tuple[int | None, int | None] = (None, None)
+    reading: Reading, request: Request, width: Any = None, height: Any = None
 ) -> tuple[int, int]:
-    """Width and height of the photo in px: what the file says, else what the user says.
+    """Width and height of the photo in px: what the file says (unchecked), else what the user says.
 
     Raises:
-        PoseFileError: neither says it, or they differ.
+        PoseFileError: neither says it, they differ, or it is no size.
     """
-    width, height = found
-    if width is None or height is None:
+    found = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
+    if found[0] is None or found[1] is None:
         if request.photo_size is None:
-            raise reading.error(
-                "it does not say how large the photo is", "add --photo-size WIDTHxHEIGHT"
-            )
+            wanted = "add --photo-size WIDTHxHEIGHT"
+            raise reading.error("it does not say how large the photo is", wanted)
         return request.photo_size
-    if request.photo_size not in (None, (width, height)):
+    if request.photo_size not in (None, found):
+        asked = "x".join(map(str, request.photo_size or ()))
+        raise reading.error(f"it is for a photo of {found[0]}x{found[1]} px", f"not of {asked} px")
+    return found[0], found[1]
+
+
+def the_one(
+    reading: Reading, request: Request, kind: str, names: Sequence[str], *entries: Sequence[Any]
+) -> Any:
+    """The entry that ``request.image`` names, or the only one; ``names`` of all ``kind``.
+
+    ``entries``: further lists, in which it may have other names; the last one holds what is wanted.
+
+    Raises:
+        PoseFileError: there is none, or more than one.
+    """
+    columns = list(zip(names, *entries, strict=True))
+    chosen = [row[-1] for row in columns if request.image is None or request.image in row[:-1]]
+    if len(chosen) != 1:
+        meant = repr(request.image) if request.image else "meant"
         raise reading.error(
-            f"it is for a photo of {width}x{height} px", f"not of {_by(request.photo_size)} px"
+            f"{len(chosen)} of its {len(columns)} {kind} are {meant}",
+            "wanted one, choose it with --image NAME",
         )
-    return width, height
-
-
-def _by(size: tuple[int, int] | None) -> str:
-    return "x".join(map(str, size or ()))
+    return chosen[0]
 
 
 def make_record(
@@ -173,22 +203,10 @@ def make_record(
     if lens is not None and isinstance(pose.camera, Perspective):
         undistortion = Undistortion.of(lens, pose.camera)
         pose = replace(pose, camera=undistortion.camera)
-    reference = PhotoReference(photo, pose.camera.width, pose.camera.height)
-    model = ModelReference(unit=unit) if unit else None
     return PoseRecord(
-        pose, reference, model, undistortion=undistortion, warnings=tuple(reading.warnings)
+        pose,
+        PhotoReference(photo, pose.camera.width, pose.camera.height),
+        ModelReference(unit=unit) if unit else None,
+        undistortion=undistortion,
+        warnings=tuple(reading.warnings),
     )
-
-
-def lens_from(reading: Reading, model: LensModel, coefficients: list[float]) -> Lens | None:
-    """The lens of these coefficients; None where they are all 0.
-
-    Raises:
-        PoseFileError: the model has not so many.
-    """
-    if not any(coefficients):
-        return None
-    if len(coefficients) not in COEFFICIENTS[model]:
-        wanted = ", ".join(str(count) for count in COEFFICIENTS[model])
-        raise reading.error(f"{len(coefficients)} distortion coefficients", f"wanted {wanted}")
-    return Lens(model, tuple(coefficients))

@@ -1,192 +1,88 @@
-"""The formats: what each is called, how it counts, and who writes and reads it."""
+"""The formats: who writes and reads each, and what it can say.
+
+What their files hold stands in the documentation's table (``assets/docs/formats.md``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.files.formats.blender_script import write_blender
-from poseviewer.files.formats.bop_scene import read_bop, write_bop
-from poseviewer.files.formats.colmap_model import read_colmap, write_colmap
-from poseviewer.files.formats.gltf_camera import read_gltf
-from poseviewer.files.formats.gltf_file import write_gltf
-from poseviewer.files.formats.lens_models import (
-    held_by_colmap,
-    held_by_nerfstudio,
-    held_by_none,
-    held_by_opencv,
-    held_whole,
-)
-from poseviewer.files.formats.matrices_file import read_matrices, write_matrices
-from poseviewer.files.formats.meshlab_project import read_meshlab, write_meshlab
-from poseviewer.files.formats.nerfstudio_file import read_nerfstudio, write_nerfstudio
-from poseviewer.files.formats.opencv_file import read_opencv, write_opencv
-from poseviewer.files.formats.own_file import read_own, write_own
-from poseviewer.files.formats.request import Request, Written
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.checks import Reading, read_json
+from poseviewer.files.formats.blender import write_blender
+from poseviewer.files.formats.bop import read_bop, write_bop
+from poseviewer.files.formats.colmap import read_colmap, write_colmap
+from poseviewer.files.formats.gltf import read_gltf, write_gltf
+from poseviewer.files.formats.lens import LensName, colmap_lens, lens_held, nerfstudio_lens
+from poseviewer.files.formats.matrices import read_matrices, write_matrices
+from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
+from poseviewer.files.formats.nerfstudio import read_nerfstudio, write_nerfstudio
+from poseviewer.files.formats.opencv import read_opencv, write_opencv
+from poseviewer.files.formats.request import Request, Written, refuse_existing, size_of
+from poseviewer.files.pose.file import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One format, in the words of the documentation's table."""
+    """One format. Both functions raise PoseFileError where a file cannot be used or written, or
+    the format cannot say the pose.
+    """
 
-    out: str
-    """What OUT is."""
-    pose: str
-    """What is said of the pose."""
-    camera_axes: str
-    unit: str
-    pixel_centre: str
-    """Where the centre of the upper left pixel is."""
-    parallel: bool
-    """Whether it can say parallel projection."""
-    lens: str
-    """Which lens models it has."""
-    held: Callable[[PoseRecord], str | None]
-    """What the format calls the lens of a pose's photo; None where it cannot say it."""
     write: Callable[[PoseRecord, Path, Request], Written]
+    """Pose, where to, and what else is known."""
     read: Callable[[Path, Request], PoseRecord] | None
+    parallel: bool = False
+    """Whether it can say parallel projection."""
+    lens: LensName | None = None
+    """What it calls the lens models that it has; None: it has none."""
+    both_photos: bool = False
+    """Whether it says of the photo as taken and the undistorted one what belongs to which."""
+
+    def held(self, record: PoseRecord) -> str | None:
+        """What it calls the lens of a pose's photo; None where there is none, or it has not that
+        lens.
+        """
+        if self.both_photos:
+            return None if record.undistortion is None else "both"
+        return None if self.lens is None else lens_held(record, self.lens)
 
 
-DOWN, UP = "x right, y down, z forward", "x right, y up, z backward"
-MODEL_UNIT = "the model's"
-INTEGERS, HALVES = "(0, 0)", "(0.5, 0.5)"
-BOTH, NONE = "all, in words of our own", "none"
+def write_own(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Write a pose file of our own."""
+    refuse_existing(request, out)
+    save_pose(out, record)
+    return Written((out,))
+
+
+def read_own(path: Path, request: Request) -> PoseRecord:
+    """Read a pose file, which often says the photo's size; if not, the request must."""
+    reading = Reading(path.name)
+    data = reading.object(read_json(path), "its content")
+    photo = data.get("photo")
+    photo = photo if isinstance(photo, dict) else {}
+    width, height = size_of(reading, request, photo.get("width"), photo.get("height"))
+    record = record_from_json(reading, data, width, height)
+    known = record.photo or PhotoReference()
+    return replace(record, photo=replace(known, width=width, height=height))
+
 
 FORMATS = {
-    "poseviewer": Format(
-        "`.json`",
-        "camera from model",
-        DOWN,
-        MODEL_UNIT,
-        INTEGERS,
-        True,
-        BOTH,
-        held_whole,
-        write_own,
-        read_own,
-    ),
+    "poseviewer": Format(write_own, read_own, parallel=True, both_photos=True),
     "opencv": Format(
-        "`.yml`, `.yaml` or `.json`",
-        "camera from model: `rvec`, `tvec`",
-        DOWN,
-        MODEL_UNIT,
-        INTEGERS,
-        False,
-        "all of OpenCV's",
-        held_by_opencv,
         write_opencv,
         read_opencv,
+        lens=lambda lens: {"opencv": "OpenCV", "fisheye": "OpenCV fisheye"}[lens.model],
     ),
-    "matrices": Format(
-        "`.json`",
-        "both ways, 4x4, row-major",
-        f"both: {DOWN}; {UP}",
-        MODEL_UNIT,
-        INTEGERS,
-        True,
-        BOTH,
-        held_whole,
-        write_matrices,
-        read_matrices,
-    ),
-    "bop": Format(
-        "a scene's folder",
-        "camera from model",
-        DOWN,
-        "mm",
-        INTEGERS,
-        False,
-        NONE,
-        held_by_none,
-        write_bop,
-        read_bop,
-    ),
+    "matrices": Format(write_matrices, read_matrices, parallel=True, both_photos=True),
+    "bop": Format(write_bop, read_bop),
     "colmap": Format(
-        "a folder",
-        "camera from world: quaternion, w first",
-        DOWN,
-        MODEL_UNIT,
-        HALVES,
-        False,
-        "`OPENCV`, `FULL_OPENCV`, `OPENCV_FISHEYE`",
-        held_by_colmap,
-        write_colmap,
-        read_colmap,
+        write_colmap, read_colmap, lens=lambda lens: (colmap_lens(lens) or (None,))[0]
     ),
     "nerfstudio": Format(
-        "`transforms.json`",
-        "world from camera, 4x4, row-major",
-        UP,
-        MODEL_UNIT,
-        HALVES,
-        False,
-        "`OPENCV` (k1 k2 k3 p1 p2), `OPENCV_FISHEYE`",
-        held_by_nerfstudio,
-        write_nerfstudio,
-        read_nerfstudio,
+        write_nerfstudio, read_nerfstudio, lens=lambda lens: (nerfstudio_lens(lens) or (None,))[0]
     ),
-    "gltf": Format(
-        "`.glb`",
-        "world from camera, 4x4, column-major",
-        UP,
-        "m",
-        "none: a field of view",
-        True,
-        NONE,
-        held_by_none,
-        write_gltf,
-        read_gltf,
-    ),
-    "blender": Format(
-        "`.py`",
-        "world from camera, 4x4, row-major",
-        UP,
-        MODEL_UNIT,
-        "none: lens and shift",
-        True,
-        NONE,
-        held_by_none,
-        write_blender,
-        None,
-    ),
-    "meshlab": Format(
-        "`.mlp`",
-        "rotation of camera from world, and minus the camera's place",
-        UP,
-        MODEL_UNIT,
-        "(0.5, height - 0.5), y up",
-        False,
-        NONE,
-        held_by_none,
-        write_meshlab,
-        read_meshlab,
-    ),
+    "gltf": Format(write_gltf, read_gltf, parallel=True),
+    "blender": Format(write_blender, None, parallel=True),
+    "meshlab": Format(write_meshlab, read_meshlab),
 }
-
-HEADINGS = (
-    "format", "OUT", "pose", "camera axes", "handed", "unit", "centre of the upper left pixel",
-    "parallel", "lens", "read",
-)  # fmt: skip
-
-
-def formats_as_markdown() -> str:
-    """The documentation's table."""
-    rows = [HEADINGS, ("---",) * len(HEADINGS)]
-    for name, known in FORMATS.items():
-        rows.append(
-            (
-                f"`{name}`",
-                known.out,
-                known.pose,
-                known.camera_axes,
-                "right",
-                known.unit,
-                known.pixel_centre,
-                "yes" if known.parallel else "no",
-                known.lens,
-                "yes" if known.read else "no",
-            )
-        )
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)

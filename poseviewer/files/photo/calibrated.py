@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError
 from poseviewer.files.camera.calibration import Calibration, load_calibration
-from poseviewer.files.camera.distortion_block import distortion_as_json
 from poseviewer.files.photo.load import load_photo
+from poseviewer.files.pose.distortion import distortion_as_json
 from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres

@@ -6,8 +6,9 @@ In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geom
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera.distortion_block import distortion_as_json, distortion_from_json
-from poseviewer.files.pose.checks import Reading, checked_rotation, kind_of, read_json
-from poseviewer.files.pose.verdict import (
-    RecordedVerdict,
-    verdict_as_json,
-    verdict_from_json,
+from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
+from poseviewer.files.pose.distortion import (
+    distortion_as_json,
+    distortion_from_json,
+    intrinsics_as_json,
+    intrinsics_from_json,
 )
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -29,6 +30,7 @@ from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-pose", 1
+VERDICTS = ("found", "doubtful", "lost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,19 @@ class ChartParameters:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordedVerdict:
+    """What was thought of a pose when it was found."""
+
+    word: str
+    """``found``, ``doubtful`` or ``lost``."""
+    probability: float
+    """That the pose is right, in [0, 1]."""
+    reasons: tuple[str, ...] = ()
+    features: Mapping[str, float] = field(default_factory=dict)
+    """The numbers that it comes from, by name; in files under ``evidence``."""
+
+
+@dataclass(frozen=True, slots=True)
 class PoseRecord:
     """All that a pose file says."""
 
@@ -74,7 +89,6 @@ class PoseRecord:
     undistortion: Undistortion | None = None
     """Where the pose belongs to the undistorted photo: how that is made of the one as taken."""
     verdict: RecordedVerdict | None = None
-    """What the fit thought of the pose."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -95,8 +109,7 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
         PoseFileError: there is no such file, or it does not hold a pose.
     """
     path = Path(path)
-    reading = Reading(path.name, [])
-    return record_from_json(reading, read_json(path), width, height)
+    return record_from_json(Reading(path.name), read_json(path), width, height)
 
 
 def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
@@ -113,22 +126,21 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         raise reading.error(
             f"version is {version!r}", f"this poseviewer reads version {VERSION}, try a newer one"
         )
-    pose = Pose(camera_from_json(reading, data, width, height), _transform(reading, data))
-    photo = _photo(reading, data.get("photo"))
-    if photo is not None:
-        _warn_of_size(reading, photo, width, height)
+
+    def optional(key: str, read: Any) -> Any:
+        return None if data.get(key) is None else read(data[key], key)
+
+    photo = optional("photo", lambda value, _: _photo(reading, value, width, height))
     return PoseRecord(
-        pose,
+        Pose(camera_from_json(reading, data, width, height), _transform(reading, data)),
         photo,
-        _model(reading, data.get("model")),
-        _chart(reading, data.get("chart")),
-        None if data.get("loss") is None else reading.number(data["loss"], "loss"),
-        _optional_object(reading, data, "settings"),
-        _optional_object(reading, data, "software"),
-        None
-        if data.get("distortion") is None
-        else distortion_from_json(reading, data["distortion"], width, height),
-        verdict_from_json(reading, data.get("verdict")),
+        optional("model", lambda value, _: _model(reading, value)),
+        optional("chart", lambda value, _: _chart(reading, value)),
+        optional("loss", reading.number),
+        optional("settings", reading.object),
+        optional("software", reading.object),
+        optional("distortion", lambda v, _: distortion_from_json(reading, v, width, height)),
+        optional("verdict", lambda value, _: _verdict(reading, value)),
         tuple(reading.warnings),
     )
 
@@ -166,8 +178,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
     data: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
-        "photo": _without_none(record.photo, ("file", "width", "height", "sha256")),
-        "model": _without_none(record.model, ("file", "sha256", "unit")),
+        "photo": _reference_as_json(record.photo),
+        "model": _reference_as_json(record.model),
         **camera_as_json(record.pose.camera),
         "camera_from_model": {
             "rotation": transform.rotation.tolist(),
@@ -177,32 +189,35 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "settings": None if record.settings is None else dict(record.settings),
         "software": None if record.software is None else dict(record.software),
     }
-    if record.verdict is not None:
-        data["verdict"] = verdict_as_json(record.verdict)
+    if (verdict := record.verdict) is not None:
+        features = {name: float(value) for name, value in verdict.features.items()}
+        data["verdict"] = {
+            "word": verdict.word,
+            "probability": float(verdict.probability),
+            "reasons": list(verdict.reasons),
+            "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
+        }
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
-    if record.chart is not None:
-        parameters = [float(number) for number in record.chart.parameters]
-        names = list(record.chart.names)
-        data["chart"] = {"name": record.chart.name, "names": names, "numbers": parameters}
+    if (chart := record.chart) is not None:
+        numbers = [float(number) for number in chart.parameters]
+        data["chart"] = {"name": chart.name, "names": list(chart.names), "numbers": numbers}
     return {key: value for key, value in data.items() if value is not None}
 
 
 def camera_as_json(camera: Camera) -> dict[str, Any]:
     """``projection`` and ``camera`` as a pose file says them, pixel centres at integers."""
-    camera = camera_as_integer_centres(camera)
-    perspective = isinstance(camera, Perspective)
-    names = ("fx", "fy", "cx", "cy") if perspective else ("scale", "cx", "cy")
-    return {
-        "projection": "perspective" if perspective else "parallel",
-        "camera": {name: float(getattr(camera, name)) for name in names},
-    }
+    if isinstance(camera, Perspective):
+        return {"projection": "perspective", "camera": intrinsics_as_json(camera)}
+    shifted = camera_as_integer_centres(camera)
+    values = {name: float(getattr(shifted, name)) for name in ("scale", "cx", "cy")}
+    return {"projection": "parallel", "camera": values}
 
 
-def _without_none(reference: object, names: tuple[str, ...]) -> dict[str, Any] | None:
+def _reference_as_json(reference: PhotoReference | ModelReference | None) -> dict | None:
     if reference is None:
         return None
-    values = {name: getattr(reference, name) for name in names}
+    values = {f.name: getattr(reference, f.name) for f in fields(reference)}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -213,19 +228,16 @@ def camera_from_json(reading: Reading, data: dict[str, Any], width: int, height:
         PoseFileError: it is not there, or not one.
     """
     projection = data.get("projection")
-    if projection not in ("perspective", "parallel"):
+    if projection == "perspective":
+        return intrinsics_from_json(reading, data.get("camera"), "camera", width, height)
+    if projection != "parallel":
         raise reading.error(
             f"projection is {kind_of(projection)}", "wanted 'perspective' or 'parallel'"
         )
     camera = reading.object(data.get("camera"), "camera")
-    cx = reading.number(camera.get("cx"), "camera.cx")
-    cy = reading.number(camera.get("cy"), "camera.cy")
-    if projection == "parallel":
-        scale = reading.number(camera.get("scale"), "camera.scale", positive=True)
-        return camera_from_integer_centres(Parallel(scale, cx, cy, width, height))
-    fx = reading.number(camera.get("fx"), "camera.fx", positive=True)
-    fy = reading.number(camera.get("fy"), "camera.fy", positive=True)
-    return camera_from_integer_centres(Perspective(fx, fy, cx, cy, width, height))
+    cx, cy = (reading.number(camera.get(name), f"camera.{name}") for name in ("cx", "cy"))
+    scale = reading.number(camera.get("scale"), "camera.scale", positive=True)
+    return camera_from_integer_centres(Parallel(scale, cx, cy, width, height))
 
 
 def _transform(reading: Reading, data: dict[str, Any]) -> RigidTransform:
@@ -238,46 +250,45 @@ def _transform(reading: Reading, data: dict[str, Any]) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, np.array(matrix)), np.array(translation))
 
 
-def _photo(reading: Reading, value: Any) -> PhotoReference | None:
-    if value is None:
-        return None
+def _photo(reading: Reading, value: Any, width: int, height: int) -> PhotoReference:
     value = reading.object(value, "photo")
-    return PhotoReference(
+    photo = PhotoReference(
         reading.text(value.get("file"), "photo.file"),
         reading.size(value.get("width"), "photo.width"),
         reading.size(value.get("height"), "photo.height"),
         reading.text(value.get("sha256"), "photo.sha256"),
     )
-
-
-def _warn_of_size(reading: Reading, photo: PhotoReference, width: int, height: int) -> None:
     if (photo.width or width, photo.height or height) != (width, height):
         reading.warnings.append(
             f"{reading.name}: the pose was made for a photo of {photo.width}x{photo.height} px, "
             f"this one has {width}x{height} px."
         )
+    return photo
 
 
-def _model(reading: Reading, value: Any) -> ModelReference | None:
-    if value is None:
-        return None
+def _model(reading: Reading, value: Any) -> ModelReference:
     value = reading.object(value, "model")
-    return ModelReference(
-        *(reading.text(value.get(key), f"model.{key}") for key in ("file", "sha256", "unit"))
-    )
+    keys = ("file", "sha256", "unit")
+    return ModelReference(*(reading.text(value.get(key), f"model.{key}") for key in keys))
 
 
-def _chart(reading: Reading, value: Any) -> ChartParameters | None:
-    if value is None:
-        return None
+def _chart(reading: Reading, value: Any) -> ChartParameters:
     value = reading.object(value, "chart")
-    names = value.get("names")
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise reading.error(f"chart.names is {kind_of(names)}", "wanted a list of texts")
-    parameters = reading.numbers(value.get("numbers"), "chart.numbers", len(names))
+    names = reading.texts(value.get("names"), "chart.names")
+    numbers = reading.numbers(value.get("numbers"), "chart.numbers", len(names))
     name = reading.text(value.get("name"), "chart.name") or ""
-    return ChartParameters(name, tuple(names), tuple(parameters))
+    return ChartParameters(name, names, tuple(numbers))
 
 
-def _optional_object(reading: Reading, data: dict[str, Any], key: str) -> Any:
-    return None if data.get(key) is None else reading.object(data[key], key)
+def _verdict(reading: Reading, value: Any) -> RecordedVerdict:
+    value = reading.object(value, "verdict")
+    word = value.get("word")
+    if word not in VERDICTS:
+        raise reading.error(f"verdict.word is {kind_of(word)}", f"wanted {', '.join(VERDICTS)}")
+    features = reading.object(value.get("evidence", {}), "verdict.evidence")
+    return RecordedVerdict(
+        word,
+        reading.number(value.get("probability"), "verdict.probability"),
+        reading.texts(value.get("reasons", []), "verdict.reasons"),
+        {key: reading.number(n, f"verdict.evidence.{key}") for key, n in features.items()},
+    )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import AutosaveError, PoseFileError
-from poseviewer.files.pose.checks import Reading, read_json
+from poseviewer.files.checks import Reading, read_json
 from poseviewer.files.pose.file import PoseRecord, record_as_json, record_from_json
 from poseviewer.files.state.process_mark import process_start
 from poseviewer.files.writing import write_whole

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop_scene import read_bop, write_bop
+from poseviewer.files.formats.bop import read_bop, write_bop
 from poseviewer.files.formats.request import Request
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from poseviewer.files.demo import demo_case
-from poseviewer.files.formats.blender_script import write_blender
-from poseviewer.files.formats.colmap_model import write_colmap
-from poseviewer.files.formats.gltf_file import write_gltf
-from poseviewer.files.formats.meshlab_project import write_meshlab
-from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
-from poseviewer.files.formats.opencv_file import write_opencv
-from poseviewer.files.formats.own_file import read_own
+from poseviewer.files.formats.blender import write_blender
+from poseviewer.files.formats.colmap import write_colmap
+from poseviewer.files.formats.gltf import write_gltf
+from poseviewer.files.formats.meshlab import write_meshlab
+from poseviewer.files.formats.nerfstudio import write_nerfstudio
+from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.table import read_own
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective

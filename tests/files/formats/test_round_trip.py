@@ -11,7 +11,7 @@ import pytest
 from poseviewer.cli import convert as converting
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.request import METRES, Request
-from poseviewer.files.formats.table import FORMATS, formats_as_markdown
+from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
@@ -27,6 +27,9 @@ ENDINGS = {
     "poseviewer": "json", "matrices": "json", "nerfstudio": "json", "gltf": "glb",
     "blender": "py", "meshlab": "mlp", "bop": "scene", "colmap": "model",
 }  # fmt: skip
+HEADINGS = (
+    "format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens", "read",
+)  # fmt: skip
 OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
 OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 READ = [(name, out) for name, out in OUTS if FORMATS[name].read]
@@ -151,4 +154,13 @@ def test_the_command_knows_all_formats_and_units():
 
 def test_the_documentation_has_the_table():
     page = Path(__file__).resolve().parents[3] / "assets" / "docs" / "formats.md"
-    assert formats_as_markdown() in page.read_text(encoding="utf-8")
+    lines = [line.strip("| ").split(" | ") for line in page.read_text("utf-8").splitlines()]
+    rows = {
+        row[0].strip("`"): dict(zip(HEADINGS, row, strict=True)) for row in lines if len(row) > 9
+    }
+    assert [name for name in rows if name in FORMATS] == list(FORMATS)
+    for name, known in FORMATS.items():
+        said = {key: value != "no" and value != "none" for key, value in rows[name].items()}
+        assert said["parallel"] == known.parallel, name
+        assert said["read"] == (known.read is not None), name
+        assert said["lens"] == (known.lens is not None or known.both_photos), name

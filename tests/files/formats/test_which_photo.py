@@ -12,10 +12,10 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.colmap_model import read_colmap, write_colmap
-from poseviewer.files.formats.lens_models import colmap_lens, nerfstudio_lens
-from poseviewer.files.formats.nerfstudio_file import write_nerfstudio
-from poseviewer.files.formats.opencv_file import write_opencv
+from poseviewer.files.formats.colmap import read_colmap, write_colmap
+from poseviewer.files.formats.lens import colmap_lens, nerfstudio_lens
+from poseviewer.files.formats.nerfstudio import write_nerfstudio
+from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.photo.load import load_photo

@@ -13,18 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.matrix import as_4x4
-from poseviewer.files.formats.request import (
-    Request,
-    Written,
-    refuse_existing,
-    refuse_lens,
-    require_file,
-)
-from poseviewer.files.formats.view_depths import in_front, view_depths
+from poseviewer.files.formats.gltf import in_front, view_depths
+from poseviewer.files.formats.matrices import as_4x4
+from poseviewer.files.formats.request import Request, Written, refuse_lens, require_file, write_new
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose.file import PoseRecord
-from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import BLENDER_FROM_GLTF, OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh
@@ -45,12 +38,7 @@ x right, y up, z backward in the camera; the world is the model's frame{turned}.
 
 
 def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
-    """Write the script; it names model and photo by their paths.
-
-    Raises:
-        PoseViewerError: the model is not known, or of a kind that Blender does not import; the
-            file is there already.
-    """
+    """Write the script; it names model and photo by their paths."""
     refuse_lens(record, "Blender")
     model = require_file(request.model, "model", "Blender")
     if model.suffix.lower() not in IMPORTED:
@@ -60,11 +48,7 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
         )
     if out.suffix.lower() != ".py":
         raise PoseFileError(f"{out.name}: Blender's scripts end in .py; name it so.")
-    mesh = load_mesh(model)
-    refuse_existing(request, out)
-    is_gltf = model.suffix.lower() in GLTF
-    photo = request.photo
-    notes = () if photo else ("No photo is known: there is no background; add --photo FILE.",)
+    mesh, is_gltf, photo = load_mesh(model), model.suffix.lower() in GLTF, request.photo
     view = blender_view(in_front(record.pose, mesh), mesh, is_gltf)
     script = (
         DOC.format(name=out.name, turned=", turned from y up to z up" if is_gltf else "")
@@ -73,8 +57,8 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
         + f"VIEW = {json.dumps(view, indent=4)}\n\n"
         + files("poseviewer.files.formats").joinpath("blender_scene.txt").read_text("utf-8")
     )
-    write_whole(out, script.encode(), PoseFileError)
-    return Written((out,), notes)
+    notes = () if photo else ("No photo is known: there is no background; add --photo FILE.",)
+    return write_new(request, {out: script}, *notes)
 
 
 def _paths(out: Path, path: Path) -> str:
@@ -89,7 +73,7 @@ def blender_view(pose: Pose, mesh: Mesh, is_gltf: bool = False) -> dict[str, Any
     model came in by Blender's importer of glTF, which turns its axes.
     """
     camera = pose.camera
-    depths = view_depths(pose, mesh)
+    near, far = view_depths(pose, mesh)
     place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()
     if is_gltf:
         place = BLENDER_FROM_GLTF @ place
@@ -104,7 +88,7 @@ def blender_view(pose: Pose, mesh: Mesh, is_gltf: bool = False) -> dict[str, Any
     up = (camera.cy - camera.height / 2.0) * stretch / camera.width
     return lens | {
         "shift": [right, up],
-        "clip": [depths.near, 2.0 * depths.far],
+        "clip": [near, 2.0 * far],
         "size": [camera.width, camera.height],
         # Blender allows neither side below 1.
         "pixel_aspect": [max(1.0, 1.0 / stretch), max(1.0, stretch)],

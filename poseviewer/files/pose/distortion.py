@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from poseviewer.files.pose.checks import Reading, kind_of
+from poseviewer.files.checks import Reading, kind_of
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -12,7 +12,7 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )
-NAMES = ("fx", "fy", "cx", "cy")
+INTRINSICS = ("fx", "fy", "cx", "cy")
 MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
 """What the file calls a lens model."""
 
@@ -24,17 +24,13 @@ def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
         "note": NOTE,
         "model": next(name for name, model in MODELS.items() if model == lens.model),
         "coefficients": [float(value) for value in lens.coefficients],
-        "camera_as_taken": _camera_as_json(undistortion.taken),
-        "camera_undistorted": _camera_as_json(undistortion.camera),
+        "camera_as_taken": intrinsics_as_json(undistortion.taken),
+        "camera_undistorted": intrinsics_as_json(undistortion.camera),
     }
 
 
 def distortion_from_json(reading: Reading, value: Any, width: int, height: int) -> Undistortion:
-    """What a block says, for a photo of ``width`` x ``height`` px.
-
-    Raises:
-        PoseFileError: it is no such block.
-    """
+    """What a block says, for a photo of ``width`` x ``height`` px; raises the reading's error."""
     value = reading.object(value, "distortion")
     name = value.get("model")
     if not isinstance(name, str) or name not in MODELS:
@@ -47,19 +43,25 @@ def distortion_from_json(reading: Reading, value: Any, width: int, height: int) 
         raise reading.error(found, f"wanted a list of {wanted} numbers")
     numbers = reading.numbers(coefficients, "distortion.coefficients", len(coefficients))
     cameras = (
-        _camera(reading, value.get(key), f"distortion.{key}", width, height)
+        intrinsics_from_json(reading, value.get(key), f"distortion.{key}", width, height)
         for key in ("camera_as_taken", "camera_undistorted")
     )
     return Undistortion(Lens(model, tuple(numbers)), *cameras)
 
 
-def _camera_as_json(camera: Perspective) -> dict[str, float]:
+def intrinsics_as_json(camera: Perspective) -> dict[str, float]:
+    """fx, fy, cx, cy in px, pixel centres at integers."""
     shifted = camera_as_integer_centres(camera)
-    return {name: float(getattr(shifted, name)) for name in NAMES}
+    return {name: float(getattr(shifted, name)) for name in INTRINSICS}
 
 
-def _camera(reading: Reading, value: Any, what: str, width: int, height: int) -> Perspective:
+def intrinsics_from_json(
+    reading: Reading, value: Any, what: str, width: int, height: int
+) -> Perspective:
+    """The camera, pixel centres at i + 0.5, of an object with fx, fy, cx, cy; raises the reading's
+    error.
+    """
     value = reading.object(value, what)
-    fx, fy = (reading.number(value.get(n), f"{what}.{n}", positive=True) for n in NAMES[:2])
-    cx, cy = (reading.number(value.get(n), f"{what}.{n}") for n in NAMES[2:])
+    cx, cy = (reading.number(value.get(n), f"{what}.{n}") for n in INTRINSICS[2:])
+    fx, fy = (reading.number(value.get(n), f"{what}.{n}", positive=True) for n in INTRINSICS[:2])
     return camera_from_integer_centres(Perspective(fx, fy, cx, cy, width, height))

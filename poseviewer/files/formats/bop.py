@@ -1,0 +1,297 @@
+"""BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
+
+As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and
+K row-major, OpenCV axes, pixel centres at integers. Masks, boxes and ``scene_gt_info.json`` are
+the toolkit's to make, from these.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.camera.cameras import bop_cameras, camera_of_matrix
+from poseviewer.files.checks import Reading, checked_rotation, read_json
+from poseviewer.files.formats.opencv import intrinsics_matrix
+from poseviewer.files.formats.request import (
+    Request,
+    Written,
+    make_folder,
+    make_record,
+    metres_per_unit,
+    photo_name,
+    refuse_lens,
+    require_perspective,
+    size_of,
+    unit_of,
+)
+from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.writing import write_whole
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+
+UNIT = "mm"
+CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
+LARGEST_SCENE = 1_000_000_000
+"""Bytes: thousands of images of dozens of objects."""
+PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
+PHOTO_FOLDERS = ("rgb", "gray")
+PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+SAME = 1e-9
+"""Relative and absolute: files round cameras in their last digit."""
+
+SceneFile = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopObject:
+    """An object in an image."""
+
+    object_id: int
+    place: RigidTransform
+    """Camera from model, mm."""
+
+    def as_json(self) -> dict[str, Any]:
+        """As ``scene_gt.json`` has it."""
+        return {
+            "cam_R_m2c": self.place.rotation.reshape(-1).tolist(),
+            "cam_t_m2c": self.place.translation.tolist(),
+            "obj_id": self.object_id,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopImage:
+    """One image of a scene."""
+
+    number: int
+    photo: str
+    """Its file, from the scene's folder; where there is none, where it was looked for."""
+    camera: Perspective
+    """Pixel centres at i + 0.5; 0x0 px, since a scene does not say the size."""
+    objects: tuple[BopObject, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopScene:
+    """A scene's folder as it was read."""
+
+    images: tuple[BopImage, ...]
+    """By their numbers."""
+    posed: bool
+    """Whether there is a ``scene_gt.json``."""
+
+
+def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Append a pose to the scene folder ``out``; what is there stays, nothing is said twice.
+
+    Raises:
+        PoseFileError: parallel projection; the unit, image or object is not known; the image is
+            there with another camera; the folder cannot be written to.
+    """
+    refuse_lens(record, "BOP")
+    matrix = intrinsics_matrix(require_perspective(record, "BOP")).reshape(-1).tolist()
+    image = str(_number(request.image, PHOTO_NAME, photo_name(record), "image", "000003.png"))
+    entry = _entry(record, request)
+    paths = out / CAMERAS, out / POSES
+    cameras, poses = (load_scene_file(path) for path in paths)
+    reading, what = Reading(CAMERAS), f"image {image}"
+    there = cameras.setdefault(image, {"cam_K": matrix, "depth_scale": 1.0})
+    numbers = reading.numbers(reading.object(there, what).get("cam_K"), f"{image}.cam_K", 9)
+    if not np.allclose(numbers, matrix, rtol=SAME, atol=SAME):
+        raise PoseFileError(
+            f"{paths[0]}: image {image} is there with another camera; give the pose another "
+            "image with --image NUMBER, or convert it with that camera."
+        )
+    of_image = poses.setdefault(image, [])
+    if not isinstance(of_image, list):
+        raise PoseFileError(f"{paths[1]}: image {image} is not a list; is it a scene of BOP's?")
+    if entry in of_image:
+        return Written(paths, (f"Image {image} had this very pose already.",))
+    of_image.append(entry)
+    make_folder(out)
+    for path, content in zip(paths, (cameras, poses), strict=True):
+        write_whole(path, _scene_text(content), PoseFileError)
+    return Written(paths)
+
+
+def read_bop(path: Path, request: Request) -> PoseRecord:
+    """Read one pose of a scene folder: of image ``request.image`` and object ``object_id``.
+
+    Either may be left out where there is but one. Lengths are in mm unless ``unit`` says else.
+
+    Raises:
+        PoseFileError: there is no such pose, or more than one.
+    """
+    for name in (CAMERAS, POSES):
+        if not (path / name).is_file():
+            raise PoseFileError(f"{path / name}: no such file; name a BOP scene's folder.")
+    cameras, poses = (load_scene_file(path / name) for name in (CAMERAS, POSES))
+    image = _chosen_image(path / POSES, poses, request)
+    reading = Reading(CAMERAS)
+    size = size_of(reading, request)
+    matrix = reading.object(cameras.get(image), f"image {image}").get("cam_K")
+    camera = camera_of_matrix(reading, matrix, f"{image}.cam_K", size)
+    reading = Reading(POSES, reading.warnings)
+    entries, asked = poses[image], request.object_id
+    entries = [
+        reading.object(entry, f"image {image}")
+        for entry in (entries if isinstance(entries, list) else [])
+    ]
+    chosen = [entry for entry in entries if asked is None or entry.get("obj_id") == asked]
+    if len(chosen) != 1:
+        found = f"image {image} has {len(chosen)} poses" + (f" of object {asked}" if asked else "")
+        raise reading.error(found, "wanted one, choose it with --object NUMBER")
+    place = _place(reading, chosen[0])
+    unit = request.unit or UNIT
+    translation = place.translation * (metres_per_unit(UNIT) / metres_per_unit(unit))
+    pose = Pose(camera, replace(place, translation=translation))
+    return make_record(reading, pose, None, unit)
+
+
+def load_bop_images(folder: Path) -> BopScene:
+    """All images of a scene that have a camera.
+
+    Raises:
+        PoseViewerError: it is no scene's folder, or a file in it is damaged.
+    """
+    if not (folder / CAMERAS).is_file():
+        raise PoseFileError(
+            f"{folder}: no {CAMERAS} in it; name a BOP scene's folder, such as test/000002."
+        )
+    cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
+    if not all(isinstance(entry, dict) and "cam_K" in entry for entry in cameras.values()):
+        raise PoseFileError(f"{folder / CAMERAS}: an image without cam_K; is it a scene of BOP's?")
+    photos, images = _photos(folder), []
+    for found in bop_cameras(Reading(CAMERAS), cameras):
+        if not found.name.isdecimal():
+            raise PoseFileError(f"{CAMERAS}: image {found.name[:40]!r}; wanted images' numbers.")
+        number = int(found.name)
+        photo = photos.get(number, f"{PHOTO_FOLDERS[0]}/{number:06d}.png")
+        objects = _objects(poses.get(found.name, []), found.name)
+        images.append(BopImage(number, photo, found.camera, objects))
+    if not images:
+        raise PoseFileError(f"{folder / CAMERAS}: no image in it; wanted a camera for each image.")
+    images.sort(key=lambda image: image.number)
+    return BopScene(tuple(images), (folder / POSES).is_file())
+
+
+def save_bop_images(
+    folder: Path, cameras: Mapping[str, Any], poses: Mapping[int, Sequence[BopObject]]
+) -> None:
+    """Write a scene's two files: the ``cameras`` as they are (the content of another scene's
+    file), and the poses of each image by its number.
+
+    Raises:
+        PoseFileError: the folder cannot be written to.
+    """
+    entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
+    for name, content in ((CAMERAS, dict(cameras)), (POSES, entries)):
+        write_whole(folder / name, _scene_text(content), PoseFileError)
+
+
+def load_scene_file(path: Path) -> SceneFile:
+    """What a scene's file holds by image; nothing where it is not there yet.
+
+    Raises:
+        PoseFileError: it is damaged.
+    """
+    if not path.exists():
+        return {}
+    return Reading(path.name).object(read_json(path, LARGEST_SCENE), "its content")
+
+
+def same_intrinsics(one: Perspective, other: Perspective) -> bool:
+    """Whether two cameras are one, up to the rounding of files."""
+    numbers = [[c.fx, c.fy, c.cx, c.cy] for c in (one, other)]
+    return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
+
+
+def _scene_text(content: SceneFile) -> bytes:
+    """One image a line, in order, as the toolkit writes it."""
+    lines = (
+        f"  {json.dumps(image)}: {json.dumps(content[image])}"
+        for image in sorted(content, key=lambda name: (len(name), name))
+    )
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+
+
+def _entry(record: PoseRecord, request: Request) -> dict[str, Any]:
+    unit = unit_of(record, request)
+    if unit is None:
+        raise PoseFileError(
+            "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
+            "--unit mm."
+        )
+    place = record.pose.camera_from_model
+    translation = place.translation * (metres_per_unit(unit) / metres_per_unit(UNIT))
+    given = None if request.object_id is None else str(request.object_id)
+    name = record.model.file if record.model else None
+    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
+    return BopObject(number, replace(place, translation=translation)).as_json()
+
+
+def _number(given: str | None, pattern: str, name: str | None, what: str, example: str) -> int:
+    said = name if given is None else given
+    found = re.fullmatch(pattern, said or "")
+    text = found[1] if found else given or ""
+    if not text.isdecimal():
+        raise PoseFileError(
+            f"BOP wants the {what}'s number, and found {said or 'none'!r}; add "
+            f"--{what} NUMBER (a file called like {example} says it by its name)."
+        )
+    return int(text)
+
+
+def _chosen_image(path: Path, poses: SceneFile, request: Request) -> str:
+    by_number = {str(int(name)): name for name in poses if name.isdecimal()}
+    if request.image is None and len(poses) == 1:
+        return next(iter(poses))
+    wanted = request.image or ""
+    name = by_number.get(str(int(wanted)) if wanted.isdecimal() else "")
+    if name is None:
+        raise PoseFileError(
+            f"{path}: it has {len(poses)} images, none of them {wanted or 'chosen'!r}; "
+            "choose one with --image NUMBER."
+        )
+    return name
+
+
+def _place(reading: Reading, entry: dict[str, Any]) -> RigidTransform:
+    """Camera from model, mm."""
+    rotation = np.array(reading.numbers(entry.get("cam_R_m2c"), "cam_R_m2c", 9)).reshape(3, 3)
+    translation = reading.numbers(entry.get("cam_t_m2c"), "cam_t_m2c", 3)
+    return RigidTransform(checked_rotation(reading, rotation), np.array(translation))
+
+
+def _photos(folder: Path) -> dict[int, str]:
+    """The photos by their numbers, from the scene's folder."""
+    for name in PHOTO_FOLDERS:
+        found = {
+            int(path.stem): f"{name}/{path.name}"
+            for path in sorted((folder / name).glob("*"))
+            if path.stem.isdecimal() and path.suffix.lower() in PHOTO_ENDINGS
+        }
+        if found:
+            return found
+    return {}
+
+
+def _objects(entries: Any, image: str) -> tuple[BopObject, ...]:
+    reading = Reading(POSES)
+    if not isinstance(entries, list):
+        raise reading.error(f"image {image} is not a list", "wanted a list of poses")
+    found = []
+    for number, value in enumerate(entries):
+        what = f"pose {number} of image {image}"
+        entry = reading.object(value, what)
+        object_id = reading.number(entry.get("obj_id"), f"obj_id of {what}", positive=True)
+        found.append(BopObject(int(object_id), _place(reading, entry)))
+    return tuple(found)

@@ -1,0 +1,124 @@
+"""MeshLab's project: the model, and the photo as a raster with its camera.
+
+The VCG library's ``Shot``: the axes of the rows of ``RotationMatrix`` are OpenGL's,
+``TranslationVector`` is minus the camera's place, and ``CenterPx`` counts from the lower left
+corner of the picture, with pixel centres at i + 0.5.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from poseviewer.files.checks import LARGEST_FILE, Reading
+from poseviewer.files.formats.matrices import as_4x4, from_4x4
+from poseviewer.files.formats.request import (
+    Request,
+    Written,
+    make_record,
+    refuse_lens,
+    require_file,
+    require_perspective,
+    size_of,
+    the_one,
+    write_new,
+)
+from poseviewer.files.pose.file import PoseRecord
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
+from poseviewer.geometry.transform import RigidTransform
+
+SENSOR_MM = 36.0
+"""Width of the sensor we claim; MeshLab wants mm, and only their ratio to px counts."""
+
+
+def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Write a project that names model and photo by their paths from its folder."""
+    refuse_lens(record, "MeshLab")
+    camera = camera_with_rows_from_below(require_perspective(record, "MeshLab"))
+    model = require_file(request.model, "model", "MeshLab")
+    photo = require_file(request.photo, "photo", "MeshLab")
+    place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
+    pixel_mm = SENSOR_MM / camera.width
+    focal_mm = camera.fx * pixel_mm
+    shot = {
+        "TranslationVector": _words((*-place.inverse().translation, 1.0)),
+        "LensDistortion": "0 0",
+        "ViewportPx": f"{camera.width} {camera.height}",
+        "PixelSizeMm": _words((pixel_mm, focal_mm / camera.fy)),
+        "CenterPx": _words((camera.cx, camera.cy)),
+        "FocalMm": repr(float(focal_mm)),
+        "RotationMatrix": _words(as_4x4(RigidTransform(place.rotation, np.zeros(3))).reshape(-1)),
+        "CameraType": "0",
+        "BinaryData": "0",
+    }
+    names = [Path(os.path.relpath(path, out.parent)).as_posix() for path in (model, photo)]
+    add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
+    mesh = {"label": model.name, "visible": "1", "filename": names[0]}
+    matrix = add(add(add(root, "MeshGroup"), "MLMesh", mesh), "MLMatrix44")
+    matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in np.eye(4))
+    raster = add(add(root, "RasterGroup"), "MLRaster", {"label": photo.name})
+    add(raster, "VCGCamera", shot)
+    add(raster, "Plane", {"semantic": "1", "fileName": names[1]})
+    ElementTree.indent(root, " ")
+    text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
+    return write_new(request, {out: text})
+
+
+def _words(numbers: Any) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def read_meshlab(path: Path, request: Request) -> PoseRecord:
+    """Read one raster: ``request.image`` by its label, or the only one.
+
+    The project's world is taken for the model's frame; a mesh that the project moves is refused.
+    """
+    reading = Reading(path.name)
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise reading.error("it is larger than any project", "wanted a MeshLab project")
+        root = ElementTree.fromstring(path.read_bytes())  # expat refuses bombs of entities
+    except OSError as error:
+        raise reading.error(f"cannot be read ({error.strerror})", "check the path") from error
+    except ElementTree.ParseError as error:
+        raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
+    for matrix in root.iter("MLMatrix44"):
+        text = matrix.text or ""
+        numbers = reading.words(text, "MLMatrix44", 16) if text.strip() else np.eye(4).reshape(-1)
+        if not np.allclose(numbers, np.eye(4).reshape(-1), rtol=0.0, atol=1e-12):
+            raise reading.error(
+                "the project moves its mesh (MLMatrix44)",
+                "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)",
+            )
+    rasters = list(root.iter("MLRaster"))
+    labels = [raster.get("label") or "" for raster in rasters]
+    raster = the_one(reading, request, "rasters", labels, rasters)
+    shot = raster.find("VCGCamera")
+    if shot is None:
+        raise reading.error("the raster has no VCGCamera", "wanted a raster with its camera")
+
+    def numbers_of(name: str, count: int) -> list[float]:
+        return reading.words(shot.get(name, ""), name, count)
+
+    if shot.get("CameraType", "0") != "0" or any(numbers_of("LensDistortion", 2)):
+        raise reading.error(
+            "its camera has distortion or is not in perspective", "wanted a pinhole camera"
+        )
+    width, height = size_of(reading, request, *numbers_of("ViewportPx", 2))
+    (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
+    if not min(focal_mm, *pixel_mm) > 0.0:
+        raise reading.error("FocalMm or PixelSizeMm is not above 0", "wanted a camera")
+    fx, fy = (focal_mm / side for side in pixel_mm)
+    cx, cy = numbers_of("CenterPx", 2)
+    camera = Perspective(fx, fy, cx, cy, width, height)
+    rows = np.reshape(numbers_of("RotationMatrix", 16), (4, 4)).tolist()
+    rotation = from_4x4(reading, rows, "RotationMatrix").rotation
+    translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
+    place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
+    pose = Pose(camera_with_rows_from_below(camera), place)
+    return make_record(reading, pose, raster.get("label"), request.unit)
