@@ -14,12 +14,13 @@ import pytest
 
 from assets.source.api_reference import CONTENT, api_as_markdown
 from assets.source.notebook import CELLS, CODE
+from assets.source.rooms import PICTURE, rooms_as_svg
 from poseviewer.cli import main as cli
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
-TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "which_model", "export",
+TASKS = ("settings", "files", "method", "results", "architecture", "experiments", "place", "quick_starts", "wheels", "cameras", "many_photos", "which_model", "export",
          "library")  # fmt: skip
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 LARGEST_BYTES = 2_000_000
@@ -77,7 +78,14 @@ def test_commands_are_commands(page: Path):
             cli.parse(words)
         except SystemExit as ended:
             pytest.fail(f"{line}: ends with {ended.code}")
-    assert found or page.stem in ("index", "library", "api")
+    assert found or page.stem in (
+        "index",
+        "library",
+        "api",
+        "method",
+        "architecture",
+        "experiments",
+    )
 
 
 def test_the_api_reference_is_that_of_the_docstrings():
@@ -86,6 +94,12 @@ def test_the_api_reference_is_that_of_the_docstrings():
     for _, _, names in CONTENT:
         for name in names:
             assert f"### `{name}`" in page
+
+
+def test_the_picture_of_the_rooms_is_that_of_the_contracts():
+    assert PICTURE.read_text(encoding="utf-8") == rooms_as_svg(), (
+        "run: python -m assets.source.rooms"
+    )
 
 
 def notebook() -> dict:
