@@ -1,4 +1,4 @@
-"""``assets/docs/pictures/rooms.svg``: the package's rooms, from the import contract that keeps them.
+"""``assets/docs/pictures/rooms.svg``: the package's rooms, from their import contract.
 
 Run from the repository's root: ``python -m assets.source.rooms``.
 """
