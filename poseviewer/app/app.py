@@ -180,7 +180,7 @@ class App:
                 self._page.close_offer()
                 if request.wanted and kept is not None:
                     self._tasks.add_restore(kept)
-            case _:
+            case c.Command():
                 self._command(request)
 
     def _command(self, command: c.Command) -> None:

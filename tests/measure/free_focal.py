@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from poseviewer.api import load
-from poseviewer.app.state.document import with_camera
+from poseviewer.app.state.cameras import with_camera
 from poseviewer.cli.option_values import positive
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo.load import load_photo

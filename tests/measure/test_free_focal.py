@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import load
-from poseviewer.app.state.document import with_camera
+from poseviewer.app.state.cameras import with_camera
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose.file import load_pose
 from poseviewer.fit.problem import Status, fit_pose, make_problem

@@ -8,7 +8,7 @@ import viser
 
 from poseviewer.app.page.fields import Post, button, set_property
 from poseviewer.app.page.files_panel import upload_button
-from poseviewer.app.state import identify_commands as ic
+from poseviewer.app.state import commands as c
 from poseviewer.app.state.candidates import CandidateRow, Comparison
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
@@ -27,7 +27,7 @@ class CandidatesPanel:
             self._table = gui.add_html("", visible=False)
 
     def _asked(self) -> Request:
-        return ic.StopIdentifying() if self._running else ic.Identify()
+        return c.StopIdentifying() if self._running else c.Identify()
 
     def show(self, session: Session) -> None:
         """Bring the table to the session."""

@@ -31,7 +31,9 @@ class ProposalsPanel:
         set_property(self._box, "label", "Drag on the photo ..." if drawing else "Draw a box")
         set_property(self._propose, "label", "Looking ..." if running else "Propose starts")
         set_property(self._propose, "disabled", running)
-        there = asked is not None and bool(asked.poses) and asked.is_about(session.document)
+        there = (
+            asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
+        )
         for handle in self._steps:
             set_property(handle, "visible", there)
         set_property(self._text, "content", proposals_text(session))
@@ -42,7 +44,7 @@ def proposals_text(session: Session) -> str:
     asked = session.proposals
     if asked is not None and asked.running:
         return "Trying views from everywhere: some seconds, longer without a box."
-    if asked is not None and asked.poses and asked.is_about(session.document):
+    if asked is not None and asked.poses and asked.document.shows_same(session.document):
         return f"**proposal {asked.index + 1} of {len(asked.poses)}**, the likeliest first"
     if session.document.marks.box is None and session.document.settings.region is None:
         return "Draw a box about the object; without one, the whole photo is searched."

@@ -9,8 +9,8 @@ import viser
 from poseviewer.app.page.fields import Post, button, choices, set_property
 from poseviewer.app.page.proposals_panel import BOX_HINT, ProposalsPanel
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors
-from poseviewer.app.state.marks import WHEELS
 from poseviewer.app.state.requests import FindWheels, Request, UseLastPose
 from poseviewer.app.state.session import Session
 from poseviewer.starts.point_pairs import fewest_pairs

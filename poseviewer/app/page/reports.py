@@ -7,7 +7,6 @@ from typing import Any
 
 from poseviewer.app.page.keys import REVIEW, command_for
 from poseviewer.app.state import commands as c
-from poseviewer.app.state import identify_commands as ic
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_unfit
@@ -44,7 +43,7 @@ def _command_of(report: Report, session: Session) -> Request | None:
         case "enlarge":
             return c.ChangeLandscape(large=(int(content["first"]), int(content["second"])))
         case "model":
-            wish = {"show": ic.ShowCandidate, "drop": ic.DropCandidate}[content["wish"]]
+            wish = {"show": c.ShowCandidate, "drop": c.DropCandidate}[content["wish"]]
             return wish(int(content["index"]))
         case "key":
             meant = command_for(content, session.searching, session.look.hidden, session.look.rings)

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from poseviewer.app.page.marks_scene import MarksScene
-from poseviewer.app.state.gestures import pins_in_photo, rings_in_photo
+from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Overlay, Session
 from poseviewer.geometry.arrays import FloatArray

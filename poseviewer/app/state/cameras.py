@@ -1,6 +1,5 @@
-"""Other cameras for the pose at hand: typed in, by field of view, or of the other projection.
-
-The model's centre stays in its place of the photo, and the model as large as it was.
+"""Another camera for a pose: the model's centre stays in its place of the photo, as large as it
+was.
 """
 
 from __future__ import annotations
@@ -8,11 +7,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import Document, with_camera, with_projection
 from poseviewer.errors import SettingsError
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
-from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
+from poseviewer.geometry.frames import camera_from_integer_centres
+from poseviewer.geometry.transform import RigidTransform
 
 LEAST_FOCAL_PX = 1.0
 LARGEST_FOCAL = 1000.0
@@ -23,65 +22,61 @@ NARROWEST_DEG, WIDEST_DEG = 0.5, 170.0
 """Fields of view."""
 
 
-def with_typed_camera(document: Document, typed: c.SetCamera) -> Pose:
-    """The pose seen by a camera whose numbers were typed in; under parallel projection only its
-    centre counts.
+def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
+    """``pose`` seen by another camera; ``centre`` (3,) of the model stays in its place."""
+    old, at = pose.camera, pose.camera_from_model.apply(centre)
+    pixel = old.project(at)
+    now_per_unit = old.scale if isinstance(old, Parallel) else old.fx / at[2]
+    if isinstance(camera, Parallel):
+        camera = replace(camera, scale=now_per_unit)
+        place = [*((pixel - [camera.cx, camera.cy]) / camera.scale), at[2]]
+    else:
+        place = camera.rays(pixel) * (camera.fx / now_per_unit)
+    rotation = pose.camera_from_model.rotation
+    return Pose(camera, RigidTransform(rotation, place - rotation @ centre))
+
+
+def with_projection(pose: Pose, projection: str, fallback: Perspective, centre: FloatArray) -> Pose:
+    """The pose under ``perspective`` (``fallback``, where it was parallel) or ``parallel``."""
+    camera = pose.camera
+    if projection == "parallel" and isinstance(camera, Perspective):
+        flat = Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+        return with_camera(pose, flat, centre)
+    if projection == "perspective" and isinstance(camera, Parallel):
+        return with_camera(pose, fallback, centre)
+    return pose
+
+
+def camera_from_numbers(fx: float, fy: float, cx: float, cy: float, now: Camera) -> Camera:
+    """A camera of typed intrinsics in px (pixel centres at integers) for the photo of ``now``;
+    under parallel projection only its centre counts.
 
     Raises:
         SettingsError: no camera is like that.
     """
-    photo, now = document.registration.photo, document.pose.camera
-    _require_centre(typed, photo.width, photo.height)
-    if not isinstance(now, Parallel):
-        _require_focal(typed, LARGEST_FOCAL * max(photo.width, photo.height))
-    parameters = (typed.fx, typed.fy, typed.cx, typed.cy)
-    camera: Camera = camera_from_integer_centres(
-        Perspective(*parameters, photo.width, photo.height)
-    )
-    if isinstance(now, Parallel):
-        camera = replace(now, cx=camera.cx, cy=camera.cy)
-    return with_camera(document.pose, camera, document.registration.mesh.centre)
+    longer = max(now.width, now.height)
+    reach, largest = FARTHEST_CENTRE * longer, LARGEST_FOCAL * longer
+    if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= reach:
+        raise SettingsError(
+            f"cx, cy = {cx:g}, {cy:g}: wanted a centre within {reach:g} px of the photo's middle; "
+            "nothing was changed"
+        )
+    parallel = isinstance(now, Parallel)
+    if not parallel and not all(LEAST_FOCAL_PX <= value <= largest for value in (fx, fy)):
+        raise SettingsError(
+            f"fx, fy = {fx:g}, {fy:g}: wanted focal lengths of {LEAST_FOCAL_PX:g} to "
+            f"{largest:g} px; nothing was changed"
+        )
+    camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, now.width, now.height))
+    return replace(now, cx=camera.cx, cy=camera.cy) if parallel else camera
 
 
-def with_field_of_view(document: Document, degrees: float) -> Pose:
-    """The pose seen by a camera with so wide a view of the photo's longer side.
-
-    Raises:
-        SettingsError: no photo has such a field of view.
+def require_field_of_view(degrees: float) -> None:
+    """Raises:
+    SettingsError: no photo has such a field of view.
     """
     if not NARROWEST_DEG <= degrees <= WIDEST_DEG:
         raise SettingsError(
             f"field of view = {degrees:g}: wanted {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees; "
             "nothing was changed"
-        )
-    photo, centre = document.registration.photo, camera_as_integer_centres(document.pose.camera)
-    camera = Perspective.from_field_of_view(degrees, photo.width, photo.height)
-    return with_typed_camera(document, c.SetCamera(camera.fx, camera.fy, centre.cx, centre.cy))
-
-
-def with_other_projection(document: Document, projection: str) -> Pose:
-    """The pose under ``perspective`` or ``parallel``; the same object where it is so already."""
-    camera, start = document.pose.camera, document.registration.start.camera
-    fallback = document.registration.photo.default_camera()
-    if isinstance(start, Perspective):
-        fallback = start
-    fallback = replace(fallback, cx=camera.cx, cy=camera.cy)
-    return with_projection(document.pose, projection, fallback, document.registration.mesh.centre)
-
-
-def _require_focal(typed: c.SetCamera, largest: float) -> None:
-    if not all(LEAST_FOCAL_PX <= value <= largest for value in (typed.fx, typed.fy)):
-        raise SettingsError(
-            f"fx, fy = {typed.fx:g}, {typed.fy:g}: wanted focal lengths of {LEAST_FOCAL_PX:g} to "
-            f"{largest:g} px; nothing was changed"
-        )
-
-
-def _require_centre(typed: c.SetCamera, width: int, height: int) -> None:
-    reach = FARTHEST_CENTRE * max(width, height)
-    away = math.hypot(typed.cx - width / 2.0, typed.cy - height / 2.0)
-    if not away <= reach:
-        raise SettingsError(
-            f"cx, cy = {typed.cx:g}, {typed.cy:g}: wanted a centre within {reach:g} px of the "
-            "photo's middle; nothing was changed"
         )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.app.state.document import Document
-from poseviewer.app.state.marks import Marks
+from poseviewer.app.state.document import Document, Marks
 from poseviewer.confidence.identify import Identification, Ranked, rank
 from poseviewer.errors import SettingsError
 from poseviewer.fit.registration import LoadedModel, Registration
@@ -56,7 +55,7 @@ class CandidateRow:
     """A model, and what is known of it."""
 
     index: int
-    """Among the models of the line-up."""
+    """Among the candidates."""
     candidate: CandidateModel
     ranked: Ranked | None = None
     is_being_fitted: bool = False
@@ -64,7 +63,7 @@ class CandidateRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """All of it."""
+    """All models, and what is known of them."""
 
     models: tuple[CandidateModel, ...] = ()
     comparison: Comparison | None = None
@@ -94,17 +93,19 @@ class Candidates:
         return replace(self, models=(own, *self.models))
 
     @property
+    def running(self) -> bool:
+        """Whether a comparison runs."""
+        return self.comparison is not None and self.comparison.running
+
+    @property
     def paths(self) -> frozenset[Path]:
         """The models' files."""
         return frozenset(one.path for one in self.models if one.path is not None)
 
     def comparison_about(self, document: Document) -> Comparison | None:
         """The comparison, if it is of the document's photo."""
-        found = self.comparison
-        if found is None:
-            return None
-        same = found.document.registration.photo is document.registration.photo
-        return found if same else None
+        found, photo = self.comparison, document.registration.photo
+        return found if found and found.document.registration.photo is photo else None
 
     def rows(self, document: Document) -> tuple[CandidateRow, ...]:
         """The models ranked by what is known of them on the document's photo, then the others."""
@@ -150,7 +151,6 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
         mesh_name=model.name,
         mesh_sha256=model.sha256,
         keypoints=model.keypoints,
-        start=own.start,
         warnings=(),
     )
     return replace(

@@ -1,26 +1,114 @@
-"""What a user, or a worker, asks of the session. Points are photo px, pixel centres at i + 0.5."""
+"""What a user, or a worker, asks of the session, and how each command changes it.
+
+A command is a function from a session to the next one, or to the same object where nothing changes;
+bad input raises, and ``update`` makes the error message. Points are photo px, pixel centres at
+i + 0.5.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
+from poseviewer.app.state.cameras import (
+    camera_from_numbers,
+    require_field_of_view,
+    with_camera,
+    with_projection,
+)
+from poseviewer.app.state.candidates import CandidateModel, Comparison, with_model
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.identify_commands import IdentifyCommand
-from poseviewer.app.state.session import LandscapeUpdate, Overlay, SearchUpdate
+from poseviewer.app.state.dragging import (
+    PIN_REACH,
+    RectangleDrag,
+    moved,
+    pins_in_photo,
+    rolled,
+    scaled_about,
+    take_hold,
+    turned,
+)
+from poseviewer.app.state.marking import (
+    MARKING,
+    mark_at,
+    solved,
+    with_mark,
+    without_last,
+    without_mark,
+    without_marks,
+)
+from poseviewer.app.state.requests import Request
+from poseviewer.app.state.session import (
+    LandscapeUpdate,
+    Overlay,
+    ProposedStarts,
+    Search,
+    SearchUpdate,
+    Session,
+    require_in_sight,
+)
+from poseviewer.confidence.identify import Identification
+from poseviewer.errors import QuickStartError, SettingsError
+from poseviewer.fit.landscape import Slice
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.camera import Pose
-from poseviewer.vehicle.ellipses import Ellipse
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.starts.placing import look_from, surface_point
+from poseviewer.vehicle.chart import VehicleChart
+from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse
 
 Projection = Literal["perspective", "parallel"]
 Tool = Literal["pose", "region", "box", "pairs", "wheels"]
+MOST_PINS = 3
+NUDGE_MOVE_PX = 1.0
+NUDGE_TURN = math.radians(1.0)
+NUDGE_SCALE = 1.01
+LARGEST_NUDGE = 300.0
+"""Steps of scale: more would overflow."""
+
+
+class Command(Request):
+    """A change of the session."""
+
+    __slots__ = ()
+    ends_drag = True
+    """Whether a drag under way is ended first, or its steps would come in the wrong order."""
+    keeps_error = False
+    """Whether the error message stays: it is about what the user did."""
+
+    def __call__(self, session: Session) -> Session:
+        """The session after it."""
+        raise NotImplementedError
+
+
+class DragCommand(Command):
+    """One that leaves a drag under way as it is."""
+
+    __slots__ = ()
+    ends_drag = False
+
+
+class WorkerUpdate(DragCommand):
+    """What a worker has found out."""
+
+    __slots__ = ()
+    keeps_error = True
+
+
+# --- the pointer --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class Press:
-    """The main button went down at a point of the photo."""
+class Press(Command):
+    """The main button went down at a point of the photo: take hold of what is there; with a marking
+    tool, set a mark where there is none.
+    """
 
     x: float
     y: float
@@ -29,36 +117,114 @@ class Press:
     shift: bool = False
     ctrl: bool = False
 
+    def __call__(self, session: Session) -> Session:
+        document, point, tool = session.document, np.array([self.x, self.y]), session.tool
+        if tool in MARKING:
+            drag = mark_at(document, tool, point, self.zoom)
+            if drag is None:
+                return session.with_document(with_mark(document, tool, point))
+        elif tool in ("region", "box"):
+            drag = RectangleDrag(tool, point)
+        else:
+            kind = "roll" if self.ctrl else "turn" if self.shift else "move"
+            drag = take_hold(document, point, self.zoom, kind, session.look.rings)
+        return session if drag is None else replace(session, drag=drag, before_drag=None)
+
 
 @dataclass(frozen=True, slots=True)
-class DragTo:
-    """The pointer moved, the button down."""
+class DragTo(DragCommand):
+    """The pointer moved, the button down: what is held follows, a search ends."""
 
     x: float
     y: float
 
+    def __call__(self, session: Session) -> Session:
+        if session.drag is None:
+            return session
+        document = session.drag.apply(session.document, np.array([self.x, self.y]))
+        require_in_sight(document)
+        if session.before_drag is None:
+            anchor = session.anchor or session.document.pose
+            session = replace(session, search=None, anchor=anchor, before_drag=session.document)
+        return replace(session, document=document)
+
 
 @dataclass(frozen=True, slots=True)
-class Release:
-    """The button went up."""
+class Release(DragCommand):
+    """The button went up: the drag as a whole is one undoable step."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.drag is None:
+            return session
+        before, document = session.before_drag, session.document
+        tool = session.tool if session.tool in MARKING else "pose"
+        session = replace(session, drag=None, before_drag=None, tool=tool)
+        if before is None:
+            return session
+        if tool in MARKING:
+            document = solved(document, tool)
+        history = session.history.with_step(before)
+        return replace(session, document=document, history=history, anchor=document.pose)
 
 
 @dataclass(frozen=True, slots=True)
-class CancelDrag:
+class CancelDrag(DragCommand):
     """The drag is to be forgotten: the pose goes back to where it was."""
 
+    def __call__(self, session: Session) -> Session:
+        document = session.before_drag or session.document
+        return replace(session, drag=None, before_drag=None, tool="pose", document=document)
+
 
 @dataclass(frozen=True, slots=True)
-class DoublePress:
-    """Pin the surface point seen there, or take the pin there away."""
+class DoublePress(Command):
+    """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
 
     x: float
     y: float
     zoom: float = 1.0
 
+    def __call__(self, session: Session) -> Session:
+        document, point, tool = session.document, np.array([self.x, self.y]), session.tool
+        if tool in MARKING:
+            found = mark_at(document, tool, point, self.zoom)
+            if found is None:
+                return session
+            return session.with_document(without_mark(document, tool, found.mark))
+        if isinstance(document.chart, VehicleChart):
+            raise QuickStartError("A vehicle has its pins already: wheels and axle.")
+        pins = document.pins
+        if pins:
+            away = np.linalg.norm(pins_in_photo(document) - point, axis=1) * self.zoom
+            nearest = int(np.argmin(away))
+            if away[nearest] <= PIN_REACH:
+                kept = (*pins[:nearest], *pins[nearest + 1 :])
+                return session.with_document(replace(document, pins=kept))
+        if len(pins) == MOST_PINS:
+            raise QuickStartError("Three pins fix a pose; double-click one to take it away first.")
+        place = surface_point(document.registration.mesh, document.pose, point)
+        if place is None:
+            raise QuickStartError("There is no model there to pin; double-click on it.")
+        return session.with_document(replace(document, pins=(*pins, place)))
+
 
 @dataclass(frozen=True, slots=True)
-class Nudge:
+class SetTool(Command):
+    """What a press does: the pose, the rectangle of the region or about the object, a point pair,
+    or a wheel's rim.
+    """
+
+    tool: Tool
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, tool=self.tool)
+
+
+# --- the pose -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Nudge(Command):
     """A small step of the pose, as from a key."""
 
     kind: Literal["move", "turn", "roll", "scale"]
@@ -67,67 +233,163 @@ class Nudge:
     y: float = 0.0
     """Steps: downwards, or about the horizontal."""
 
+    def __call__(self, session: Session) -> Session:
+        pose, centre = session.document.pose, session.document.registration.mesh.centre
+        match self.kind:
+            case "move":
+                pose = moved(pose, centre, NUDGE_MOVE_PX * np.array([self.x, self.y]))
+            case "turn":
+                # To the right: about the downward axis, so that the near side follows.
+                pose = turned(pose, centre, NUDGE_TURN * np.array([self.y, -self.x, 0.0]))
+            case "roll":
+                pose = rolled(pose, centre, NUDGE_TURN * self.x)
+            case "scale":
+                steps = min(max(self.x, -LARGEST_NUDGE), LARGEST_NUDGE)
+                pose = scaled_about(pose, centre, NUDGE_SCALE**steps)
+        return session.with_pose(pose)
+
 
 @dataclass(frozen=True, slots=True)
-class SetNumber:
-    """One number of the chart, by its name."""
+class SetNumber(Command):
+    """One parameter of the chart, by its name; what is typed in a row is one undoable step."""
 
     name: str
     value: float
 
+    def __call__(self, session: Session) -> Session:
+        chart, parameters = session.document.chart, np.array(session.document.parameters)
+        if self.name not in chart.names or not math.isfinite(self.value):
+            raise SettingsError(f"{self.name} = {self.value} is no number of the chart")
+        index = chart.names.index(self.name)
+        if float(parameters[index]) == self.value:
+            return session
+        parameters[index] = self.value
+        # One step back leads to before the whole of what was typed, not to its first digit.
+        typed_on = session.typed == (self.name, session.document) and not session.history.future
+        document = replace(session.document, pose=chart.to_pose(parameters))
+        changed = session.with_document(document, same_step=typed_on)
+        return replace(changed, typed=(self.name, document))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetPose:
+class SetPose(Command):
     """Another pose: a picked point of a map, or a file's."""
 
     pose: Pose
     as_start: bool = False
     """Whether ``reset`` goes back to it from now on."""
 
+    def __call__(self, session: Session) -> Session:
+        if self.as_start:
+            return session.with_document(session.document.started_from(self.pose))
+        return session.with_pose(self.pose)
+
 
 @dataclass(frozen=True, slots=True)
-class ResetToStart:
+class ResetToStart(Command):
     """Back to the start pose."""
 
+    def __call__(self, session: Session) -> Session:
+        return session.with_pose(session.document.registration.start)
+
 
 @dataclass(frozen=True, slots=True)
-class MakeStart:
+class MakeStart(Command):
     """The pose at hand becomes the start pose."""
 
+    def __call__(self, session: Session) -> Session:
+        return session.with_document(session.document.started_from(session.document.pose))
+
 
 @dataclass(frozen=True, slots=True)
-class LookFrom:
+class LookFrom(Command):
     """The model as a whole in the middle of the photo, seen from one of its sides."""
 
     side: str
 
+    def __call__(self, session: Session) -> Session:
+        own, camera = session.document.registration, session.document.pose.camera
+        return session.with_pose(look_from(self.side, own.mesh, own.keypoints, camera))
+
 
 @dataclass(frozen=True, slots=True)
-class Undo:
-    """One step back."""
+class Undo(Command):
+    """One step back: of a search, to before it."""
+
+    def __call__(self, session: Session) -> Session:
+        return session.at(*session.history.undo(session.document))
 
 
 @dataclass(frozen=True, slots=True)
-class Redo:
+class Redo(Command):
     """One step on again."""
+
+    def __call__(self, session: Session) -> Session:
+        return session.at(*session.history.redo(session.document))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AlterSettings:
+class Open(Command):
+    """Another photo, model or both, read and ready."""
+
+    document: Document
+    unsaved: bool = False
+    """Whether its pose stands in no file."""
+
+    def __call__(self, session: Session) -> Session:
+        return replace(
+            session.with_document(self.document),
+            landscape=None,
+            overlay=None,
+            drag=None,
+            tool="pose",
+            saved=None if self.unsaved else self.document.pose,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Saved(DragCommand):
+    """``pose`` stands in a file."""
+
+    pose: Pose
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, saved=self.pose)
+
+
+# --- settings and camera ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlterSettings(Command):
     """Some of the settings, as they are by then: what was changed just before stays changed."""
 
     alter: Callable[[FitSettings], FitSettings]
 
+    def __call__(self, session: Session) -> Session:
+        settings = self.alter(session.document.settings)
+        if settings == session.document.settings:
+            return session
+        return session.with_document(replace(session.document, settings=settings))
+
 
 @dataclass(frozen=True, slots=True)
-class SetProjection:
+class SetProjection(Command):
     """Perspective or parallel; the model stays where it is and as large."""
 
     projection: Projection
 
+    def __call__(self, session: Session) -> Session:
+        own, pose = session.document.registration, session.document.pose
+        start = own.start.camera
+        fallback = start if isinstance(start, Perspective) else own.photo.default_camera()
+        fallback = replace(fallback, cx=pose.camera.cx, cy=pose.camera.cy)
+        seen = with_projection(pose, self.projection, fallback, own.mesh.centre)
+        return session if seen is pose else session.with_pose(seen)
+
 
 @dataclass(frozen=True, slots=True)
-class SetCamera:
+class SetCamera(Command):
     """Intrinsics in px, as OpenCV has them (pixel centres at integers)."""
 
     fx: float
@@ -135,44 +397,48 @@ class SetCamera:
     cx: float
     cy: float
 
+    def __call__(self, session: Session) -> Session:
+        pose, centre = session.document.pose, session.document.registration.mesh.centre
+        camera = camera_from_numbers(self.fx, self.fy, self.cx, self.cy, pose.camera)
+        return session.with_pose(with_camera(pose, camera, centre))
+
 
 @dataclass(frozen=True, slots=True)
-class SetFieldOfView:
+class SetFieldOfView(Command):
     """Equal focal lengths from the view of the photo's longer side; the centre stays."""
 
     degrees: float
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Open:
-    """Another photo, model or both, read and ready."""
-
-    document: Document
-    unsaved: bool = False
-    """Whether its pose stands in no file."""
+    def __call__(self, session: Session) -> Session:
+        require_field_of_view(self.degrees)
+        now = camera_as_integer_centres(session.document.pose.camera)
+        camera = Perspective.from_field_of_view(self.degrees, now.width, now.height)
+        return SetCamera(camera.fx, camera.fy, now.cx, now.cy)(session)
 
 
-@dataclass(frozen=True, slots=True)
-class SetTool:
-    """What a press does: the pose, the rectangle of the region or about the object, a point pair,
-    or a wheel's rim.
-    """
-
-    tool: Tool
+# --- quick starts: marks and proposals ----------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class RemoveMark:
+class RemoveMark(Command):
     """Take the last mark of the tool at hand away: half a point pair, or a point of a rim."""
 
+    def __call__(self, session: Session) -> Session:
+        document = without_last(session.document, session.tool)
+        return session if document is session.document else session.with_document(document)
+
 
 @dataclass(frozen=True, slots=True)
-class ClearMarks:
+class ClearMarks(Command):
     """Take all marks of the tool at hand away."""
+
+    def __call__(self, session: Session) -> Session:
+        document = without_marks(session.document, session.tool)
+        return session if document is session.document else session.with_document(document)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LayWheels:
+class LayWheels(Command):
     """Ellipses that were found: marks on both rims, and the pose that they give."""
 
     registration: Registration
@@ -181,42 +447,342 @@ class LayWheels:
     front: Ellipse
     pose: Pose
 
+    def __call__(self, session: Session) -> Session:
+        document, found = session.document, self.registration
+        if document.registration.photo is not found.photo or (
+            document.registration.mesh is not found.mesh
+        ):
+            raise QuickStartError(
+                "The wheels were found in another photo or for another model; look for them again."
+            )
+        rims = (*self.rear.outline(FEWEST_RIM_POINTS), *self.front.outline(FEWEST_RIM_POINTS))
+        marks = replace(document.marks, rims=rims, note="")
+        return session.with_document(replace(document, marks=marks, pose=self.pose))
+
 
 @dataclass(frozen=True, slots=True)
-class ProposeStarts:
+class ProposeStarts(Command):
     """Look for start poses, in the rectangle about the object or in the whole photo."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.proposals is not None and session.proposals.running:
+            return session
+        number = session.proposals_asked + 1
+        tool = "pose" if session.tool == "box" else session.tool
+        asked = ProposedStarts(number, session.document)
+        return replace(session, proposals_asked=number, proposals=asked, tool=tool)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StartsProposed:
+class StartsProposed(Command):
     """What came of the ``number``-th asking: poses, the likeliest first."""
 
     number: int
     poses: tuple[Pose, ...]
 
+    def __call__(self, session: Session) -> Session:
+        asked = session.proposals
+        if asked is None or asked.number != self.number or not asked.running:
+            return session
+        if not asked.document.shows_same(session.document):  # another photo or model by now
+            return replace(session, proposals=None)
+        return _with_proposal(session, replace(asked, running=False, poses=self.poses), 0)
+
 
 @dataclass(frozen=True, slots=True)
-class ProposingFailed:
+class ProposingFailed(Command):
     """Why nothing came of the ``number``-th asking."""
 
     number: int
     reason: str
 
+    def __call__(self, session: Session) -> Session:
+        if session.proposals is None or session.proposals.number != self.number:
+            return session
+        return replace(session, proposals=None).with_error(self.reason)
+
 
 @dataclass(frozen=True, slots=True)
-class StepProposals:
-    """Show another proposal: the one so many places on."""
+class StepProposals(Command):
+    """Show another proposal: the one so many places on, round and round."""
 
     by: int = 1
 
+    def __call__(self, session: Session) -> Session:
+        asked = session.proposals
+        if asked is None or not asked.poses or not asked.document.shows_same(session.document):
+            return session
+        return _with_proposal(session, asked, (asked.index + self.by) % len(asked.poses))
+
 
 @dataclass(frozen=True, slots=True)
-class TakeProposal:
+class TakeProposal(Command):
     """The proposal that is shown becomes the start pose."""
 
+    def __call__(self, session: Session) -> Session:
+        asked = session.proposals
+        if asked is None or not asked.poses:
+            return session
+        document = session.document.started_from(asked.poses[asked.index])
+        taken = session.with_document(document, same_step=_shows_proposal(session, asked))
+        return replace(taken, proposals=None)
+
+
+def _with_proposal(session: Session, asked: ProposedStarts, index: int) -> Session:
+    document = replace(session.document, pose=asked.poses[index])
+    shown = session.with_document(document, same_step=_shows_proposal(session, asked))
+    return replace(shown, proposals=replace(asked, index=index))
+
+
+def _shows_proposal(session: Session, asked: ProposedStarts) -> bool:
+    """Whether the pose at hand is a proposal as it came: then one step back leads to before all
+    of them.
+    """
+    return any(session.document.pose is pose for pose in asked.poses)
+
+
+# --- searches and maps --------------------------------------------------------------------------
+
 
 @dataclass(frozen=True, slots=True)
-class ChangeView:
+class StartSearch(Command):
+    """Search from the pose at hand."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.searching:
+            return session
+        number, document = session.searches + 1, session.document
+        return replace(
+            session,
+            searches=number,
+            search=Search(number, document),
+            look=replace(session.look, before=False),
+            history=session.history.with_step(document),
+            anchor=document.pose,
+            drag=None,
+            before_drag=None,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StopSearch(Command):
+    """Stop; the best pose so far is kept."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.search is None or not session.search.running:
+            return session
+        return replace(session, search=replace(session.search, running=False))
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptSearch(Command):
+    """Keep what the search found, and put the search away."""
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, search=None, anchor=session.document.pose)
+
+
+@dataclass(frozen=True, slots=True)
+class RevertSearch(Command):
+    """Back to the pose before the search; one that runs is stopped."""
+
+    def __call__(self, session: Session) -> Session:
+        return session if session.search is None else Undo()(session)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchAdvanced(WorkerUpdate):
+    """A worker's update of search ``number``."""
+
+    number: int
+    update: SearchUpdate
+
+    def __call__(self, session: Session) -> Session:
+        search = session.search
+        if search is None or search.number != self.number or not search.running:
+            return session
+        progress = self.update.progress
+        running = progress.status.name == "RUNNING"
+        document = replace(session.document, pose=progress.pose)
+        found = replace(search, latest=self.update, running=running)
+        return replace(session, document=document, search=found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchFailed(DragCommand):
+    """Search ``number`` could not be run."""
+
+    number: int
+    reason: str
+
+    def __call__(self, session: Session) -> Session:
+        if session.search is None or session.search.number != self.number:
+            return session
+        return RevertSearch()(session).with_error(self.reason)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandscapeAdvanced(WorkerUpdate):
+    """A worker's update of the maps."""
+
+    update: LandscapeUpdate
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, landscape=self.update)
+
+
+@dataclass(frozen=True, slots=True)
+class PickInLandscape(Command):
+    """A point (u, v) of a map, in [0, 1] from its lower left corner: the pose goes there."""
+
+    first: int
+    second: int
+    u: float
+    v: float
+
+    def __call__(self, session: Session) -> Session:
+        maps, pair = session.landscape, (self.first, self.second)
+        pieces = {} if maps is None else {(p.first, p.second): p for p in maps.slices}
+        if maps is None or pair not in pieces:
+            return session
+        parameters = picked_parameters(pieces[pair], maps.parameters, self.u, self.v)
+        return session.with_pose(maps.case.problem.chart.to_pose(parameters))
+
+
+def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
+    """(d,): the parameters at a press on a map through ``centre`` (d,).
+
+    ``u`` and ``v`` are the place from the map's left and lower border as a share of its side;
+    beyond 0 and 1 the border is meant. Nothing snaps to the grid.
+    """
+    parameters = np.array(centre, dtype=float)
+    u, v = (min(max(float(share), 0.0), 1.0) for share in (u, v))
+    x, y = piece.first_values, piece.second_values
+    parameters[piece.first] = x[0] + u * (x[-1] - x[0])
+    parameters[piece.second] = y[0] + v * (y[-1] - y[0])
+    return parameters
+
+
+# --- which model is it --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AddCandidate(Command):
+    """One more model that the photo may show, read and ready."""
+
+    candidate: CandidateModel
+
+    def __call__(self, session: Session) -> Session:
+        candidates = session.candidates.with_model_of(session.document)
+        return replace(session, candidates=candidates.with_candidate(self.candidate))
+
+
+@dataclass(frozen=True, slots=True)
+class DropCandidate(Command):
+    """Take a model away, by its place among them."""
+
+    index: int
+
+    def __call__(self, session: Session) -> Session:
+        candidates = session.candidates
+        models = candidates.models
+        if not 0 <= self.index < len(models) or candidates.running:
+            return session
+        kept = (*models[: self.index], *models[self.index + 1 :])
+        return replace(session, candidates=replace(candidates, models=kept))
+
+
+@dataclass(frozen=True, slots=True)
+class ShowCandidate(Command):
+    """A model comes to hand, at the pose that was found for it, if any. One undoable step, unless
+    the last one was of this kind: then one step back leads to before all of them.
+    """
+
+    index: int
+
+    def __call__(self, session: Session) -> Session:
+        candidates, before = session.candidates, session.document
+        if not 0 <= self.index < len(candidates.models):
+            return session
+        pose = candidates.pose_of(self.index, before) or before.pose
+        document = with_model(before, candidates.models[self.index], pose)
+        session = session.with_document(document, same_step=before is candidates.shown)
+        return replace(session, candidates=replace(candidates, shown=document))
+
+
+@dataclass(frozen=True, slots=True)
+class Identify(Command):
+    """Fit all models from the pose at hand, and rank them."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.candidates.running:
+            return session
+        candidates = session.candidates.with_model_of(session.document)
+        if len(candidates.models) < 2:
+            raise SettingsError("one model alone: add another one, to be told apart")
+        asked = Comparison(session.comparisons + 1, session.document, candidates.models)
+        candidates = replace(candidates, comparison=asked, shown=None)
+        return replace(session, search=None, comparisons=asked.number, candidates=candidates)
+
+
+@dataclass(frozen=True, slots=True)
+class StopIdentifying(Command):
+    """Leave it at the models that are fitted; with none of them, nothing is left."""
+
+    def __call__(self, session: Session) -> Session:
+        found = session.candidates.comparison
+        if found is None or not found.running:
+            return session
+        known = found.latest is not None and bool(found.latest.ranked)
+        stopped = replace(found, running=False) if known else None
+        return replace(session, candidates=replace(session.candidates, comparison=stopped))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentificationAdvanced(WorkerUpdate):
+    """A worker's update of comparison ``number``; at the end the likeliest model is shown, unless
+    something else was done meanwhile.
+    """
+
+    number: int
+    update: Identification
+
+    def __call__(self, session: Session) -> Session:
+        candidates, document = session.candidates, session.document
+        found = candidates.comparison
+        if found is None or found.number != self.number or not found.running:
+            return session
+        if candidates.comparison_about(document) is None:  # another photo by now
+            return replace(session, candidates=replace(candidates, comparison=None))
+        is_over = self.update.at is None
+        compared = replace(found, latest=self.update, running=not is_over)
+        session = replace(session, candidates=replace(candidates, comparison=compared))
+        is_idle = document is found.document and session.drag is None and session.search is None
+        if not (is_over and is_idle):
+            return session
+        return ShowCandidate(session.candidates.rows(document)[0].index)(session)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentificationFailed(DragCommand):
+    """Comparison ``number`` could not go on."""
+
+    number: int
+    reason: str
+
+    def __call__(self, session: Session) -> Session:
+        found = session.candidates.comparison
+        if found is None or found.number != self.number:
+            return session
+        candidates = replace(session.candidates, comparison=None)
+        return replace(session, candidates=candidates).with_error(self.reason)
+
+
+# --- how it is looked at ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeView(DragCommand):
     """How the model is shown; None leaves as it is."""
 
     look: str | None = None
@@ -226,9 +792,15 @@ class ChangeView:
     rings: bool | None = None
     before: bool | None = None
 
+    def __call__(self, session: Session) -> Session:
+        names = ("opacity", "wipe", "hidden", "rings", "before")
+        given = {"name": self.look, **{name: getattr(self, name) for name in names}}
+        changes = {name: value for name, value in given.items() if value is not None}
+        return replace(session, look=replace(session.look, **changes))
+
 
 @dataclass(frozen=True, slots=True)
-class ChangeLandscape:
+class ChangeLandscape(DragCommand):
     """How the maps are drawn; None leaves as it is."""
 
     half_width: float | None = None
@@ -237,121 +809,39 @@ class ChangeLandscape:
     close_large: bool = False
     surface: bool | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class PickInLandscape:
-    """A point (u, v) of a map, in [0, 1] from its lower left corner: the pose goes there."""
-
-    first: int
-    second: int
-    u: float
-    v: float
-
-
-@dataclass(frozen=True, slots=True)
-class StartSearch:
-    """Search from the pose at hand."""
-
-
-@dataclass(frozen=True, slots=True)
-class StopSearch:
-    """Stop; the best pose so far is kept."""
-
-
-@dataclass(frozen=True, slots=True)
-class AcceptSearch:
-    """Keep what the search found, and close its books."""
-
-
-@dataclass(frozen=True, slots=True)
-class RevertSearch:
-    """Back to the pose before the search."""
+    def __call__(self, session: Session) -> Session:
+        names = ("half_width", "shared_scale", "surface", "large")
+        given = {name: getattr(self, name) for name in names}
+        changes = {name: value for name, value in given.items() if value is not None}
+        if self.close_large:
+            changes["large"] = None
+        return replace(session, maps=replace(session.maps, **changes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SearchAdvanced:
-    """A worker's news of search ``search``."""
-
-    search: int
-    latest: SearchUpdate
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchFailed:
-    """Search ``search`` could not be run."""
-
-    search: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LandscapeAdvanced:
-    """A worker's news of the maps."""
-
-    latest: LandscapeUpdate
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OverlayDrawn:
-    """A worker has drawn the model, and knows the loss there."""
+class OverlayDrawn(WorkerUpdate):
+    """A worker has drawn the model; until its loss is known, that of the last drawing is shown."""
 
     overlay: Overlay
 
+    def __call__(self, session: Session) -> Session:
+        new, old = self.overlay, session.overlay
+        if not new.loss_is_current and old is not None:
+            current = old.request.pose is new.request.pose and old.loss_is_current
+            new = replace(new, loss=old.loss, note=old.note, loss_is_current=current)
+        return replace(session, overlay=new)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LossComputed:
+class LossComputed(WorkerUpdate):
     """A worker knows the loss of a pose that is, or a moment ago was, drawn."""
 
     overlay: Overlay
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Saved:
-    """``pose`` stands in a file."""
-
-    pose: Pose
-
-
-Command = (
-    Press
-    | DragTo
-    | Release
-    | CancelDrag
-    | DoublePress
-    | Nudge
-    | SetNumber
-    | SetPose
-    | ResetToStart
-    | MakeStart
-    | LookFrom
-    | Undo
-    | Redo
-    | AlterSettings
-    | SetProjection
-    | SetCamera
-    | SetFieldOfView
-    | Open
-    | SetTool
-    | RemoveMark
-    | ClearMarks
-    | LayWheels
-    | ProposeStarts
-    | StartsProposed
-    | ProposingFailed
-    | StepProposals
-    | TakeProposal
-    | ChangeView
-    | ChangeLandscape
-    | PickInLandscape
-    | StartSearch
-    | StopSearch
-    | AcceptSearch
-    | RevertSearch
-    | SearchAdvanced
-    | SearchFailed
-    | LandscapeAdvanced
-    | OverlayDrawn
-    | LossComputed
-    | Saved
-    | IdentifyCommand
-)
+    def __call__(self, session: Session) -> Session:
+        new, old = self.overlay, session.overlay
+        if old is None or old.loss_is_current:
+            return session
+        current = old.request.pose is new.request.pose
+        drawn = replace(old, loss=new.loss, note=new.note, loss_is_current=current)
+        return replace(session, overlay=drawn)

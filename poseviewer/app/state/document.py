@@ -1,25 +1,81 @@
-"""The document: photo, model, pose and settings, as undo and files see them; and its history."""
+"""The document: photo, model, pose, settings and marks, as undo and files see them; its history."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from poseviewer.app.state.marks import Marks
+import numpy as np
+
+from poseviewer.app.state.cameras import with_camera
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.chart_choice import choose_chart
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.vehicle.chart import VehicleChart
+from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
 MOST_STEPS = 200
 MOST_REGISTRATIONS = 4
 """Undo reaches back over no more opened photos and models than this: they fill the memory."""
+
+WHEELS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """A point of the model, and where the photo shows it."""
+
+    point: FloatArray
+    """(3,), in the model's frame."""
+    pixel: FloatArray | None = None
+    """(2,), px; None: still to be clicked."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", frozen_array(self.point, (3,)))
+        if self.pixel is not None:
+            object.__setattr__(self, "pixel", frozen_array(self.pixel, (2,)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """What is marked on the photo for a quick start; only the last pair may be half done."""
+
+    pairs: tuple[Pair, ...] = ()
+    box: Rectangle | None = None
+    """Rectangle (left, top, width, height) about the object, px."""
+    rims: tuple[FloatArray, ...] = ()
+    """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""
+    note: str = ""
+    """Why no pose follows from them, as far as it was asked; a sentence."""
+
+    @property
+    def waits_for_pixel(self) -> bool:
+        """Whether a model point was picked whose place in the photo comes next."""
+        return bool(self.pairs) and self.pairs[-1].pixel is None
+
+    @property
+    def correspondences(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) and (n, 2): model points and pixels of the pairs that are done."""
+        done = [pair for pair in self.pairs if pair.pixel is not None]
+        points, pixels = [pair.point for pair in done], [pair.pixel for pair in done]
+        return np.array(points).reshape(-1, 3), np.array(pixels).reshape(-1, 2)
+
+    @property
+    def ellipses(self) -> tuple[Ellipse, ...]:
+        """Of the rear wheel, and of the front wheel, as far as they have their points.
+
+        Raises:
+            QuickStartError: the points of a wheel lie on no ellipse.
+        """
+        count = len(self.rims) // FEWEST_RIM_POINTS
+        pieces = [self.rims[i * FEWEST_RIM_POINTS :][:FEWEST_RIM_POINTS] for i in range(count)]
+        return tuple(ellipse_through(piece) for piece in pieces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +115,8 @@ class Document:
         """
         start, camera = self.registration.start, self.pose.camera
         centre = self.registration.mesh.centre
-        if not start.camera_from_model.apply(centre)[2] > 0.0 and _is_perspective(start, self.pose):
+        behind = not start.camera_from_model.apply(centre)[2] > 0.0
+        if behind and Perspective in (type(start.camera), type(camera)):
             return self.pose
         if free_focal and isinstance(camera, Perspective) and isinstance(start.camera, Perspective):
             fx = start.camera.fx
@@ -70,6 +127,11 @@ class Document:
     def parameters(self) -> FloatArray:
         """(d,): the pose in ``chart``."""
         return self.chart.from_pose(self.pose)
+
+    def shows_same(self, other: Document) -> bool:
+        """Whether both have the same photo and the same model."""
+        own, its = self.registration, other.registration
+        return own.photo is its.photo and own.mesh is its.mesh
 
     @property
     def paths(self) -> frozenset[Path]:
@@ -105,43 +167,11 @@ class History:
         return History(_bounded((*self.past, now)), self.future[1:]), self.future[0]
 
 
-def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
-    """``pose`` seen by another camera, with the model's ``centre`` (3,) in the same place of the
-    photo and as large as it was.
-    """
-    old, at = pose.camera, pose.camera_from_model.apply(centre)
-    pixel = old.project(at)
-    now_per_unit = old.scale if isinstance(old, Parallel) else old.fx / at[2]
-    if isinstance(camera, Parallel):
-        camera = replace(camera, scale=now_per_unit)
-        place = [*((pixel - [camera.cx, camera.cy]) / camera.scale), at[2]]
-    else:
-        place = camera.rays(pixel) * (camera.fx / now_per_unit)
-    rotation = pose.camera_from_model.rotation
-    return Pose(camera, RigidTransform(rotation, place - rotation @ centre))
-
-
-def with_projection(pose: Pose, projection: str, fallback: Perspective, centre: FloatArray) -> Pose:
-    """The pose under ``perspective`` (``fallback``, where it was parallel) or ``parallel``."""
-    camera = pose.camera
-    if projection == "parallel" and isinstance(camera, Perspective):
-        flat = Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
-        return with_camera(pose, flat, centre)
-    if projection == "perspective" and isinstance(camera, Parallel):
-        return with_camera(pose, fallback, centre)
-    return pose
-
-
-def _is_perspective(*poses: Pose) -> bool:
-    return any(isinstance(pose.camera, Perspective) for pose in poses)
-
-
 def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
     """The last steps, over no more than the allowed number of photos and of models."""
     past = past[-MOST_STEPS:]
-    photos: set[int] = set()
-    meshes: set[int] = set()
-    for index in range(len(past) - 1, -1, -1):
+    photos, meshes = set(), set()
+    for index in reversed(range(len(past))):
         photos.add(id(past[index].registration.photo))
         meshes.add(id(past[index].registration.mesh))
         if max(len(photos), len(meshes)) > MOST_REGISTRATIONS:

@@ -1,29 +1,34 @@
-"""What the page asks for beyond the session: files in and out, and help."""
+"""What a page asks of the main loop beyond the session: files in and out, help, a review."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from poseviewer.app.state.commands import Command
 from poseviewer.files.state.uploads import Kind
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
 
+class Request:
+    """Anything that is asked of the main loop; see ``commands`` for what changes the session."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Upload:
+class Upload(Request):
     """A file that a page sent."""
 
     kind: Kind
     name: str
     data: bytes
     beside: bool = False
-    """Of a model: whether it goes into the line-up, and the one at hand stays."""
+    """Of a model: whether it becomes a candidate, and the one at hand stays."""
 
 
 @dataclass(frozen=True, slots=True)
-class Unfit:
+class Unfit(Request):
     """A page has a file that cannot be uploaded."""
 
     client: int
@@ -31,17 +36,17 @@ class Unfit:
 
 
 @dataclass(frozen=True, slots=True)
-class SavePose:
+class SavePose(Request):
     """Write the pose beside the photo."""
 
 
 @dataclass(frozen=True, slots=True)
-class FindWheels:
+class FindWheels(Request):
     """Look for both wheels in the region that is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
-class Download:
+class Download(Request):
     """Send a file to one page."""
 
     what: Export
@@ -49,21 +54,21 @@ class Download:
 
 
 @dataclass(frozen=True, slots=True)
-class ShowHelp:
+class ShowHelp(Request):
     """Open the panel with the keys on one page."""
 
     client: int
 
 
 @dataclass(frozen=True, slots=True)
-class Restore:
+class Restore(Request):
     """Open what an earlier session left behind (or forget it)."""
 
     wanted: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Report:
+class Report(Request):
     """What a page's own script reports."""
 
     content: dict[str, Any]
@@ -71,44 +76,27 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Greet:
+class Greet(Request):
     """A page has connected."""
 
     client: int
 
 
 @dataclass(frozen=True, slots=True)
-class UseLastPose:
+class UseLastPose(Request):
     """Start from the pose that was saved last."""
 
 
 @dataclass(frozen=True, slots=True)
-class Review:
+class Review(Request):
     """What is to become of the row under review; ``accept`` goes on to the next one."""
 
     what: Literal["next", "previous", "accept", "take back"]
 
 
 @dataclass(frozen=True, slots=True)
-class Annotate:
+class Annotate(Request):
     """A note on the row of a key."""
 
     key: str
     note: str
-
-
-Request = (
-    Command
-    | Upload
-    | Unfit
-    | SavePose
-    | FindWheels
-    | Download
-    | ShowHelp
-    | Restore
-    | Report
-    | Greet
-    | UseLastPose
-    | Review
-    | Annotate
-)

@@ -1,8 +1,11 @@
-"""The session: the document at hand, its history, and how it is looked at. Immutable."""
+"""The session: the document at hand, its history, how it is looked at, and what the workers found
+out about it. Immutable.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +14,7 @@ from numpy.typing import NDArray
 from poseviewer.api import Case
 from poseviewer.app.state.candidates import Candidates
 from poseviewer.app.state.document import Document, History
-from poseviewer.app.state.gestures import Drag
+from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.problem import FitProgress
@@ -19,8 +22,8 @@ from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-
-NO_ERROR = ""
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.automatic import StartQuery
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +57,7 @@ class Overlay:
     """At the pose; None where it cannot be told."""
     note: str = ""
     """Why there is no loss, or no such look."""
-    weighed: bool = True
+    loss_is_current: bool = True
     """False: the loss is still that of the pose before, its own will follow."""
 
 
@@ -130,7 +133,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposals:
+class ProposedStarts:
     """Start poses that are being looked for, or were found and await a word."""
 
     number: int
@@ -142,10 +145,13 @@ class Proposals:
     index: int = 0
     """The one that is shown."""
 
-    def is_about(self, document: Document) -> bool:
-        """Whether a document has the same photo and model."""
-        own, other = self.document.registration, document.registration
-        return own.photo is other.photo and own.mesh is other.mesh
+    @property
+    def query(self) -> StartQuery:
+        """What they are looked for, with the camera at hand."""
+        own, settings = self.document.registration, self.document.settings
+        camera, box = self.document.pose.camera, self.document.marks.box or settings.region
+        rectangle = None if box is None else Rectangle(*box)
+        return StartQuery(own.photo, own.mesh, own.keypoints, camera, rectangle, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,28 +163,28 @@ class Session:
     drag: Drag | None = None
     """What the pointer holds."""
     before_drag: Document | None = None
-    """The document when it was taken hold of."""
+    """The document when it was taken hold of; None until the pointer moves."""
     tool: str = "pose"
     look: Look = field(default_factory=Look)
     maps: LandscapeView = field(default_factory=LandscapeView)
     search: Search | None = None
     searches: int = 0
     """How many searches were started."""
-    proposals: Proposals | None = None
+    proposals: ProposedStarts | None = None
     proposals_asked: int = 0
     """How many times proposals were asked for."""
     candidates: Candidates = field(default_factory=Candidates)
     comparisons: int = 0
-    """How many times the models of the line-up were compared."""
+    """How many times the candidates were compared."""
     landscape: LandscapeUpdate | None = None
     overlay: Overlay | None = None
     anchor: Pose | None = None
-    """The pose that the compared pixels are about (see ``PaintRequest``)."""
+    """The pose that the compared pixels are about (see ``OverlayRequest``)."""
     saved: Pose | None = None
     """The pose that stands in a file."""
     typed: tuple[str, Document] | None = None
-    """The number that was last typed, and the document that it led to."""
-    error_message: str = NO_ERROR
+    """The parameter that was last typed, and the document that it led to."""
+    error_message: str = ""
     """What the last command could not do, and why: a sentence for the user."""
 
     @property
@@ -192,7 +198,7 @@ class Session:
     @property
     def paths(self) -> frozenset[Path]:
         """The files of all photos and models that undo and redo can bring back, of those at hand,
-        and of the models in the line-up.
+        and of the candidates.
         """
         documents = (*self.history.past, self.document, *self.history.future)
         return self.candidates.paths.union(*(document.paths for document in documents))
@@ -206,3 +212,53 @@ class Session:
     def unsaved(self) -> bool:
         """Whether the pose at hand stands in no file."""
         return self.document.pose is not self.saved
+
+    def at(self, history: History, document: Document) -> Session:
+        """At another document of a history, a search ended; maps and overlay of another photo or
+        model go.
+        """
+        same = document.shows_same(self.document)
+        return replace(
+            self,
+            history=history,
+            document=document,
+            search=None,
+            anchor=document.pose,
+            landscape=self.landscape if same else None,
+            overlay=self.overlay if same else None,
+        )
+
+    def with_document(self, document: Document, same_step: bool = False) -> Session:
+        """One undoable step to another document; with ``same_step`` undo leads to before the step
+        that came last, too.
+
+        Raises:
+            FloatingPointError: the model would be behind the camera, or out of all proportion.
+        """
+        require_in_sight(document)
+        history = self.history if same_step else self.history.with_step(self.document)
+        return self.at(history, document)
+
+    def with_pose(self, pose: Pose) -> Session:
+        """One undoable step to another pose; raises as ``with_document``."""
+        return self.with_document(replace(self.document, pose=pose))
+
+    def with_error(self, text: str) -> Session:
+        """The same with an error message: with a capital letter first, a full stop last."""
+        text = text[:1].upper() + text[1:]
+        text = text if text.endswith((".", "!", "?")) else f"{text}."
+        return replace(self, error_message=text)
+
+
+def require_in_sight(document: Document) -> None:
+    """The model is in front of the camera, and neither infinitely large nor infinitely far.
+
+    Raises:
+        FloatingPointError: it is not.
+    """
+    pose = document.pose
+    radius = radius_in_photo(pose, document.registration.mesh)
+    if not (0.0 < radius < math.inf and np.isfinite(pose.camera_from_model.translation).all()):
+        raise FloatingPointError(
+            "that pose is behind the camera or out of all proportion; nothing was changed"
+        )

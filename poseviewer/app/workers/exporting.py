@@ -32,7 +32,7 @@ def record_of(session: Session, renderer: SoftwareRenderer) -> PoseRecord:
     document, search, overlay = session.document, session.search, session.overlay
     if search is not None and search.latest is not None:
         return FitResult(search.latest.case, document.pose, search.latest.progress).record
-    is_weighed = overlay is not None and overlay.weighed and overlay.loss is not None
+    is_weighed = overlay is not None and overlay.loss_is_current and overlay.loss is not None
     if overlay is None or not is_weighed or overlay.request.pose is not document.pose:
         return _plain_record(session)
     try:

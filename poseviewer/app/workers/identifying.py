@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from poseviewer.app.state import identify_commands as ic
+from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker
 from poseviewer.confidence.identify import Identification, identifying
@@ -40,15 +40,15 @@ class Identifier:
             )
             self._numbers = {ticket: asked.number}
 
-    def take(self) -> ic.IdentificationAdvanced | ic.IdentificationFailed | None:
+    def take(self) -> c.IdentificationAdvanced | c.IdentificationFailed | None:
         """What has come of it; None for nothing new."""
         latest = self._worker.take()
         if latest is None:
             return None
         number = self._numbers.get(latest.ticket, 0)
         if latest.error is not None:
-            return ic.IdentificationFailed(number, str(latest.error))
-        return None if latest.item is None else ic.IdentificationAdvanced(number, latest.item)
+            return c.IdentificationFailed(number, str(latest.error))
+        return None if latest.item is None else c.IdentificationAdvanced(number, latest.item)
 
     def close(self) -> None:
         """End the thread."""

@@ -51,7 +51,7 @@ class OverlayDrawer:
             mesh, pose = request.registration.mesh, request.pose
             quick = replace(quick, outline=quick_silhouette(mesh, self._renderer, pose))
             if request.moving:
-                yield replace(quick, weighed=False)
+                yield replace(quick, loss_is_current=False)
         loss = self._last_loss = self._loss(request)
         quick = replace(quick, loss=loss, note=self._note)
         if request.look in ("outline", "edges", "none"):

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel, Candidates
-from poseviewer.app.state.document import Document
-from poseviewer.app.state.marks import Marks
+from poseviewer.app.state.document import Document, Marks
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera.calibration import Calibration
 from poseviewer.files.photo.calibrated import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.proposing import wanted_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, yield_to_others
 from poseviewer.geometry.camera import Pose
@@ -25,7 +24,7 @@ class Proposer:
         asked = session.proposals
         if asked is None or not asked.running or asked.number in self._numbers.values():
             return
-        wanted, own = wanted_of(asked.document), renderer.clone()
+        wanted, own = asked.query, renderer.clone()
 
         def run() -> Iterator[tuple[Pose, ...]]:
             yield tuple(one.pose for one in propose(wanted, own, yield_to_others).found)

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.app.state.commands import Command, LayWheels, SetTool
-from poseviewer.app.state.identify_commands import AddCandidate
+from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
 from poseviewer.app.state.requests import Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import (

@@ -17,7 +17,7 @@ from poseviewer.app.page.landscape_grid import GridOptions, landscape_grid
 from poseviewer.app.page.landscape_large import contour_figure, known_part, surface_figure
 from poseviewer.app.page.landscape_marks import Marks, on_map
 from poseviewer.app.page.palette import PALETTE
-from poseviewer.app.state.gestures import picked_numbers
+from poseviewer.app.state.commands import picked_parameters
 from poseviewer.fit.landscape import Slice, slice_minimum
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
@@ -77,12 +77,12 @@ def test_a_pick_at_a_mark_gives_the_marks_numbers():
         parameters[piece.first] += 0.137
         parameters[piece.second] -= 0.071
         u, v = on_map(piece, parameters)
-        np.testing.assert_allclose(picked_numbers(piece, CENTRE, u, v), parameters, atol=1e-12)
+        np.testing.assert_allclose(picked_parameters(piece, CENTRE, u, v), parameters, atol=1e-12)
 
 
 def test_a_pick_beside_the_map_takes_its_border():
     piece = make_slices(11)[0]
-    picked = picked_numbers(piece, CENTRE, 7.0, -3.0)
+    picked = picked_parameters(piece, CENTRE, 7.0, -3.0)
     assert picked[piece.first] == piece.first_values[-1]
     assert picked[piece.second] == piece.second_values[0]
 

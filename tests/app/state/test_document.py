@@ -7,14 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.document import (
-    MOST_REGISTRATIONS,
-    MOST_STEPS,
-    History,
-    with_camera,
-    with_projection,
-)
-from poseviewer.app.state.motions import radius_in_photo
+from poseviewer.app.state.cameras import with_camera, with_projection
+from poseviewer.app.state.document import MOST_REGISTRATIONS, MOST_STEPS, History
+from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart

@@ -69,9 +69,9 @@ def test_a_dragged_mark_takes_the_pose_along_in_one_step():
     target = Pose(PERSPECTIVE, TARGET)
     for spot in SPOTS[:4]:
         session = with_pair(session, spot, target)
-    x, y = session.document.marks.pixels[2]
+    x, y = session.document.marks.correspondences[1][2]
     dragged = after(session, c.Press(x + 1, y), c.DragTo(x + 6, y), c.DragTo(x + 9, y), c.Release())
-    np.testing.assert_allclose(dragged.document.marks.pixels[2], [x + 8, y])
+    np.testing.assert_allclose(dragged.document.marks.correspondences[1][2], [x + 8, y])
     assert dragged.tool == "pairs"
     assert off(dragged, target) > 0.01
     assert after(dragged, c.Undo()).document is session.document

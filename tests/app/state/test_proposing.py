@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.proposing import wanted_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.geometry.camera import Pose
@@ -30,7 +29,9 @@ def test_a_box_is_drawn_once_and_undone():
     drawn = after(make_session(), c.SetTool("box"), c.Press(20, 15), c.DragTo(90, 300), c.Release())
     assert drawn.document.marks.box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
     assert drawn.tool == "pose"
-    assert wanted_of(drawn.document).rectangle == (20, 15, 70, 105)
+    asked = after(drawn, c.ProposeStarts()).proposals
+    assert asked is not None
+    assert asked.query.rectangle == (20, 15, 70, 105)
     assert drawn.document.settings.region is None
     assert after(drawn, c.Undo()).document.marks.box is None
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.gestures import pins_in_photo, rings_in_photo
-from poseviewer.app.state.motions import radius_in_photo
+from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo, rings_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.fit.settings import FitSettings

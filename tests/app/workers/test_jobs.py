@@ -56,10 +56,10 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
 
 
 def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
-    first, weighed = OverlayDrawer(renderer).paint(request_of(registration, moving=True))
-    assert (first.weighed, weighed.weighed) == (False, True)
-    assert weighed.loss is not None
-    for overlay in (first, weighed):
+    first, loss_is_current = OverlayDrawer(renderer).paint(request_of(registration, moving=True))
+    assert (first.loss_is_current, loss_is_current.loss_is_current) == (False, True)
+    assert loss_is_current.loss is not None
+    for overlay in (first, loss_is_current):
         assert overlay.picture is None
         assert len(overlay.outline) > 10
 

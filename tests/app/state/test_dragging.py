@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.app.state.motions import (
+from poseviewer.app.state.dragging import (
     LARGEST_ZOOM,
     moved,
     pinned,

@@ -1,0 +1,363 @@
+"""How a drag becomes a pose: what the pointer takes hold of, and how the pose follows it.
+
+All points are in photo px with pixel centres at i + 0.5. The model's centre stays where it is in
+the photo under every rotation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from poseviewer.app.state.document import Document
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.overlay.contour import within
+from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+
+PIN_REACH, RING_REACH = 14.0, 8.0
+"""A pin, or a rotation ring, is taken within this distance (px of the screen)."""
+MODEL_REACH = 12.0
+"""The model is taken also this far (px of the screen) beside its convex outline."""
+RING_STEPS = 72
+LEAST_RING_SPEED = 0.3
+"""Where a ring runs towards the eye, it turns no faster than by this share of its radius."""
+LEAST_LEVER = 8.0
+"""Rolls and scales are taken as if grabbed at least this far (px) from the centre."""
+LARGEST_ZOOM = 20.0
+"""One drag makes the model no more than this many times larger or smaller."""
+STIFFNESS = 1e-2
+"""px per unit of the free-body chart: what pins do not determine is kept."""
+LEAST_SIDE = 2
+"""px: a smaller rectangle is none."""
+
+
+# --- what the pointer holds ---------------------------------------------------------------------
+
+
+class Drag(Protocol):
+    """Something that the pointer holds."""
+
+    def apply(self, document: Document, point: FloatArray) -> Document:
+        """The document with the pointer at ``point`` (2,), px of the photo."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelDrag:
+    """The model itself: ``kind`` is "move", "turn" (shift) or "roll" (and scale; ctrl)."""
+
+    held: Document
+    start: FloatArray
+    kind: str
+
+    def apply(self, document: Document, point: FloatArray) -> Document:
+        """The pose moved, turned, or rolled and scaled from ``start`` to ``point``."""
+        pose, mesh = self.held.pose, self.held.registration.mesh
+        if self.kind == "turn":
+            radius = max(radius_in_photo(pose, mesh), 1.0)
+            pose = trackball(pose, mesh.centre, radius, self.start, point)
+        elif self.kind == "roll":
+            pose = rolled_and_scaled(pose, mesh.centre, self.start, point)
+        else:
+            pose = moved(pose, mesh.centre, point - self.start)
+        return replace(document, pose=pose)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinDrag:
+    """A pin: one of the vehicle chart's three, or one on the surface; the others hold."""
+
+    held: Document
+    pin: int
+    offset: FloatArray
+    """(2,): from the pointer to the pin, when it was taken."""
+
+    def apply(self, document: Document, point: FloatArray) -> Document:
+        """The pose that shows the pin at the pointer."""
+        pose, pixel = self.held.pose, point + self.offset
+        if not self.held.pins and isinstance(chart := self.held.chart, VehicleChart):
+            parameters = with_vehicle_pin(chart, chart.from_pose(pose), self.pin, pixel)
+            return replace(document, pose=chart.to_pose(parameters))
+        points = np.array(self.held.pins)
+        pixels = pose.project(points)
+        pixels[self.pin] = pixel
+        return replace(document, pose=pinned(self.held.registration.mesh, pose, points, pixels))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RingDrag:
+    """One of the rings about the model's axes."""
+
+    held: Document
+    axis: int
+    start: FloatArray
+    tangent: FloatArray
+    """(2,): px that the ring runs for each radian, where it was taken."""
+
+    def apply(self, document: Document, point: FloatArray) -> Document:
+        """The turn that the pointer's way along the ring amounts to."""
+        angle = float((point - self.start) @ self.tangent) / float(self.tangent @ self.tangent)
+        axis = self.held.pose.camera_from_model.rotation[:, self.axis]
+        centre = self.held.registration.mesh.centre
+        return replace(document, pose=turned(self.held.pose, centre, angle * axis))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectangleDrag:
+    """A rectangle that is being drawn: ``tool`` is "region", or "box" (about the object)."""
+
+    tool: str
+    start: FloatArray
+
+    def apply(self, document: Document, point: FloatArray) -> Document:
+        """The rectangle (left, top, width, height) between two corners, cut to the photo."""
+        photo = document.registration.photo
+        size = [photo.width, photo.height]
+        low, high = np.sort(np.clip([self.start, point], 0, size), axis=0)
+        left, top = (int(v) for v in np.floor(low))
+        right, bottom = (int(v) for v in np.ceil(high))
+        small = min(right - left, bottom - top) < LEAST_SIDE
+        rectangle = None if small else Rectangle.from_corners(left, top, right, bottom)
+        if self.tool == "region":
+            return replace(document, settings=replace(document.settings, region=rectangle))
+        return replace(document, marks=replace(document.marks, box=rectangle))
+
+
+def take_hold(
+    document: Document, point: FloatArray, zoom: float, kind: str, rings: bool
+) -> Drag | None:
+    """What lies under ``point``: a pin, a ring, or the model; None for nothing.
+
+    ``zoom``: screen px per photo px; ``kind``: what holding the model does.
+    """
+    pins = pins_in_photo(document)
+    if len(pins):
+        away = np.nan_to_num(np.linalg.norm(pins - point, axis=1) * zoom, nan=np.inf)
+        pin = int(np.argmin(away))
+        if away[pin] <= PIN_REACH:
+            return PinDrag(document, pin, pins[pin] - point)
+    ring = _ring_at(document, point, zoom) if rings else None
+    if ring is not None:
+        return ring
+    if within(point, document.pose, document.registration.mesh, MODEL_REACH / zoom):
+        return ModelDrag(document, point, kind)
+    return None
+
+
+def pins_in_photo(document: Document) -> FloatArray:
+    """(k, 2): where the pins are, in px: a vehicle's three, or those on the surface."""
+    if document.pins:
+        return document.pose.project(np.array(document.pins))
+    chart = document.chart
+    if isinstance(chart, VehicleChart):
+        return vehicle_pins(chart, chart.from_pose(document.pose))
+    return np.zeros((0, 2))
+
+
+def rings_in_photo(document: Document) -> FloatArray:
+    """(3, RING_STEPS + 1, 3): circles about the model's axes, as seen from afar; the last
+    coordinate is below 0 on the near side.
+    """
+    axes = document.pose.camera_from_model.rotation.T
+    angles = np.linspace(0.0, 2.0 * math.pi, RING_STEPS + 1)[:, None]
+    rings = [np.cos(angles) * axes[i - 2] + np.sin(angles) * axes[i - 1] for i in range(3)]
+    found = np.array(rings) * _ring_radius(document)
+    found[..., :2] += document.pose.project(document.registration.mesh.centre)
+    return found
+
+
+def _ring_radius(document: Document) -> float:
+    """In px of the photo: beyond most of the model, within most photos."""
+    photo = document.registration.photo
+    radius = radius_in_photo(document.pose, document.registration.mesh)
+    return float(np.clip(0.8 * radius, 30.0, 0.45 * min(photo.width, photo.height)))
+
+
+def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingDrag | None:
+    rings = rings_in_photo(document)
+    away = np.linalg.norm(rings[..., :2] - point, axis=2) * zoom
+    away = np.where(rings[..., 2] <= 1e-9, away, np.inf)  # the far half is behind the model
+    axis, step = np.unravel_index(int(np.argmin(away)), away.shape)
+    if not away[axis, step] <= RING_REACH:
+        return None
+    ring, step = rings[axis, :-1, :2], int(step) % RING_STEPS
+    tangent = (ring[(step + 1) % RING_STEPS] - ring[step - 1]) * (RING_STEPS / (4.0 * math.pi))
+    least, speed = LEAST_RING_SPEED * _ring_radius(document), float(np.linalg.norm(tangent))
+    if speed < least:
+        tangent = tangent / max(speed, 1e-9) * least
+    return RingDrag(document, int(axis), point, tangent)
+
+
+# --- motions of a pose --------------------------------------------------------------------------
+
+
+def moved(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
+    """The pose whose model ``centre`` (3,) lies ``delta`` (2,) px further, at the same depth."""
+    return with_point_at(pose, centre, pose.project(centre) + np.asarray(delta, dtype=float))
+
+
+def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
+    """The pose rotated about ``centre`` (3,) by an axis times an angle (3,), in camera axes."""
+    turn = Rotation.from_rotvec(np.array(rotation_vector, dtype=float)).as_matrix()
+    rotation = turn @ pose.camera_from_model.rotation
+    fixed = pose.camera_from_model.apply(centre)
+    translation = fixed - rotation @ np.asarray(centre, dtype=float)
+    return replace(pose, camera_from_model=RigidTransform(rotation, translation))
+
+
+def trackball(
+    pose: Pose, centre: ArrayLike, radius: float, start: ArrayLike, end: ArrayLike
+) -> Pose:
+    """The pose rotated as if a ball of ``radius`` px about ``centre`` were dragged.
+
+    Beyond the ball's rim its surface goes over into a hyperbola (G. Bell's trackball), so that
+    there is no jump.
+    """
+    middle = pose.project(centre)
+    first, second = (_on_trackball((np.asarray(p) - middle) / radius) for p in (start, end))
+    axis = np.cross(first, second)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return pose
+    return turned(pose, centre, axis / sine * math.atan2(sine, float(first @ second)))
+
+
+def _on_trackball(point: FloatArray) -> FloatArray:
+    """The unit vector towards a point of the trackball, in camera axes, in radii."""
+    square = float(point @ point)
+    depth = math.sqrt(1.0 - square) if square <= 0.5 else 0.5 / math.sqrt(square)
+    vector = np.array([point[0], point[1], -depth])
+    return vector / np.linalg.norm(vector)
+
+
+def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
+    """Rolled about the line of sight, and brought nearer or farther, so that ``start`` is seen at
+    ``end``.
+    """
+    middle = pose.project(centre)
+    before, after = np.asarray(start) - middle, np.asarray(end) - middle
+    lever, reach = (max(float(np.linalg.norm(v)), LEAST_LEVER) for v in (before, after))
+    angle = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
+    if float(np.linalg.norm(before)) < LEAST_LEVER:
+        angle = 0.0  # no direction to speak of
+    zoom = min(max(reach / lever, 1.0 / LARGEST_ZOOM), LARGEST_ZOOM)
+    return scaled_about(rolled(pose, centre, angle), centre, zoom)
+
+
+def rolled(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
+    """Rolled by ``angle`` (rad), clockwise in the photo, about the line of sight of ``centre``."""
+    sight = np.array([0.0, 0.0, 1.0])
+    if not isinstance(pose.camera, Parallel):
+        sight = pose.camera_from_model.apply(centre)
+    return turned(pose, centre, angle * sight / np.linalg.norm(sight))
+
+
+def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
+    """``zoom`` times as large in the photo, about the image of ``centre``: by scale, or depth."""
+    camera = pose.camera
+    if isinstance(camera, Parallel):
+        pixel = pose.project(centre)
+        pose = replace(pose, camera=replace(camera, scale=camera.scale * zoom))
+        return with_point_at(pose, centre, pixel)
+    at = pose.camera_from_model.apply(centre)
+    return _shifted(pose, at / zoom - at)
+
+
+def with_point_at(pose: Pose, point: ArrayLike, pixel: ArrayLike) -> Pose:
+    """Moved parallel to the photo until the model's ``point`` is seen at ``pixel``."""
+    camera, at = pose.camera, pose.camera_from_model.apply(point)
+    pixel = np.asarray(pixel, dtype=float)
+    if isinstance(camera, Parallel):
+        place = np.append((pixel - np.array([camera.cx, camera.cy])) / camera.scale, at[2])
+    else:
+        place = camera.rays(pixel) * at[2]
+    return _shifted(pose, place - at)
+
+
+def _shifted(pose: Pose, by: FloatArray) -> Pose:
+    """Moved by (3,) in camera axes."""
+    old = pose.camera_from_model
+    return replace(pose, camera_from_model=RigidTransform(old.rotation, old.translation + by))
+
+
+def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
+    """The model's radius about its centre, in px of the photo; nan behind the camera."""
+    at = pose.camera_from_model.apply(mesh.centre)
+    aside = at + np.array([mesh.diameter / 2.0, 0.0, 0.0])
+    return float(np.linalg.norm(pose.camera.project(aside) - pose.camera.project(at)))
+
+
+def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
+    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2).
+
+    One pin moves the model; two turn and scale it as well; three fix it. Least squares in the
+    free-body chart, with a faint pull towards the pose as it is.
+    """
+    points, pixels = np.atleast_2d(points), np.atleast_2d(pixels)
+    if len(points) == 1:
+        return with_point_at(pose, points[0], pixels[0])
+    chart = FreeBodyChart.near(mesh, pose)
+
+    def residuals(parameters: FloatArray) -> FloatArray:
+        try:
+            seen = chart.to_pose(parameters).project(points)
+        except OutsideChartError:
+            seen = np.full(pixels.shape, 1e6)
+        away = np.nan_to_num(seen - pixels, nan=1e6)
+        return np.append(away.ravel(), STIFFNESS * parameters)
+
+    found = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
+    return chart.to_pose(found.x)
+
+
+def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
+    """(3, 2): rear wheel, front wheel and axle tip in px: the vehicle chart's six parameters.
+
+    The tip lies ``_axle_length`` times psi from the rear wheel.
+    """
+    size = np.array([chart.camera.width, chart.camera.height])
+    rear = parameters[0:2] * size
+    return np.array(
+        [rear, rear + parameters[2:4] * size, rear + parameters[4:6] * _axle_length(chart)]
+    )
+
+
+def with_vehicle_pin(
+    chart: VehicleChart, parameters: FloatArray, pin: int, pixel: ArrayLike
+) -> FloatArray:
+    """The chart's parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held.
+
+    An axle that would point away from the camera stays at the rim of what the chart allows.
+    """
+    pins = vehicle_pins(chart, parameters)
+    pins[pin] = pixel
+    size = np.array([chart.camera.width, chart.camera.height])
+    psi = (pins[2] - pins[0]) / _axle_length(chart)
+    rim = math.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-6
+    psi *= min(1.0, rim / max(float(np.linalg.norm(psi)), 1e-12))
+    changed = np.array(parameters)
+    if pin != 2:
+        changed[0:2] = pins[0] / size
+        changed[2:4] = (pins[1] - pins[0]) / size
+    if pin != 1:
+        changed[4:6] = psi
+    return changed
+
+
+def _axle_length(chart: VehicleChart) -> float:
+    """Px at which a whole unit of psi is drawn: fixed for a photo, so that one pin's place says
+    nothing about another's.
+    """
+    return 0.25 * min(chart.camera.width, chart.camera.height)
