@@ -258,7 +258,7 @@ def _wait_until(moment: float) -> None:
 
 
 def _say(*lines: str) -> None:
-    print(*lines, sep="\n", flush=True)  # noqa: T201 - a script's report
+    print(*lines, sep="\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -99,7 +99,7 @@ def resident_mb() -> float:
 
 
 def _say(line: str) -> None:
-    print(line, flush=True)  # noqa: T201 - a script's report
+    print(line, flush=True)
 
 
 if __name__ == "__main__":
