@@ -1,0 +1,223 @@
+"""Whether fits still end where they did: ``python -m tests.measure.frozen_fits``.
+
+``--write TABLE.json`` makes 72 fits and keeps their ends, losses, evaluations and verdicts, and
+beside the table the synthetic photos; ``--compare TABLE.json`` makes them again and prints
+``equal``, or which differ and by how much (exit code 1). They are the demo's two photos, 30 real
+cases of $POSEVIEWER_DATA (or ../shared/data) from starts 5 and 15 degrees off, and ten synthetic
+photos with varied settings. Equal means bit-equal, so both runs want the same machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseviewer.api import load
+from poseviewer.cli.option_values import whole
+from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
+from poseviewer.files.demo import demo_case
+from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.starts.registration import load_model
+from poseviewer.study.photos import Kind, Studio, make_photos
+from poseviewer.study.pool import run_all
+from poseviewer.study.real_cases import load_cases, load_starts
+from poseviewer.study.trials import draw_start
+from poseviewer.vehicle.chart import VehicleChart
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 1}
+"""Cases of each set, spread evenly over it ..."""
+CLUTTERED = 8
+"""... and of the folder ``clutter``."""
+PAPER, WHOLE = FitSettings("paper"), FitSettings("paper", pixels="whole")
+SYNTHETIC: tuple[tuple[Kind, bool, tuple[FitSettings, ...]], ...] = (
+    ("plain", True, (FitSettings(), FitSettings(), PAPER, WHOLE)),
+    ("grey", True, (FitSettings(), PAPER, WHOLE)),
+    ("plain", False, (FitSettings(), FitSettings(pixels="clip"), FitSettings(free_focal=True))),
+)
+"""Kind of photo, whether its projection is parallel, and the settings of the fits."""
+SIZE, OFF = (640, 480), 0.08
+"""Of synthetic photos, px; how far off their starts are, relative to each parameter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """What is kept of a fit."""
+
+    rotation: list[list[float]]
+    translation: list[float]
+    focal: float
+    """Focal length in px, or px per unit of a parallel camera."""
+    start_loss: float
+    loss: float
+    evaluations: int
+    status: str
+    verdict: str
+    probability: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrozenFit:
+    """A fit of the table."""
+
+    name: str
+    photo: Path
+    model: Path
+    start: Pose | Path
+    settings: FitSettings
+
+    def run(self) -> tuple[str, Ending]:
+        """Make it."""
+        found = load(self.photo, self.model, self.start, self.settings).fit()
+        progress, verdict, camera = found.progress, found.verdict, found.pose.camera
+        assert progress is not None  # it was searched for
+        return self.name, Ending(
+            found.pose.camera_from_model.rotation.tolist(),
+            found.pose.camera_from_model.translation.tolist(),
+            camera.scale if isinstance(camera, Parallel) else camera.fx,
+            progress.start_loss,
+            progress.loss,
+            progress.evaluations,
+            progress.status.name,
+            "" if verdict is None else verdict.word,
+            math.nan if verdict is None else verdict.probability,
+        )
+
+
+def demo_fits() -> Iterator[FrozenFit]:
+    """The demo's two photos."""
+    for name in ("perspective", "parallel"):
+        case = demo_case(name)
+        yield FrozenFit(f"demo-{name}", case.photo, case.model, case.start, FitSettings())
+
+
+def real_fits(data: Path) -> Iterator[FrozenFit]:
+    """Thirty cases from two starts each.
+
+    Raises:
+        PoseFileError: a folder does not hold cases and starts.
+    """
+    for folder, counts in ((data, CASES), (data / "clutter", {"": CLUTTERED})):
+        cases = load_cases(folder)
+        starts = {(s.case, s.degrees): s for s in load_starts(folder, (5, 15), 1)}
+        for name, count in counts.items():
+            some = [case for case in cases if name in ("", case.set)]
+            for at in np.linspace(0, len(some) - 1, count).round().astype(int):
+                case = some[at]
+                for degrees in (5, 15):
+                    transform = starts[case.name, degrees].camera_from_model
+                    start = Pose(case.truth.camera, transform)
+                    settings = FitSettings(chart="free-body")
+                    yield FrozenFit(
+                        f"{case.name}-{degrees}", case.photo, case.mesh, start, settings
+                    )
+
+
+def synthetic_fits(photos: Path) -> Iterator[FrozenFit]:
+    """Of the demo's car in random views; photos that are in the folder are taken from it.
+
+    Raises:
+        RendererUnavailableError: there is no OpenGL to draw them.
+    """
+    path = demo_case().model
+    model = load_model(path)
+    assert model.keypoints is not None  # it is a car
+    seed = 0
+    for kind, parallel, all_settings in SYNTHETIC:
+        studio = Studio(path, model.mesh, model.keypoints, SIZE, parallel, [], 0)
+        folder = photos / f"{kind}-{'parallel' if parallel else 'perspective'}"
+        folder.mkdir(parents=True, exist_ok=True)
+        made = make_photos(studio, kind, len(all_settings), folder, lambda _: None)
+        for photo, settings in zip(made, all_settings, strict=True):
+            chart = VehicleChart.near(model.keypoints, photo.truth)
+            true = chart.from_pose(photo.truth)
+            start = draw_start(true, chart.scales(true), "relative", OFF, seed, lambda _: True)
+            file = photo.photo.with_name(f"{kind}-{photo.index}-start.json")
+            save_pose(file, PoseRecord(chart.to_pose(start)))
+            name = f"synthetic-{seed}-{kind}-{settings.method}"
+            yield FrozenFit(name, photo.photo, path, file, settings)
+            seed += 1
+
+
+def difference(before: Ending, now: Ending) -> str:
+    """Which of the values differ, and by how much; empty where none does."""
+    turn = np.array(now.rotation) @ np.array(before.rotation).T
+    sine = np.linalg.norm((turn - turn.T)[[2, 0, 1], [1, 2, 0]]) / 2.0
+    degrees = math.degrees(math.atan2(float(sine), (float(np.trace(turn)) - 1.0) / 2.0))
+    moved = float(np.linalg.norm(np.subtract(now.translation, before.translation)))
+    share = moved / float(np.linalg.norm(before.translation))
+    amounts = {"rotation": f"{degrees:.3g} degrees", "translation": f"{share:.3g} of the distance"}
+    said = []
+    for name, value in asdict(now).items():
+        old = getattr(before, name)
+        if value == old or (value != value and old != old):  # nan is no change from nan
+            continue
+        usual = f"{old:.9g} -> {value:.9g}" if isinstance(value, float) else f"{old} -> {value}"
+        said.append(f"{name} {amounts.get(name, usual)}")
+    return ", ".join(said)
+
+
+def compare(before: dict[str, Ending], now: dict[str, Ending]) -> list[str]:
+    """A line for each fit that differs."""
+    lines = []
+    for name, ending in now.items():
+        change = difference(before[name], ending) if name in before else "is not in the table"
+        if change:
+            lines.append(f"{name}: {change}")
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the fits, and keep or compare their table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--write", type=Path, metavar="TABLE.json")
+    what.add_argument("--compare", type=Path, metavar="TABLE.json")
+    parser.add_argument("--only", default="", metavar="TEXT", help="fits whose name holds it")
+    parser.add_argument("--evaluations", type=whole, metavar="N", help="limit of each fit")
+    parser.add_argument("--jobs", type=whole, default=1, metavar="N", help="processes")
+    options = parser.parse_args(arguments)
+    table: Path = options.write or options.compare
+    data = Path(os.environ.get("POSEVIEWER_DATA") or DATA)
+    try:
+        fits = [*demo_fits()]
+        if (data / "cases.json").is_file():
+            fits += real_fits(data)
+        else:
+            print(f"no real data in {data}: these fits are left out")
+        if not options.only or options.only in "synthetic-":
+            fits += synthetic_fits(table.with_suffix(".photos"))
+        fits = [fit for fit in fits if options.only in fit.name]
+        if options.evaluations:
+            limits = Limits(evaluations=options.evaluations)
+            fits = [replace(fit, settings=replace(fit.settings, limits=limits)) for fit in fits]
+        endings: dict[str, Ending] = {}
+        for name, ending in run_all(fits, options.jobs):
+            endings[name] = ending
+            print(f"{name}: loss {ending.loss:.6f}, {ending.verdict}", flush=True)
+    except PoseViewerError as error:
+        sys.stderr.write(f"poseviewer: {error}\n")
+        return EXIT_MENDABLE
+    if options.write:
+        content: dict[str, Any] = {fit.name: asdict(endings[fit.name]) for fit in fits}
+        table.write_text(json.dumps(content, indent=1) + "\n")
+        return 0
+    before = {name: Ending(**one) for name, one in json.loads(table.read_text()).items()}
+    lines = compare(before, endings)
+    print("\n".join([f"{len(lines)} of {len(fits)} differ:", *lines]) if lines else "equal")
+    return int(bool(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
