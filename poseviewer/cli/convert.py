@@ -1,78 +1,57 @@
-"""``poseviewer convert``: a pose from one tool's file into another's."""
+"""Write a pose for another tool, or read one from it. Axes, units and pixel centres of each format:
+assets/docs/formats.md.
+"""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.cli import option_values
+from poseviewer.cli.options import made, option, size, whole_from_zero
+from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
     from poseviewer.files.formats.request import Request
     from poseviewer.files.pose.file import PoseRecord
 
-FORMAT_NAMES = (
-    "poseviewer", "opencv", "matrices", "bop", "colmap", "nerfstudio", "gltf", "blender", "meshlab",
-)  # fmt: skip
-"""The keys of ``files.formats.table.FORMATS``, here without importing NumPy and OpenCV."""
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
-UNITS = ("km", "m", "cm", "mm", "in", "ft")
 
 
-def add_convert(commands: argparse._SubParsersAction) -> None:
-    """The command's options."""
-    convert = commands.add_parser(
-        "convert",
-        help="write a pose for another tool, or read one from it",
-        description="Write a pose for another tool, or read one from it. Axes, units and pixel "
-        "centres of each format: assets/docs/formats.md.",
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer convert``."""
+    from poseviewer.files.formats.request import METRES
+    from poseviewer.files.formats.table import FORMATS
+
+    form = {"choices": FORMATS, "default": "poseviewer"}
+    option(parser, "source POSE", kind=Path)
+    option(parser, "out OUT", kind=Path)
+    option(parser, "--from FORMAT", dest="source_format", **form)
+    option(parser, "--to FORMAT", ", ".join(FORMATS), dest="out_format", **form)
+    option(parser, "--photo PHOTO", "(the one beside POSE that it names)", Path)
+    option(parser, "--model MODEL", "(the one beside POSE that it names)", Path)
+    option(parser, "--photo-size WxH", "in px, where POSE does not say it", size)
+    option(parser, "--unit", "of the model, where POSE does not say it", choices=METRES)
+    option(parser, "--image NAME|NUMBER", "which image of a file with several; BOP: its number")
+    option(parser, "--object NUMBER", "BOP: of the object", whole_from_zero, dest="object_id")
+    option(
+        parser,
+        "--undistorted-photo FILE.png",
+        "where a lens was undone: write the undistorted photo, and the pose for it (done beside "
+        "OUT for formats that do not have the lens)",
+        Path,
     )
-    convert.add_argument("source", type=Path, metavar="POSE")
-    convert.add_argument("out", type=Path, metavar="OUT")
-    convert.add_argument(
-        "--from", dest="source_format", choices=FORMAT_NAMES, default="poseviewer", metavar="FORMAT"
-    )
-    convert.add_argument(
-        "--to", dest="out_format", choices=FORMAT_NAMES, default="poseviewer", metavar="FORMAT",
-        help=", ".join(FORMAT_NAMES),
-    )  # fmt: skip
-    convert.add_argument("--photo", type=Path, help="(the one beside POSE that it names)")
-    convert.add_argument("--model", type=Path, help="(the one beside POSE that it names)")
-    convert.add_argument(
-        "--photo-size",
-        type=option_values.size,
-        metavar="WxH",
-        help="in px, where POSE does not say it",
-    )
-    convert.add_argument("--unit", choices=UNITS, help="of the model, where POSE does not say it")
-    convert.add_argument(
-        "--image", metavar="NAME|NUMBER", help="which image of a file with several; BOP: its number"
-    )
-    convert.add_argument(
-        "--object", type=option_values.whole_from_zero, metavar="NUMBER", help="BOP: of the object"
-    )
-    convert.add_argument(
-        "--undistorted-photo",
-        type=Path,
-        metavar="FILE.png",
-        help="where a lens was undone: write the undistorted photo, and the pose for it (done "
-        "beside OUT for formats that do not have the lens)",
-    )
-    convert.add_argument("--overwrite", action="store_true", help="replace OUT if it is there")
-    convert.set_defaults(command="convert")
+    option(parser, "--overwrite", "replace OUT if it is there")
 
 
-def convert(options: argparse.Namespace) -> Iterator[str]:
-    """Read, write; yields the lines to print.
+def run(options: Namespace) -> int:
+    """Read, write, and say what was written.
 
     Raises:
         PoseViewerError: the pose cannot be read, or not be said in the format wanted.
     """
-    from poseviewer.errors import PoseFileError
     from poseviewer.files.formats.lens import for_one_photo
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo.load import is_stored_turned
@@ -85,7 +64,8 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
     request = _request(options)
     record = read(options.source, request)
     record, request = _with_files(record, request, options.source)
-    yield from (f"note: {warning}" for warning in record.warnings)
+    for warning in record.warnings:
+        print(f"note: {warning}")
     known = FORMATS[options.out_format]
 
     def beside() -> Path:
@@ -95,16 +75,20 @@ def convert(options: argparse.Namespace) -> Iterator[str]:
         written = known.write(chosen.record, options.out, chosen.request)
     photo = chosen.request.photo
     if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
-        yield (
+        print(
             f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
-    yield from (f"note: {note}" for note in (*chosen.notes, *written.notes))
-    yield from (f"undistorted photo: {path}" for path in chosen.files)
-    yield from (f"{options.out_format}: {path}" for path in written.files)
+    for note in (*chosen.notes, *written.notes):
+        print(f"note: {note}")
+    for path in chosen.files:
+        print(f"undistorted photo: {path}")
+    for path in written.files:
+        print(f"{options.out_format}: {path}")
+    return 0
 
 
-def _undistorted_beside(options: argparse.Namespace, record: PoseRecord) -> Path:
+def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
     from poseviewer.files.formats.request import make_folder
 
@@ -120,27 +104,18 @@ def _undistorted_beside(options: argparse.Namespace, record: PoseRecord) -> Path
     return path
 
 
-def _request(options: argparse.Namespace) -> Request:
+def _request(options: Namespace) -> Request:
     from poseviewer.files.formats.request import Request, require_file
     from poseviewer.files.photo.load import load_photo
 
-    size = options.photo_size
     for path, what in ((options.photo, "photo"), (options.model, "model")):
         if path is not None:
             require_file(path, what, "Converted")
-    if options.photo is not None and size is None:
-        photo = load_photo(options.photo)
-        size = photo.width, photo.height
-    return Request(
-        options.photo,
-        options.model,
-        size,
-        options.unit,
-        options.image,
-        options.object,
-        options.overwrite,
-        options.undistorted_photo,
-    )
+    request = made(Request, options)
+    if options.photo is None or options.photo_size is not None:
+        return request
+    photo = load_photo(options.photo)
+    return replace(request, photo_size=(photo.width, photo.height))
 
 
 def _with_files(record: PoseRecord, request: Request, source: Path) -> tuple[PoseRecord, Request]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from poseviewer.api import load
 from poseviewer.app.state.cameras import with_camera
-from poseviewer.cli.option_values import positive
+from poseviewer.cli.options import positive
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import load_pose

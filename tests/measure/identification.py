@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.cli.option_values import whole
+from poseviewer.cli.options import whole
 from poseviewer.confidence.identify import identify
 from poseviewer.errors import SettingsError
 from poseviewer.files.mesh.load import load_mesh

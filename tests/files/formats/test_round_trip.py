@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.cli import convert as converting
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.request import METRES, Request
+from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.pose.file import PoseRecord
 from poseviewer.geometry.camera import Perspective
@@ -145,11 +144,6 @@ def test_a_photo_of_another_size_is_refused(tmp_path, name, out):
     FORMATS[name].write(perspective_record(), tmp_path / out, request)
     with pytest.raises(PoseFileError, match="200x150"):
         read(name, tmp_path / out, replace(request, photo_size=(100, 75)))
-
-
-def test_the_command_knows_all_formats_and_units():
-    assert tuple(FORMATS) == converting.FORMAT_NAMES
-    assert tuple(METRES) == converting.UNITS
 
 
 def test_the_documentation_has_the_table():

@@ -6,7 +6,7 @@ from argparse import ArgumentTypeError
 
 import pytest
 
-from poseviewer.cli import option_values as values
+from poseviewer.cli import options as values
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,7 @@ from poseviewer.cli import option_values as values
         (values.port, "0", 0),
         (values.map_size, "9", 9),
         (values.listed(values.whole), "5, 15", (5, 15)),
+        (values.names, "a, b,", ("a", "b")),
     ],
 )
 def test_values_are_read(read, text, wanted):

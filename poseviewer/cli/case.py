@@ -1,0 +1,87 @@
+"""From options to a photo, a model and a start; and the fit of them."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from poseviewer.api import Case, FitResult, load
+from poseviewer.cli.options import calibration_of, settings_of
+from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
+from poseviewer.errors import SettingsError
+from poseviewer.files.marks import load_pairs, load_wheels
+from poseviewer.files.state.last_pose import last_pose
+from poseviewer.fit.problem import FitProgress
+from poseviewer.render.pool import processors
+from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.point_pairs import start_from_pairs
+from poseviewer.starts.registration import Start, StartCamera, StartInputs
+from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
+
+
+def open_case(options: Namespace) -> Case:
+    """Photo, model and start: from a pose file, from marks on the photo, or found.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the options do not go together.
+    """
+    settings, given = settings_of(options), vars(options)
+    if given.get("box") and options.start is None:
+        raise SettingsError("--box without --start auto; leave it out, or add --start auto")
+    if settings.renderer == "software":
+        tell_of_compiling()
+    parallel = given.get("projection") == "parallel"
+    camera = StartCamera(parallel, given.get("focal"), options.free_focal)
+    with progress_bar(None, options.quiet) as bar:
+        case = load(
+            options.photo,
+            options.model,
+            options.pose or _start(options, camera),
+            settings,
+            calibration=calibration_of(options),
+            box=given.get("box"),
+            camera=camera,
+            mask=options.mask,
+            watch=bar.update,
+        )
+    if not options.quiet:
+        for note in case.notes:
+            tell(f"note: {note}")
+    return case
+
+
+def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
+    if options.last:
+        return last_pose()
+    if options.start is not None:
+        return AUTOMATIC
+    if options.pairs is not None:
+        return lambda inputs: start_from_pairs(inputs, load_pairs(options.pairs), camera)
+    if options.find_wheels is not None:
+        return lambda inputs: start_from_found_wheels(inputs, options.find_wheels, camera)
+    return lambda inputs: start_from_wheels(inputs, load_wheels(options.wheels), camera)
+
+
+def search(case: Case, quiet: bool) -> FitResult:
+    """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
+    with progress_bar(None, quiet) as bar:
+
+        def watch(progress: FitProgress) -> None:
+            text = f"restart {progress.restart}, loss {progress.loss:.5f}"
+            bar.set_description_str(text, refresh=False)
+            bar.update(progress.evaluations - bar.n)
+
+        found = case.fit(watch=watch, threads=processors(), interruptible=True)
+    progress, verdict = found.progress, found.verdict
+    assert progress is not None  # it was searched for
+    print(
+        f"{progress.status.value}\n"
+        f"loss: {progress.loss:.6f} (start {progress.start_loss:.6f})\n"
+        f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
+    )
+    if verdict is not None:
+        print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
+        for reason in verdict.reasons:
+            print(f"  {reason}")
+    return found

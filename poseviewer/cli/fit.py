@@ -1,0 +1,84 @@
+"""Search for the pose."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from poseviewer.cli.options import (
+    RECTANGLE,
+    add_fields,
+    add_files,
+    add_search,
+    add_settings,
+    names,
+    option,
+    positive,
+    rectangle,
+)
+from poseviewer.cli.overlay import add_look
+from poseviewer.cli.terminal import require_writable
+from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
+from poseviewer.fit.settings import FitSettings
+from poseviewer.optimise.restarts import RestartOptions
+
+SEARCHED = {
+    "method": ("--method", "ours, or exactly the paper's: grey, clip or whole, no coarser levels"),
+    "lock": ("--lock NAME,...", "parameters of the chart to hold", names),
+    "seed": ("--seed SEED", None, int),
+}
+RESTARTED = {
+    "x_tolerance": ("--tolerance SHARE", "size of a finished simplex ({:g})", positive),
+    "step": ("--step SHARE", "edge of the first simplex ({:g})", positive),
+}
+"""Fields of ``FitSettings`` and ``RestartOptions`` that this command alone has."""
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer fit``."""
+    add_files(parser)
+    _add_start(parser)
+    option(parser, "--out POSE.json", kind=Path, required=True)
+    option(parser, "--overlay OVERLAY.png", "draw the pose found", Path)
+    add_look(parser, "of the overlay")
+    add_settings(parser)
+    search = add_search(parser)
+    for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):
+        add_fields(search, of, options)
+
+
+def _add_start(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("start, one of")
+    start = group.add_mutually_exclusive_group(required=True)
+    option(start, "--pose POSE.json", "a pose file", Path)
+    option(start, "--last", "the pose that was saved last")
+    option(start, "--pairs FILE", "CSV or JSON rows x,y,z,u,v: model, photo point", Path)
+    ellipses = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees), or a JSON file"
+    option(start, "--wheels REAR;FRONT", ellipses)
+    about = "look for both wheels in a rectangle about the car, in px"
+    option(start, f"--find-wheels {RECTANGLE}", about, rectangle)
+    found = "look for one: in the --box, else in the whole photo"
+    option(start, "--start", found, choices=("auto",))
+    option(group, f"--box {RECTANGLE}", "about the object, px", rectangle)
+    unknown = "where no pose file says it"
+    kinds = ("perspective", "parallel")
+    option(group, "--projection", unknown, choices=kinds, default="perspective")
+    option(group, "--focal PX", f"{unknown} (EXIF's)", positive)
+
+
+def run(options: Namespace) -> int:
+    """Write the pose found, and an overlay if wanted."""
+    require_writable(options.out, PoseFileError)
+    if options.overlay:
+        require_writable(options.overlay, PhotoFileError)
+    from poseviewer.cli.case import open_case, search
+    from poseviewer.files.state.last_pose import keep_last_pose
+
+    found = search(open_case(options), options.quiet)
+    found.save(options.out)
+    keep_last_pose(found.record)
+    print(f"pose: {options.out}")
+    if options.overlay:
+        found.draw(options.overlay, options.look)
+        print(f"overlay: {options.overlay}")
+    return EXIT_INTERRUPTED if found.stopped else 0

@@ -1,0 +1,89 @@
+"""Fit every model from one start, and rank them by their losses over the same pixels. The models
+share a frame: the start is meant for each of them.
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from poseviewer.cli.options import add_search, add_settings, option, settings_of
+from poseviewer.cli.terminal import progress_bar, require_writable, tell
+from poseviewer.errors import SettingsError
+
+if TYPE_CHECKING:
+    from poseviewer.confidence.identify import Ranked
+    from poseviewer.fit.problem import FitProgress
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer identify``."""
+    option(parser, "photo PHOTO", kind=Path)
+    option(parser, "models MODEL", kind=Path, nargs="+")
+    option(parser, "--start POSE.json", kind=Path, required=True)
+    option(parser, "--json FILE", "write ranks and poses", Path)
+    option(parser, "--quiet", "no progress, no notes")
+    add_settings(parser)
+    add_search(parser)
+
+
+def run(options: Namespace) -> int:
+    """Print which model explains the photo best."""
+    if options.json:
+        require_writable(options.json, SettingsError)
+    from poseviewer.confidence.identify import identify
+    from poseviewer.files.photo.load import load_mask
+    from poseviewer.files.writing import write_whole
+    from poseviewer.starts.registration import load_registration
+
+    settings = settings_of(options)
+    opened = [load_registration(options.photo, model, options.start) for model in options.models]
+    photo = opened[0].photo
+    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
+    if not options.quiet:
+        for warning in dict.fromkeys(text for one in opened for text in one.warnings):
+            tell(f"note: {warning}")
+    with progress_bar(None, options.quiet) as bar:
+
+        def watch(name: str, progress: FitProgress) -> None:
+            bar.set_description_str(f"{name}, loss {progress.loss:.5f}", refresh=False)
+            bar.update()
+
+        ranked = identify(opened, settings, mask, watch)
+    _print_ranking(ranked)
+    if options.json:
+        text = json.dumps([_as_json(one) for one in ranked], indent=2, allow_nan=False)
+        write_whole(options.json, (text + "\n").encode(), SettingsError)
+        print(f"json: {options.json}")
+    return 0
+
+
+def _print_ranking(ranked: Sequence[Ranked]) -> None:
+    width = max(len(one.candidate.name) for one in ranked)
+    print(f"{'':3}{'model':{width}}  {'loss':>8}  {'margin':>8}  {'start':>8}")
+    for one in ranked:
+        found = one.candidate
+        margin = "" if one.margin is None else f"{one.margin:+.4f}"
+        losses = f"{found.loss:8.5f}  {margin:>8}  {found.start_loss:8.5f}"
+        print(f"{one.rank:<3}{found.name:{width}}  {losses}")
+    print("margin: how much greater the next model's loss is, over the same pixels")
+
+
+def _as_json(one: Ranked) -> dict[str, Any]:
+    """Rank, name, losses, margin and pose (OpenCV axes) of a model."""
+    from poseviewer.files.pose.file import PoseRecord, record_as_json
+
+    found = one.candidate
+    pose = record_as_json(PoseRecord(found.pose))
+    return {
+        "rank": one.rank,
+        "model": found.name,
+        "loss": found.loss,
+        "start_loss": found.start_loss,
+        "margin": one.margin,
+        "status": found.status,
+        **{key: pose[key] for key in ("projection", "camera", "camera_from_model")},
+    }

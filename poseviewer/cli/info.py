@@ -1,0 +1,168 @@
+"""Say what poseviewer understood of a photo, a model or a pose."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from poseviewer.cli.options import add_calibration, calibration_of, option
+
+if TYPE_CHECKING:
+    from poseviewer.files.camera.calibration import Calibration
+    from poseviewer.geometry.photo import Photo
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer info``."""
+    option(parser, "path PHOTO|MODEL|POSE", kind=Path)
+    add_calibration(parser)
+
+
+def run(options: Namespace) -> int:
+    """Print what was understood; the file's ending says what it is, and a calibration that it is a
+    photo.
+    """
+    from poseviewer.files.mesh.load import READERS
+
+    path, calibration = options.path, calibration_of(options)
+    if calibration is None and path.suffix.lower() == ".json":
+        _print_pose(path)
+    elif calibration is None and path.suffix.lower() in READERS:
+        _print_model(path)
+    else:
+        _print_photo(path, calibration)
+    return 0
+
+
+def print_camera(photo: Photo) -> None:
+    """A photo's calibrated camera.
+
+    Raises:
+        ValueError: it has none.
+    """
+    from poseviewer.geometry.frames import camera_as_integer_centres
+
+    if photo.camera is None:
+        raise ValueError("no calibrated camera")
+    camera, undistortion = camera_as_integer_centres(photo.camera), photo.undistortion
+    whose, lens = "calibrated", "no distortion: the photo stays as taken"
+    if undistortion is not None:
+        whose, found = "of the undistorted photo", undistortion.lens
+        lens = f"{found.model}, {', '.join(f'{value:.6g}' for value in found.coefficients)}"
+    if photo.covered is not None:
+        lens += f"; the undistorted photo is black in {1.0 - photo.covered.mean():.1%}"
+    _print(
+        camera=f"fx {camera.fx:.6g}, fy {camera.fy:.6g}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px "
+        f"(pixel centres at integers), {whose}",
+        distortion=lens,
+    )
+
+
+def _print_photo(path: Path, calibration: Calibration | None) -> None:
+    from poseviewer.files.photo.calibrated import load_calibrated_photo
+
+    photo = load_calibrated_photo(path, calibration)
+    kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
+    size = f"{photo.width} x {photo.height} px, {kind}, {8 * photo.pixels.itemsize} bit"
+    _print(photo=photo.name, size=size)
+    if photo.camera is not None:
+        print_camera(photo)
+    else:
+        source = "no focal length in the file: 50 degrees assumed"
+        if photo.focal_length_35mm is not None:
+            source = f"from EXIF: {photo.focal_length_35mm:g} mm on 35-mm film"
+        focal = photo.default_camera().fx
+        _print(camera=f"fx = fy = {focal:.1f} px, a first guess ({source})")
+    _print(sha256=photo.sha256, note=photo.notes)
+
+
+def _print_model(path: Path) -> None:
+    from poseviewer.files.keypoints import load_keypoints
+    from poseviewer.files.mesh.load import load_mesh
+
+    mesh = load_mesh(path)
+    keypoints = load_keypoints(path, mesh)
+    low, high = mesh.bounds
+    wheels = "none known: the free-body chart is used"
+    if keypoints is not None:
+        wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
+    names = [name or "(unnamed)" for name in mesh.part_names]
+    more = [f"... ({len(names) - 8} more)"] if len(names) > 8 else []
+    reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
+    if mesh.textures:
+        reflectance = f"{len(mesh.textures)} texture(s)"
+    _print(
+        model=path.name,
+        triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
+        parts=f"{len(names)}: {', '.join(names[:8] + more)}",
+        box=f"{_vector(low)} to {_vector(high)}, diagonal {mesh.diameter:.6g}",
+        unit=mesh.unit or "not said in the file",
+        reflectance=reflectance,
+        wheels=wheels,
+        note=mesh.notes,
+    )
+
+
+def _print_pose(path: Path) -> None:
+    from poseviewer.files.pose.file import load_pose
+    from poseviewer.geometry.camera import Perspective
+    from poseviewer.geometry.frames import camera_as_integer_centres
+
+    record = load_pose(path, *_recorded_size(path))
+    camera = camera_as_integer_centres(record.pose.camera)
+    transform = record.pose.camera_from_model
+    projection, scale = "parallel", ""
+    if isinstance(camera, Perspective):
+        projection, scale = "perspective", f"fx {camera.fx:.6g}, fy {camera.fy:.6g}"
+    else:
+        scale = f"scale {camera.scale:.6g}"
+    photo = (record.photo.file if record.photo else None) or "not said"
+    if record.photo and record.photo.width and record.photo.height:
+        photo += f", {record.photo.width} x {record.photo.height} px"
+    distortion = "none: the camera is that of the photo as taken"
+    if record.undistortion is not None:
+        model = record.undistortion.lens.model
+        distortion = f"{model}, undone: the camera is that of the undistorted photo"
+    chart = "not said"
+    if record.chart is not None:
+        pairs = zip(record.chart.names, record.chart.parameters, strict=True)
+        values = ", ".join(f"{name} {value:.5f}" for name, value in pairs)
+        chart = f"{record.chart.name}: {values}"
+    _print(
+        pose=path.name,
+        photo=photo,
+        model=(record.model.file if record.model else None) or "not said",
+        projection=projection,
+        camera=f"{scale}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px (pixel centres at integers)",
+        distortion=distortion,
+        rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
+        translation=f"{_vector(transform.translation)} (camera_from_model)",
+        chart=chart,
+        loss="not said" if record.loss is None else f"{record.loss:.6f}",
+        verdict="not said" if record.verdict is None else record.verdict.word,
+        note=record.warnings,
+    )
+
+
+def _recorded_size(path: Path) -> tuple[int, int]:
+    """The photo's width and height, 1 x 1 where ``load_pose`` will say what is wrong with them."""
+    try:
+        photo = json.loads(path.read_bytes())["photo"]
+        width, height = photo["width"], photo["height"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return 1, 1
+    return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
+
+
+def _vector(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+def _print(**entries: str | tuple[str, ...]) -> None:
+    """``name: value``, a line each; a tuple gives a line for each of its texts."""
+    for name, value in entries.items():
+        for text in (value,) if isinstance(value, str) else value:
+            print(f"{name + ':':13}{text}")

@@ -1,0 +1,49 @@
+"""Map the loss around a pose, for all pairs of parameters: a sheet of contours and the numbers."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from poseviewer.cli.options import (
+    add_fields,
+    add_files,
+    add_settings,
+    map_size,
+    names,
+    option,
+    positive,
+)
+from poseviewer.cli.terminal import make_folder, progress_bar
+from poseviewer.fit.settings import FitSettings
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer landscape``."""
+    add_files(parser, "the middle of the maps")
+    option(parser, "--out FOLDER", kind=Path, required=True)
+    option(parser, "--size SIZE", "points a side (41)", map_size, default=41)
+    option(parser, "--range SHARE", "half width (0.2: 20 %%)", positive, default=0.2)
+    add_settings(parser)
+    lock = ("--lock NAME,...", "parameters to leave out", names)
+    add_fields(parser, FitSettings, {"lock": lock})
+
+
+def run(options: Namespace) -> int:
+    """Write ``landscape.png`` and ``landscape.npz``."""
+    from poseviewer.cli.case import open_case
+
+    case = open_case(options)
+    make_folder(options.out)
+    with progress_bar(0, options.quiet) as bar:
+
+        def watch(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        maps = case.start.landscape(half_width=options.range, size=options.size, watch=watch)
+    sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
+    maps.save(sheet)
+    maps.save(data)
+    print(f"maps: {sheet}\nnumbers: {data}")
+    return 0

@@ -1,0 +1,238 @@
+"""Options that several commands share, and values read from their words.
+
+An option that sets a field of a settings dataclass is made from that field (``add_fields``): name,
+choices and default are written there alone, and ``made`` takes the value back to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.settings import CHOICES, FitSettings, Limits
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.optimise.restarts import RestartOptions
+
+if TYPE_CHECKING:
+    from poseviewer.files.camera.calibration import Calibration
+
+T = TypeVar("T")
+
+
+def _value(
+    read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool]
+) -> Callable[[str], T]:
+    """A reader of an option's value, which refuses what is not ``wanted`` in a few words."""
+
+    def value(text: str) -> T:
+        try:
+            found = read(text)
+        except (ValueError, TypeError):
+            found = None
+        if found is None or not allowed(found):
+            raise ArgumentTypeError(f"{text or repr(text)} is not {wanted}")
+        return found
+
+    return value
+
+
+def listed(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
+    """Several values, with commas between them."""
+    return lambda text: tuple(kind(part.strip()) for part in text.split(","))
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names, with commas between them."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("inf"))
+whole = _value(int, "a whole number above 0", lambda value: value > 0)
+whole_from_zero = _value(int, "a whole number, 0 or more", lambda value: value >= 0)
+port = _value(int, "a port, from 0 to 65535", lambda value: 0 <= value <= 65535)
+map_size = _value(int, "an odd number from 3 to 401", lambda value: value in range(3, 402, 2))
+size = _value(
+    lambda text: tuple(int(side) for side in text.lower().split("x")),
+    "a size, such as 1920x1080",
+    lambda sides: len(sides) == 2 and min(sides) > 0,
+)
+"""Width and height in px."""
+rectangle = _value(
+    lambda text: Rectangle(*listed(int)(text)),
+    "four whole numbers, left,top,width,height",
+    lambda _: True,
+)
+"""In px of the photo."""
+RECTANGLE = "LEFT,TOP,WIDTH,HEIGHT"
+
+COMPARED = {
+    "chart": ("--chart",),
+    "free_focal": ("--free-focal", "find the focal length as well"),
+    "grey": ("--grey", "compare grey, not RGB"),
+    "colour_reflectance": ("--colour-reflectance", "RGB reflectance of the model (m = 12)"),
+    "pixels": (
+        "--pixels",
+        "those in a box about the start (near), the whole photo, or what the model covers "
+        "(clip: the paper's clipped loss; its default)",
+    ),
+    "region": (f"--region {RECTANGLE}", "in px", rectangle),
+    "mask": ("--mask MASK.png", "weights: white counts", Path),
+    "renderer": ("--renderer",),
+}
+"""Fields of ``FitSettings``, and the options that every command has for them."""
+LIMITS = {
+    "evaluations": ("--evaluations N", "limit ({:g})", whole),
+    "seconds": ("--seconds SECONDS", "limit ({:g})", positive),
+}
+"""The same of ``Limits``."""
+CALIBRATION = {
+    "calibration_camera": "camera",
+    "calibration_crop": "crop",
+    "calibration_resized": "resized",
+    "calibration_fisheye": "fisheye",
+    "undistorted_zoom": "zoom",
+}
+"""Options that go with ``--calibration``, to the fields of ``Calibration``."""
+
+
+def option(
+    group: argparse._ActionsContainer,
+    usage: str,
+    text: str | None = None,
+    kind: Callable[[str], Any] | None = None,
+    **more: Any,
+) -> None:
+    """Add ``--name VALUE``, whose value ``kind`` reads from its words; ``--name`` alone is a flag.
+    Without dashes it is an argument by its place.
+    """
+    name, _, metavar = usage.partition(" ")
+    if metavar:
+        more |= {"metavar": metavar}
+    elif name.startswith("--") and "choices" not in more:
+        more |= {"action": "store_true"}
+    if kind is not None:
+        more |= {"type": kind}
+    group.add_argument(name, help=text, **more)
+
+
+def add_fields(
+    group: argparse._ActionsContainer, of: type, options: Mapping[str, tuple[Any, ...]]
+) -> None:
+    """An option for each of these fields of a dataclass: usage, text and kind as of ``option``.
+
+    ``{}`` in the text is the field's default, and its choices are those of ``CHOICES``. An option
+    that was not typed is None, and a flag False.
+    """
+    defaults = {field.name: field.default for field in fields(of)}
+    for name, (usage, *rest) in options.items():
+        texts: list[Any] = [
+            text.format(defaults[name]) if isinstance(text, str) else text for text in rest
+        ]
+        choices = {"choices": CHOICES[name]} if name in CHOICES else {}
+        option(group, usage, *texts, dest=name, **choices)
+
+
+def made(of: Callable[..., T], options: Namespace, **more: Any) -> T:
+    """The dataclass of what was typed; the other fields have their defaults."""
+    given = {field.name: getattr(options, field.name, None) for field in fields(of)}  # pyright: ignore[reportArgumentType]
+    return of(**{name: value for name, value in given.items() if value is not None} | more)
+
+
+def settings_of(options: Namespace) -> FitSettings:
+    """How a fit is made.
+
+    Raises:
+        SettingsError: the paper's method, with what it does not have.
+    """
+    if getattr(options, "method", None) == "paper":
+        if options.pixels == "near":
+            raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+        if options.colour_reflectance:
+            raise SettingsError(
+                "--method paper with --colour-reflectance; it compares grey: leave one of them out"
+            )
+    return made(
+        FitSettings,
+        options,
+        mask=options.mask.name if options.mask else None,
+        rules=made(RestartOptions, options),
+        limits=made(Limits, options),
+    )
+
+
+def add_settings(parser: ArgumentParser) -> None:
+    """What is compared."""
+    add_fields(parser.add_argument_group("what is compared"), FitSettings, COMPARED)
+
+
+def add_search(parser: ArgumentParser) -> argparse._ArgumentGroup:
+    """The limits of a search; the group, for more."""
+    group = parser.add_argument_group("search")
+    add_fields(group, Limits, LIMITS)
+    return group
+
+
+def add_files(parser: ArgumentParser, pose: str = "") -> None:
+    """Photo, model and camera, and the ``pose`` where this says what it is for."""
+    option(parser, "photo PHOTO", kind=Path)
+    option(parser, "model MODEL", kind=Path)
+    if pose:
+        option(parser, "--pose POSE.json", pose, Path, required=True)
+    option(parser, "--quiet", "no progress, no notes")
+    add_calibration(parser)
+
+
+def add_server(parser: ArgumentParser) -> None:
+    """Where the app is served."""
+    option(parser, "--port PORT", "(the first free one from 8080 on)", port)
+    address = "serve others than this machine as well; the address then bears a token"
+    option(parser, "--host HOST", address, default="127.0.0.1")
+    option(parser, "--no-browser", "do not open the browser")
+
+
+def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
+    """The photo's calibrated camera."""
+    group = parser.add_argument_group("the photo's camera")
+    option(
+        group,
+        "--calibration FILE",
+        "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt, BOP's "
+        "camera.json or scene_camera.json; the photo is undistorted by it",
+        Path,
+        required=required,
+    )
+    option(group, "--calibration-camera NAME", "which of the file's cameras")
+    part = "the part of the calibrated picture that the photo shows"
+    option(group, f"--calibration-crop {RECTANGLE}", part, rectangle)
+    resized = "the photo is that picture (or its part) in another size"
+    option(group, "--calibration-resized", resized)
+    fisheye = "the lens is of OpenCV's fisheye model, where the file does not say so"
+    option(group, "--calibration-fisheye", fisheye)
+    zoom = (
+        "focal length of the undistorted photo in those of the calibration (1); below 1 it shows "
+        "more of the edges"
+    )
+    option(group, "--undistorted-zoom FACTOR", zoom, positive)
+
+
+def calibration_of(options: Namespace) -> Calibration | None:
+    """The calibration that the options name; None where they name none.
+
+    Raises:
+        SettingsError: something is said of a calibration that is not there.
+    """
+    given = {name: value for name in CALIBRATION if (value := getattr(options, name))}
+    if options.calibration is None:
+        for name in given:
+            flag = name.replace("_", "-")
+            raise SettingsError(f"--{flag} without --calibration; name its file")
+        return None
+    from poseviewer.files.camera.calibration import Calibration
+
+    details = {CALIBRATION[name]: value for name, value in given.items()}
+    return Calibration(options.calibration, **details)

@@ -1,0 +1,35 @@
+"""Draw the model over the photo at a pose."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from poseviewer.cli.options import add_files, add_settings, option
+from poseviewer.cli.terminal import require_writable
+from poseviewer.errors import PhotoFileError
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer overlay``."""
+    add_files(parser, "where to draw it")
+    option(parser, "--out OVERLAY.png", kind=Path, required=True)
+    add_look(parser)
+    add_settings(parser)
+
+
+def add_look(parser: ArgumentParser, text: str | None = None) -> None:
+    """How the model is drawn; ``text`` helps."""
+    from poseviewer.render.overlay.looks import LOOKS
+
+    option(parser, "--look", text, choices=LOOKS, default="outline")
+
+
+def run(options: Namespace) -> int:
+    """Write the picture."""
+    require_writable(options.out, PhotoFileError)
+    from poseviewer.cli.case import open_case
+
+    open_case(options).start.draw(options.out, options.look)
+    print(f"overlay: {options.out}")
+    return 0

@@ -1,0 +1,28 @@
+"""Open the app on a batch's folder of results: next, previous, accept, mend."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from poseviewer.cli.options import add_server, option
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options of ``poseviewer review``."""
+    option(parser, "folder FOLDER", kind=Path)
+    add_server(parser)
+
+
+def run(options: Namespace) -> int:
+    """Serve the app until it is interrupted."""
+    from poseviewer.app.serving import serve_review
+
+    serve_review(
+        options.folder,
+        host=options.host,
+        port=options.port,
+        browser=not options.no_browser,
+        tell=lambda line: print(line, flush=True),
+    )
+    return 0

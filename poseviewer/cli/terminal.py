@@ -1,0 +1,73 @@
+"""What the terminal shows while a command runs, and what is checked before its work."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from poseviewer.errors import PoseFileError, PoseViewerError
+
+
+def tell(text: str) -> None:
+    """Print a line on standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def ignore(text: str) -> None:
+    """In place of ``tell``, with ``--quiet``."""
+
+
+def tell_of_compiling() -> None:
+    """Say that the first run on a machine compiles."""
+    from poseviewer.render.software.compiled import kernels_are_compiled
+
+    if not kernels_are_compiled():
+        tell("Compiling the kernels for this machine: about half a minute, this once.")
+
+
+def progress_bar(total: int | None, quiet: bool) -> tqdm:
+    """A progress bar on standard error, for what takes longer than a second."""
+    shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
+    if total is not None:
+        shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
+    # A log file wants a line now and then, not ten a second.
+    interval = 0.1 if sys.stderr.isatty() else 5.0
+    return tqdm(
+        total=total,
+        bar_format=shape,
+        delay=1.0,
+        mininterval=interval,
+        disable=quiet,
+        leave=False,
+    )
+
+
+def require_writable(path: Path, error: type[PoseViewerError]) -> None:
+    """Refuse a file that cannot be written, before the work and not after it.
+
+    Raises:
+        error: its folder is missing or not to be written to, or it is a folder.
+    """
+    if not path.parent.is_dir():
+        raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
+    if path.is_dir():
+        raise error(f"{path}: is a folder; name a file in it")
+    if not os.access(path.parent, os.W_OK):
+        raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
+
+
+def make_folder(path: Path, *, parents: bool = True) -> None:
+    """Make a folder for results where there is none.
+
+    Raises:
+        PoseFileError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=parents, exist_ok=True)
+    except OSError as error:
+        raise PoseFileError(
+            f"{path}: cannot be made ({error.strerror}); name a folder of yours"
+        ) from None
