@@ -381,7 +381,7 @@ def test_the_app_wants_a_model_with_a_photo(capsys: pytest.CaptureFixture[str]):
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_every_command_is_listed_and_describes_itself(command, capsys):
-    assert f"    {command} " in cli.make_parser().format_help()
+    assert f"\n    {command}" in cli.make_parser().format_help()
     with pytest.raises(SystemExit) as ended:
         cli.parse([command, "--help"])
     assert ended.value.code == 0
