@@ -15,7 +15,8 @@ Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,14 @@ from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.files.camera.calibration import Calibration
 from poseviewer.files.photo.calibrated import photo_text
 from poseviewer.files.photo.load import load_mask, save_image
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.pose.file import (
+    ChartParameters,
+    ModelReference,
+    PhotoReference,
+    PoseRecord,
+    RecordedVerdict,
+    save_pose,
+)
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.problem import (
@@ -71,17 +79,6 @@ __all__ = [
     "load",
 ]
 
-
-from dataclasses import asdict
-from importlib.metadata import version
-
-from poseviewer.files.pose.file import (
-    ChartParameters,
-    ModelReference,
-    PhotoReference,
-    RecordedVerdict,
-)
-
 Watch = Callable[[FitProgress], Any]
 Find = Callable[[StartInputs], Start]
 
@@ -104,28 +101,30 @@ def load(
 
     Args:
         photo: JPEG, PNG, TIFF, WebP or BMP file.
-        model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or one that is loaded
-            (``registration.load_model``), for many photos of one thing.
-        start: a pose file, or a pose; or ``"auto"``: one is looked for, which takes some seconds;
-            or what finds one on the photo: ``quick_start.start_from_pairs`` and its like.
+        model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or a loaded one
+            (``starts.registration.load_model``), for many photos of one thing.
+        start: a pose file or a pose; ``"auto"``: searched for, which takes some seconds; or a
+            function that finds one, such as ``starts.point_pairs.start_from_pairs``.
         settings: what is compared and how.
-        calibration: of the camera and its lens: a file, or a choice among the cameras of one
-            (``files.calibration_file.Calibration``); a photo that the lens distorts is
-            undistorted.
-        box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; without
-            one, the settings' region, or the whole photo.
-        camera: for ``"auto"``: what is known of it; by default EXIF's focal length, or a view of 50
+        calibration: the camera and its lens: a file, or a choice among the cameras of one
+            (``files.camera.calibration.Calibration``); a distorted photo is undistorted.
+        box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; default:
+            the settings' region, or the whole photo.
+        camera: for ``"auto"``: what is known of it; default: EXIF's focal length, or a view of 50
             degrees.
         mask: a picture of the photo's size whose white pixels count.
-        watch: for ``"auto"``: called after every evaluation of the fits that it makes; whatever it
-            raises ends them.
-        renderer: one of the same model, to be used again; by default one is made.
+        watch: for ``"auto"``: called after every evaluation; what it raises ends the search.
+        renderer: one of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
 
     Raises:
         PoseViewerError: a file cannot be used, or the settings do not go with it.
     """
-    chosen = _changed(settings or FitSettings(), changes)
+    unknown = sorted(set(changes) - set(FitSettings.__slots__))
+    if unknown:
+        known = ", ".join(FitSettings.__slots__)
+        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
+    chosen = replace(settings or FitSettings(), **changes)
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
     if box is not None and (start != AUTOMATIC or len(box) != 4):
@@ -139,7 +138,7 @@ def load(
     if isinstance(start, str | Path):
         registration = load_registration(photo, model, start, calibration)
     else:
-        find = _at(start) if isinstance(start, Pose) else start
+        find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
         registration = load_with_start(Path(photo), unplaced, find, calibration)
     weights = None
@@ -147,10 +146,6 @@ def load(
         weights = load_mask(mask, registration.photo.width, registration.photo.height)
         chosen = replace(chosen, mask=Path(mask).name)
     return make_case(registration, chosen, weights, renderer)
-
-
-def _at(pose: Pose) -> Find:
-    return lambda _: Start(pose, ())
 
 
 def make_case(
@@ -161,11 +156,7 @@ def make_case(
 ) -> Case:
     """As ``load``, of a photo, a model and a start that are open already.
 
-    Args:
-        registration: what is open.
-        settings: what is compared and how.
-        weights: (height, width): how much each pixel of the photo counts; by default all alike.
-        renderer: one of the model; by default one is made.
+    ``weights`` (height, width) say how much each pixel of the photo counts.
 
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the start.
@@ -173,10 +164,8 @@ def make_case(
     problem, note = make_problem(registration, settings, weights)
     if renderer is None:
         renderer = make_renderer(registration.mesh, settings.renderer)
-    notes = [*registration.warnings]
-    if note:
-        notes.append(f"the free-body chart is used: {note}.")
-    return Case(registration, settings, problem, renderer, tuple(notes))
+    more = (f"the free-body chart is used: {note}.",) if note else ()
+    return Case(registration, settings, problem, renderer, (*registration.warnings, *more))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,25 +182,23 @@ class Case:
 
     @property
     def start(self) -> FitResult:
-        """The start pose, as if it had been found: to be drawn, mapped, saved."""
+        """The start pose, to be drawn, mapped, saved."""
         return self.at(self.registration.start)
 
     def at(self, pose: Pose) -> FitResult:
-        """The same of any pose."""
+        """Any pose, to be drawn, mapped, saved."""
         return FitResult(self, pose)
 
     def prepare(self) -> None:
-        """Make the models of fewer triangles that a search begins with. They are kept for other
-        cases of the model; without this the first search makes them, which takes a second or two.
+        """Make the coarser models that a search begins with, so that the first search of the model
+        does not have to: a second or two.
         """
         stages_of(self.problem, self.renderer, self.registration.start)
 
     def search(self, *, threads: int = 1) -> Iterator[FitProgress]:
         """The search from the start as it goes: the best pose so far after every evaluation, and
-        at last the one that it ends in, with the verdict. To stop it, stop asking.
-
-        With more ``threads`` the same search takes less time, where poses can be judged side by
-        side.
+        at last the end with the verdict. To stop it, stop asking. More ``threads`` give the same
+        poses in less time.
         """
         return judged_fit(self.problem, self.registration.mesh, self.renderer, judge_end, threads)
 
@@ -226,9 +213,8 @@ class Case:
     ) -> FitResult:
         """Search from the start to the end, or to a limit (default: the settings' own).
 
-        ``watch`` is called with a ``FitProgress`` after every evaluation; whatever it raises ends
-        the search. ``threads`` are those of ``search``. ``interruptible``: Ctrl-C ends it, and the
-        best pose so far is kept.
+        ``watch`` is called with a ``FitProgress`` after every evaluation; what it raises ends the
+        search. ``interruptible``: Ctrl-C ends it, and the best pose so far is kept.
         """
         limits = self.problem.limits
         limits = Limits(
@@ -253,12 +239,12 @@ class Case:
     def slices(
         self, pose: Pose, *, half_width: float = 0.2, size: int = 41, pool: RendererPool
     ) -> Iterator[Slice]:
-        """The loss about ``pose`` for every two free numbers, as it becomes known: coarse to fine,
-        a pair's slice after every row of it. To stop, stop asking.
+        """The loss about ``pose`` for every two free parameters, coarse to fine: a pair's slice
+        after every row of it. To stop, stop asking.
 
         Raises:
-            SettingsError: ``size`` is no odd number from 3 on, or ``half_width`` not above 0; or
-                there are no two free numbers.
+            SettingsError: ``size`` is no odd number from 3 on, ``half_width`` is not above 0, or
+                fewer than two parameters are free.
         """
         centre = self.problem.chart.from_pose(pose)
         return landscape(self.problem, pool, centre, half_width=half_width, size=size)
@@ -281,18 +267,18 @@ class FitResult:
     pose: Pose
     progress: FitProgress | None = None
     """How the search ended; None for a pose that was not searched for."""
-    weighed: float | None = None
+    known_loss: float | None = None
     """Its loss, where that is known without a search."""
 
     @property
     def loss(self) -> float:
-        """From 0 on, where some lighting explains the photo; of a pose that was not searched for,
-        and not weighed before, it is an evaluation.
+        """0 where some lighting explains the photo, and above; takes an evaluation where it is not
+        yet known.
         """
         if self.progress is not None:
             return self.progress.loss
-        if self.weighed is not None:
-            return self.weighed
+        if self.known_loss is not None:
+            return self.known_loss
         problem = self.case.problem
         return pose_loss(problem, self.case.renderer, problem.chart.from_pose(self.pose))
 
@@ -314,9 +300,25 @@ class FitResult:
     @property
     def record(self) -> PoseRecord:
         """All that the pose file says."""
-        case = self.case
-        return make_record(
-            case.registration, case.settings, case.problem, self.pose, self.loss, self.verdict
+        case, verdict = self.case, None
+        photo, mesh, chart = case.registration.photo, case.registration.mesh, case.problem.chart
+        if self.verdict is not None:
+            features = {} if self.verdict.features is None else asdict(self.verdict.features)
+            features.pop("weak", None)
+            verdict = RecordedVerdict(
+                self.verdict.word, self.verdict.probability, self.verdict.reasons, features
+            )
+        channels = case.problem.photo.channels.shape[2]
+        return PoseRecord(
+            self.pose,
+            PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
+            ModelReference(case.registration.mesh_name, case.registration.mesh_sha256, mesh.unit),
+            ChartParameters(chart.name, chart.names, tuple(chart.from_pose(self.pose).tolist())),
+            self.loss,
+            {**settings_as_json(case.settings), "photo_channels": channels},
+            {"name": "poseviewer", "version": version("poseviewer")},
+            photo.undistortion,
+            verdict,
         )
 
     def save(self, path: str | Path) -> None:
@@ -363,7 +365,7 @@ class FitResult:
         size: int = 41,
         watch: Callable[[int, int], object] | None = None,
     ) -> LossMaps:
-        """The loss about the pose for every two free numbers, on all cores.
+        """The loss about the pose for every two free parameters, on all cores.
 
         ``watch`` is called with how many points are done, and of how many.
 
@@ -379,42 +381,3 @@ class FitResult:
                 if watch is not None:
                     watch(sum(int(np.isfinite(s.losses).sum()) for s in newest.values()), total)
         return self.case.maps(self.pose, newest.values(), half_width)
-
-
-def _changed(settings: FitSettings, changes: dict[str, Any]) -> FitSettings:
-    unknown = sorted(set(changes) - set(FitSettings.__slots__))
-    if unknown:
-        names = ", ".join(FitSettings.__slots__)
-        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {names}")
-    return replace(settings, **changes)
-
-
-def make_record(
-    registration: Registration,
-    settings: FitSettings,
-    problem: FitProblem,
-    pose: Pose,
-    loss: float,
-    verdict: Verdict | None = None,
-) -> PoseRecord:
-    """All that the pose file of a fit says."""
-    photo, chart = registration.photo, problem.chart
-    parameters = tuple(float(number) for number in chart.from_pose(pose))
-    return PoseRecord(
-        pose,
-        PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
-        ModelReference(registration.mesh_name, registration.mesh_sha256, registration.mesh.unit),
-        ChartParameters(chart.name, chart.names, parameters),
-        loss,
-        {**settings_as_json(settings), "photo_channels": problem.photo.channels.shape[2]},
-        {"name": "poseviewer", "version": version("poseviewer")},
-        photo.undistortion,
-        None if verdict is None else as_recorded(verdict),
-    )
-
-
-def as_recorded(verdict: Verdict) -> RecordedVerdict:
-    """The verdict as a pose file says it."""
-    features = {} if verdict.features is None else asdict(verdict.features)
-    parameters = {name: value for name, value in features.items() if name != "weak"}
-    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, parameters)

@@ -39,7 +39,7 @@ def record_of(session: Session, renderer: SoftwareRenderer) -> PoseRecord:
         case = case_at(document.registration, document.pose, document.settings, renderer)
     except PoseViewerError:
         return _plain_record(session)  # a pose where nothing can be compared is a pose, too
-    return FitResult(case, document.pose, weighed=overlay.loss).record
+    return FitResult(case, document.pose, known_loss=overlay.loss).record
 
 
 def _plain_record(session: Session) -> PoseRecord:
