@@ -1,6 +1,6 @@
 """A batch's rows in the app, one after the other; keeps what is unsaved instead of the autosaver.
 
-All but ``open_beside``, which the tasks' thread runs, is the main loop's.
+All but ``open_row``, which the tasks' thread runs, is the main loop's.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Annotate, Request, Review, SavePose, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import PERIOD_S
-from poseviewer.app.workers.jobs import case_at
+from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
@@ -26,7 +27,6 @@ from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_model, load_registration
 
 MODELS_KEPT = 4
@@ -62,8 +62,7 @@ class Reviewer:
         self._found: Pose | None = None
         self._kept: Document | None = None
         self._next = time.monotonic() + PERIOD_S
-        self._models: dict[tuple[Path, int], tuple[LoadedModel, SoftwareRenderer]] = {}
-        self._gatherer: Worker[None] = Worker("gatherer")
+        self._reporter: Worker[None] = Worker("review report")
         self._stale = True
         self._trouble = ""
 
@@ -83,7 +82,7 @@ class Reviewer:
         """Keep what is being mended every few seconds; bring table and report up to date."""
         if time.monotonic() >= self._next:
             self.save_now(session)
-        self._gather()
+        self._report()
 
     def save_now(self, session: Session) -> None:
         """Keep the pose at hand as a draft, where it is not the row's own."""
@@ -108,7 +107,7 @@ class Reviewer:
     def close(self, session: Session) -> None:
         """At a clean end: keep the draft, and finish table and report."""
         self.save_now(session)
-        self._gatherer.close()
+        self._reporter.close()
         try:
             r.save_reviewed(self._queue)
         except PoseViewerError as error:
@@ -141,9 +140,7 @@ class Reviewer:
             isinstance(request, Upload) and request.kind != "pose"
         )
 
-    def task_for(
-        self, request: Request, session: Session, renderer: SoftwareRenderer, record: PoseRecord
-    ) -> Task | None:
+    def task_for(self, request: Request, session: Session, record: PoseRecord) -> Task | None:
         """What a request asks for; None where it is done at once. ``record`` is of the session.
 
         Raises:
@@ -168,7 +165,7 @@ class Reviewer:
         if not self.mended(session):
             result = r.accept(self._queue, self.row)
             return self.finish(Reviewed(self.row, result, leave), session)
-        return self._accepting(session, renderer, record, leave)
+        return self._accepting(session, record, leave)
 
     def step(self, by: int, session: Session) -> Task:
         """To the next row, or the one before; what was being mended is kept as a draft.
@@ -184,7 +181,7 @@ class Reviewer:
                 f"{self._queue.accepted} are accepted."
             )
         self._wanted = wanted
-        return lambda *_: self.open_beside(wanted, by)
+        return lambda _: self.open_row(wanted, by)
 
     def finish(self, done: Reviewed, session: Session) -> Task | None:
         """Take what was kept of a row; gives the way to the next one not accepted, if wanted."""
@@ -210,7 +207,7 @@ class Reviewer:
         """No row could be opened where one was wanted."""
         self._wanted = self._at
 
-    def open_beside(self, index: int, step: int) -> Iterator[Opened]:
+    def open_row(self, index: int, step: int) -> Iterator[Opened]:
         """Open a row; one whose files cannot be used is skipped, with a word.
 
         Raises:
@@ -236,7 +233,7 @@ class Reviewer:
 
     def _open(self, row: r.ReviewRow) -> Opened:
         job = row.job
-        model, renderer = self._model(job.path(job.model))
+        model = _model(job.path(job.model))
         photo, start = job.path(job.photo), self._queue.start(row)
         try:
             registration = load_registration(photo, model, start)
@@ -258,33 +255,17 @@ class Reviewer:
             shown = registration.photo
             pose = load_pose(draft, shown.width, shown.height).pose
             document = replace(document, pose=pose)
-        return Opened(document, renderer, registration.warnings, row=job.key,
-                      restored=draft.is_file())  # fmt: skip
+        restored, warnings = draft.is_file(), registration.warnings
+        return Opened(document, warnings, row=job.key, restored=restored)
 
-    def _model(self, path: Path) -> tuple[LoadedModel, SoftwareRenderer]:
-        """A model and its renderer, once for the rows that share it."""
-        try:
-            key = path, path.stat().st_mtime_ns
-        except OSError:
-            key = path, 0  # the reader says what is wrong
-        if key not in self._models:
-            model = load_model(path)
-            while len(self._models) >= MODELS_KEPT:
-                self._models.pop(next(iter(self._models)))
-            self._models[key] = model, SoftwareRenderer(model.mesh)
-        return self._models[key]
-
-    def _accepting(
-        self, session: Session, renderer: SoftwareRenderer, record: PoseRecord, leave: bool
-    ) -> Task:
+    def _accepting(self, session: Session, record: PoseRecord, leave: bool) -> Task:
         """Draw and keep the pose at hand, away from the main loop."""
         queue, row, document = self._queue, self.row, session.document
-        brush = renderer.clone()
+        renderer = renderer_of(document.registration.mesh).clone()
 
-        def run(*_: object) -> Iterator[Reviewed]:
-            case = case_at(document.registration, record.pose, document.settings, brush)
-            picture = case.start.picture()
-            result = r.accept_mended(queue, row, record, picture)
+        def run(_: Session) -> Iterator[Reviewed]:
+            case = case_at(document.registration, record.pose, document.settings, renderer)
+            result = r.accept_mended(queue, row, record, case.start.picture())
             yield Reviewed(row, result, leave, record.pose)
 
         return run
@@ -293,18 +274,34 @@ class Reviewer:
         self._queue = self._queue.renewed(row, result)
         self._stale = True
 
-    def _gather(self) -> None:
+    def _report(self) -> None:
         """Write table and report anew, in a thread, when something has changed."""
-        latest = self._gatherer.take()
+        latest = self._reporter.take()
         if latest is not None and latest.finished:
             self._trouble = "" if latest.error is None else str(latest.error)
-        if self._stale and not self._gatherer.busy:
+        if self._stale and not self._reporter.busy:
             self._stale = False
             queue = self._queue
-            self._gatherer.start(lambda: _gathered(queue))
+            self._reporter.start(lambda: _reported(queue))
 
 
-def _gathered(queue: r.ReviewQueue) -> Iterator[None]:
+def _model(path: Path) -> LoadedModel:
+    """A model, with its renderer made, once for the rows that share it."""
+    try:
+        return _model_as_of(path, path.stat().st_mtime_ns)
+    except OSError:
+        return _model_as_of(path, 0)  # the reader says what is wrong
+
+
+@lru_cache(maxsize=MODELS_KEPT)
+def _model_as_of(path: Path, changed_ns: int) -> LoadedModel:
+    del changed_ns
+    model = load_model(path)
+    renderer_of(model.mesh)
+    return model
+
+
+def _reported(queue: r.ReviewQueue) -> Iterator[None]:
     r.save_reviewed(queue)
     yield None
 

@@ -47,7 +47,7 @@ def serve_review(
         PoseViewerError: the folder holds no batch, no row can be opened, or the address is taken.
     """
     review = Reviewer(folder)
-    opened = next(review.open_beside(0, 1))
+    opened = next(review.open_row(0, 1))
     review.opened(opened)
     _serve(opened, review, host=host, port=port, browser=browser, tell=tell)
 

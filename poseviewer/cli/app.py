@@ -33,7 +33,7 @@ def run(options: Namespace) -> int:
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
-    from poseviewer.app.workers.worker import beside
+    from poseviewer.app.workers.worker import in_background
     from poseviewer.files.demo import demo_case
     from poseviewer.files.state.last_pose import last_pose
     from poseviewer.render.software.compiled import compile_kernels, compile_rasteriser
@@ -45,7 +45,7 @@ def run(options: Namespace) -> int:
         pose = last_pose()
     tell_of_compiling()
     compile_kernels()
-    beside(compile_rasteriser)  # by now it only loads them, while the app is imported
+    in_background(compile_rasteriser)  # by now it only loads them, while the app is imported
     from poseviewer.app.serving import serve_app
 
     serve_app(

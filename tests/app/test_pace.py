@@ -46,7 +46,7 @@ def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
 
     app = running.app
     with running.page() as page:
-        app._painter.start(slow)  # pyright: ignore[reportArgumentType]
+        app._overlay._quick.start(slow)  # pyright: ignore[reportArgumentType]
         app._mailbox.notify()
         page.wait_until(lambda: app._mapper._held)
         go_on.set()
@@ -54,17 +54,17 @@ def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
         page.wait_until(lambda: page.maps() == 15)
 
 
-def test_a_search_is_left_to_weigh_its_poses_itself(
+def test_a_search_is_left_to_find_the_losses_of_its_poses(
     running: RunningApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     app = running.app
-    weigh, during = app._weigh, []
+    find_loss, during = app._overlay._find_loss, []
 
     def noting(request: OverlayRequest) -> None:
         during.append(app.session.searching)
-        weigh(request)
+        find_loss(request)
 
-    monkeypatch.setattr(app, "_weigh", noting)
+    monkeypatch.setattr(app._overlay, "_find_loss", noting)
     with running.page() as page:
         page.key("Space")
         page.wait_until(lambda: page.text_with("Converged"))

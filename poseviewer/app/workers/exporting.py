@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import FitResult
+from poseviewer.api import Case, FitResult
 from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import case_at
+from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.photo.calibrated import photo_text
 from poseviewer.files.photo.picture_text import described
@@ -24,19 +24,18 @@ from poseviewer.files.pose.file import (
     record_as_json,
 )
 from poseviewer.fit.settings import settings_as_json
-from poseviewer.render.software.renderer import SoftwareRenderer
 
 
-def record_of(session: Session, renderer: SoftwareRenderer) -> PoseRecord:
+def record_of(session: Session) -> PoseRecord:
     """All that the pose file of the session says."""
     document, search, overlay = session.document, session.search, session.overlay
     if search is not None and search.latest is not None:
         return FitResult(search.latest.case, document.pose, search.latest.progress).record
-    is_weighed = overlay is not None and overlay.loss_is_current and overlay.loss is not None
-    if overlay is None or not is_weighed or overlay.request.pose is not document.pose:
+    known = overlay is not None and overlay.loss_is_current and overlay.loss is not None
+    if overlay is None or not known or overlay.request.pose is not document.pose:
         return _plain_record(session)
     try:
-        case = case_at(document.registration, document.pose, document.settings, renderer)
+        case = _case_of(session)
     except PoseViewerError:
         return _plain_record(session)  # a pose where nothing can be compared is a pose, too
     return FitResult(case, document.pose, known_loss=overlay.loss).record
@@ -58,7 +57,7 @@ def _plain_record(session: Session) -> PoseRecord:
     )
 
 
-def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[str, bytes]:
+def export(what: Export, session: Session) -> tuple[str, bytes]:
     """A file's name and content.
 
     Raises:
@@ -67,21 +66,26 @@ def export(what: Export, session: Session, renderer: SoftwareRenderer) -> tuple[
     photo = session.document.registration.photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
-        record = record_as_json(record_of(session, renderer))
+        record = record_as_json(record_of(session))
         text = json.dumps(record, indent=2, ensure_ascii=False)
         return f"{stem}.pose.json", (text + "\n").encode()
     if what == "overlay":
-        return f"{stem}.overlay.png", _overlay(session, renderer)
+        return f"{stem}.overlay.png", _overlay(session)
     if session.landscape is None or not session.landscape.slices:
         raise SettingsError("there are no maps yet; wait for the first ones")
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
     return f"{stem}.landscape.{kind}", session.landscape.maps.as_bytes(kind)
 
 
-def _overlay(session: Session, renderer: SoftwareRenderer) -> bytes:
+def _overlay(session: Session) -> bytes:
     """The photo, in its own size, with the model in the look that is shown; PNG."""
-    document, look = session.document, session.look
-    case = case_at(document.registration, document.pose, document.settings, renderer)
-    picture = case.start.picture(look.name, opacity=look.opacity)
+    look = session.look
+    picture = _case_of(session).start.picture(look.name, opacity=look.opacity)
     data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
-    return described(data, photo_text(document.registration.photo))
+    return described(data, photo_text(session.document.registration.photo))
+
+
+def _case_of(session: Session) -> Case:
+    document = session.document
+    renderer = renderer_of(document.registration.mesh).clone()
+    return case_at(document.registration, document.pose, document.settings, renderer)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel, Candidates
 from poseviewer.app.state.document import Document, Marks
+from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera.calibration import Calibration
 from poseviewer.files.photo.calibrated import (
@@ -23,17 +24,16 @@ from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_from_json
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.photo import Photo
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.placing import look_from
 from poseviewer.starts.registration import load_model, load_registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opened:
-    """A document that is ready, and the renderer of its model."""
+    """A document that is ready; its model has a renderer (see ``renderer_of``)."""
 
     document: Document
-    renderer: SoftwareRenderer
     warnings: tuple[str, ...]
     pose_alone: bool = False
     """A pose file was read; photo and model are the ones at hand."""
@@ -61,14 +61,15 @@ def open_files(
     if pose is not None:
         registration = load_registration(photo, model, pose, calibration)
     else:
-        registration = _unplaced(load_calibrated_photo(photo, calibration), model)
+        registration = _without_pose(load_calibrated_photo(photo, calibration), model)
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
+    renderer_of(registration.mesh)  # made now, and not when the main loop waits for it
     candidates, warnings = Candidates(), registration.warnings
     for path in others:
         candidate, notes = open_candidate(path, path.name)
         candidates = candidates.with_model_of(document).with_candidate(candidate)
         warnings = (*warnings, *notes)
-    return Opened(document, SoftwareRenderer(registration.mesh), warnings, candidates=candidates)
+    return Opened(document, warnings, candidates=candidates)
 
 
 def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ...]]:
@@ -82,9 +83,7 @@ def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ..
     return CandidateModel(model, path), notes
 
 
-def open_photo(
-    now: Document, renderer: SoftwareRenderer, path: Path, name: str
-) -> Iterator[Opened]:
+def open_photo(now: Document, path: Path, name: str) -> Iterator[Opened]:
     """Another photo under the model at hand, which keeps its view.
 
     Raises:
@@ -92,19 +91,10 @@ def open_photo(
     """
     photo = replace(load_photo(path), name=name)
     camera = photo.default_camera()
-    placed = look_from("three-quarter", now.registration.mesh, now.registration.keypoints, camera)
-    turned = replace(
-        placed,
-        camera_from_model=replace(
-            placed.camera_from_model,
-            rotation=now.pose.camera_from_model.rotation,
-        ),
-    )
-    centre = now.registration.mesh.centre
-    shift = placed.camera_from_model.apply(centre) - turned.camera_from_model.apply(centre)
-    transform = turned.camera_from_model
-    transform = replace(transform, translation=transform.translation + shift)
-    pose = Pose(camera, transform)
+    mesh, rotation = now.registration.mesh, now.pose.camera_from_model.rotation
+    placed = look_from("three-quarter", mesh, now.registration.keypoints, camera).camera_from_model
+    middle = placed.apply(mesh.centre)
+    pose = Pose(camera, RigidTransform(rotation, middle - rotation @ mesh.centre))
     registration = replace(now.registration, photo=photo, start=pose, warnings=())
     settings = replace(now.settings, region=None)
     document = replace(
@@ -113,7 +103,7 @@ def open_photo(
     warnings = [f"{photo.name}: {note}" for note in photo.notes]
     if now.registration.photo.undistortion is not None:
         warnings.append(f"{photo.name}: shown as taken, with its distortion; restart to calibrate.")
-    yield Opened(document, renderer, tuple(warnings))
+    yield Opened(document, tuple(warnings))
 
 
 def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
@@ -122,14 +112,15 @@ def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
     Raises:
         PoseViewerError: the model cannot be used.
     """
-    registration = _unplaced(now.registration.photo, path, now.pose)
+    registration = _without_pose(now.registration.photo, path, now.pose)
     registration = replace(registration, mesh_name=name)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
     document = Document(registration, registration.start, settings, (), now.photo_path, path)
-    yield Opened(document, SoftwareRenderer(registration.mesh), registration.warnings)
+    renderer_of(registration.mesh)
+    yield Opened(document, registration.warnings)
 
 
-def open_pose(now: Document, renderer: SoftwareRenderer, path: Path) -> Iterator[Opened]:
+def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     """A pose file for the photo and the model at hand: the start from now on.
 
     Raises:
@@ -145,7 +136,7 @@ def open_pose(now: Document, renderer: SoftwareRenderer, path: Path) -> Iterator
     same = photo is now.registration.photo
     now = replace(now, registration=replace(now.registration, photo=photo))
     document = now.started_from(record.pose)
-    yield Opened(document, renderer, (*record.warnings, *checks, *notes), pose_alone=same)
+    yield Opened(document, (*record.warnings, *checks, *notes), pose_alone=same)
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
@@ -178,19 +169,11 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     yield replace(opened, document=document, restored=True)
 
 
-def _unplaced(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
+def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
     loaded = load_model(model)
     mesh, keypoints = loaded.mesh, loaded.keypoints
     camera = photo.default_camera() if seen is None else seen.camera
     pose = look_from("three-quarter", mesh, keypoints, camera)
     notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
     notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
-    return Registration(
-        photo,
-        mesh,
-        loaded.name,
-        loaded.sha256,
-        keypoints,
-        pose,
-        notes,
-    )
+    return Registration(photo, mesh, loaded.name, loaded.sha256, keypoints, pose, notes)

@@ -10,23 +10,21 @@ from pathlib import Path
 from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
 from poseviewer.app.state.requests import Download, Upload
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     Opened,
     open_candidate,
     open_model,
     open_photo,
     open_pose,
-    restore,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
 from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import PoseViewerError, QuickStartError
-from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.last_pose import last_pose
 from poseviewer.files.state.uploads import display_name, keep_upload
 from poseviewer.geometry.camera import Pose
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import StartInputs
 from poseviewer.starts.wheels import find_wheels
 
@@ -62,17 +60,8 @@ class Found:
 
 
 Result = Opened | Exported | Found | Reviewed
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Done:
-    """A task that has ended, one way or the other."""
-
-    result: Result | None
-    error: Exception | None = None
-
-
-Task = Callable[[Session, SoftwareRenderer], Iterator[Result]]
+Task = Callable[[Session], Iterator[Result]]
+"""Work on what is open when it begins."""
 
 
 class Tasks:
@@ -81,81 +70,54 @@ class Tasks:
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
         self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
-        self._uploads = state / "uploads"
         self._waiting: deque[Task] = deque()
-
-    def add_upload(self, upload: Upload) -> None:
-        """Keep an uploaded file, and open it on what is open by then."""
-
-        def run(session: Session, renderer: SoftwareRenderer) -> Iterator[Opened | Found]:
-            path = keep_upload(
-                self._uploads, upload.name, upload.data, upload.kind, in_use=session.paths
-            )
-            now, name = session.document, display_name(upload.name)
-            if upload.kind == "photo":
-                opened = open_photo(now, renderer, path, name)
-            elif upload.beside:
-                opened = _candidate(path, name)
-            elif upload.kind == "model":
-                opened = open_model(now, path, name)
-            else:
-                opened = open_pose(now, renderer, path)
-            return _under_its_name(opened, path.name, name)
-
-        self._waiting.append(run)
 
     def add(self, task: Task | None) -> None:
         """Do a task (None: nothing) when those before it are done."""
         if task is not None:
             self._waiting.append(task)
 
+    def add_upload(self, upload: Upload) -> None:
+        """Keep an uploaded file, and open it on what is open by then."""
+
+        def run(session: Session) -> Iterator[Opened | Found]:
+            folder = self._state / "uploads"
+            path = keep_upload(folder, upload.name, upload.data, upload.kind, in_use=session.paths)
+            now, name = session.document, display_name(upload.name)
+            if upload.kind == "photo":
+                opened = open_photo(now, path, name)
+            elif upload.beside:
+                opened = _add_candidate(path, name)
+            elif upload.kind == "model":
+                opened = open_model(now, path, name)
+            else:
+                opened = open_pose(now, path)
+            return _under_its_name(opened, path.name, name)
+
+        self.add(run)
+
     def add_last_pose(self) -> None:
         """Open the pose that was saved last, as a start on what is open by then."""
-        self.add(lambda now, renderer: open_pose(now.document, renderer, last_pose(self._state)))
+        self.add(lambda now: open_pose(now.document, last_pose(self._state)))
 
-    def add_restore(self, kept: AutosavedSession) -> None:
-        """Open what an earlier session left."""
-        self._waiting.append(lambda *_: restore(kept))
+    def add_export(self, request: Download, session: Session) -> None:
+        """Make a file of the session for a page."""
 
-    def add_export(self, request: Download, make: Callable[[], tuple[str, bytes]]) -> None:
-        """Make a file for a page."""
+        def run(_: Session) -> Iterator[Exported]:
+            yield Exported(request.client, *export(request.what, session))
 
-        def run(*_: object) -> Iterator[Exported]:
-            name, content = make()
-            yield Exported(request.client, name, content)
+        self.add(run)
 
-        self._waiting.append(run)
+    def collect(self) -> tuple[Result | None, Exception | None] | None:
+        """How a task has ended since the last time: its result, or why there is none."""
+        update = self._worker.take()
+        return None if update is None or not update.finished else (update.item, update.error)
 
-    def add_wheels(self) -> None:
-        """Look for wheels in the region that is drawn by then, for the camera at hand."""
-
-        def run(session: Session, _: SoftwareRenderer) -> Iterator[Found]:
-            document = session.document
-            registration, region = document.registration, document.settings.region
-            if region is None:
-                raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-            material = StartInputs(registration.photo, registration.mesh, registration.keypoints)
-            photo, camera = registration.photo, document.pose.camera
-            is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
-            found = find_wheels(material, region, camera, is_guess)
-            wheels = found.wheels
-            laid = LayWheels(registration, wheels.rear, wheels.front, found.fit.pose)
-            yield Found((SetTool("wheels"), laid))
-
-        self._waiting.append(run)
-
-    def collect(self) -> list[Done]:
-        """What has ended since the last time."""
-        latest = self._worker.take()
-        if latest is None or not latest.finished:
-            return []
-        return [Done(latest.item, latest.error)]
-
-    def start_next(self, now: Session, renderer: SoftwareRenderer) -> None:
+    def start_next(self, now: Session) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
         if self._waiting and not self._worker.busy:
             task = self._waiting.popleft()
-            self._worker.start(lambda: task(now, renderer))
+            self._worker.start(lambda: task(now))
 
     def close(self) -> None:
         """End the thread."""
@@ -163,8 +125,24 @@ class Tasks:
         self._worker.close()
 
 
-def _candidate(path: Path, name: str) -> Iterator[Found]:
-    """A model for the line-up."""
+def find_wheels_in_region(session: Session) -> Iterator[Found]:
+    """Look for wheels in the region that is drawn, for the camera at hand.
+
+    Raises:
+        QuickStartError: there is no region, or there are no wheels in it.
+    """
+    document = session.document
+    own, region = document.registration, document.settings.region
+    if region is None:
+        raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
+    photo, camera = own.photo, document.pose.camera
+    is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
+    found = find_wheels(StartInputs(photo, own.mesh, own.keypoints), region, camera, is_guess)
+    laid = LayWheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
+    yield Found((SetTool("wheels"), laid))
+
+
+def _add_candidate(path: Path, name: str) -> Iterator[Found]:
     candidate, notes = open_candidate(path, name)
     yield Found((AddCandidate(candidate),), notes)
 

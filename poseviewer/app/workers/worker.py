@@ -13,11 +13,25 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+C = TypeVar("C")
+
+
+class Numbered(Protocol):
+    """What the session asks a worker for."""
+
+    @property
+    def number(self) -> int: ...  # noqa: D102
+
+    @property
+    def running(self) -> bool: ...  # noqa: D102
+
+
+A = TypeVar("A", bound=Numbered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +49,21 @@ class Mailbox(Generic[T]):
 
     def __init__(self) -> None:
         self._items: deque[T] = deque()
-        self._rings = threading.Event()
+        self._notified = threading.Event()
 
     def post(self, item: T) -> None:
         """Put an item in; from any thread, at once."""
         self._items.append(item)
-        self._rings.set()
+        self._notified.set()
 
     def notify(self) -> None:
         """Wake the reader without an item."""
-        self._rings.set()
+        self._notified.set()
 
     def take(self, timeout: float) -> list[T]:
-        """All items, at once if there are any; else after a ring, or ``timeout`` seconds."""
-        self._rings.wait(timeout)
-        self._rings.clear()
+        """All items, at once if there are any; else after ``notify``, or ``timeout`` seconds."""
+        self._notified.wait(timeout)
+        self._notified.clear()
         found = []
         while self._items:
             found.append(self._items.popleft())
@@ -85,7 +99,7 @@ class Worker(Generic[T]):
     def start(self, make: Callable[[], Iterator[T]]) -> int:
         """Run the iterator that ``make`` gives, in the worker's thread, instead of what runs.
 
-        Returns the ticket that its news bear.
+        Returns the ticket that its updates bear.
         """
         with self._change:
             self._wanted += 1
@@ -96,7 +110,7 @@ class Worker(Generic[T]):
             return self._wanted
 
     def stop(self) -> None:
-        """Let go of the job after the item it is at; its news are dropped."""
+        """Let go of the job after the item it is at; its updates are dropped."""
         with self._change:
             self._wanted += 1
             self._job, self._busy, self._latest = None, False, None
@@ -126,7 +140,7 @@ class Worker(Generic[T]):
 
     def _run(self) -> None:
         if self._low_priority:
-            yield_to_others()
+            lower_priority()
         while True:
             with self._change:
                 self._change.wait_for(lambda: self._closed or self._job is not None)
@@ -169,12 +183,39 @@ class Worker(Generic[T]):
         return True
 
 
-def beside(work: Callable[[], None]) -> None:
+class NumberedWorker(Worker[T]):
+    """A worker for what the session asks for by number: each number is begun once."""
+
+    def __init__(self, name: str, notify: Callable[[], None] | None = None) -> None:
+        super().__init__(name, notify)
+        self._number = 0
+
+    def follow(self, asked: A | None, make: Callable[[A], Iterator[T]]) -> None:
+        """Begin what is asked for and not begun yet; stop what is not asked for any more."""
+        if asked is None or not asked.running:
+            if self.busy:
+                self.stop()
+        elif asked.number != self._number:
+            self._number = asked.number
+            self.start(lambda: make(asked))
+
+    def take_as(
+        self, advanced: Callable[[int, T], C], failed: Callable[[int, str], C]
+    ) -> Iterator[C]:
+        """What is new since the last time, made from the number and the item, or the reason."""
+        update = self.take()
+        if update is not None and update.item is not None:
+            yield advanced(self._number, update.item)
+        if update is not None and update.error is not None:
+            yield failed(self._number, str(update.error))
+
+
+def in_background(work: Callable[[], None]) -> None:
     """Do something in a thread of its own that nobody waits for."""
-    threading.Thread(target=work, name="beside", daemon=True).start()
+    threading.Thread(target=work, name="background", daemon=True).start()
 
 
-def yield_to_others() -> None:
+def lower_priority() -> None:
     """Give this thread a lower priority: on Linux, threads have one of their own."""
     if hasattr(os, "setpriority") and os.uname().sysname == "Linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

@@ -11,7 +11,9 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import MOST_STEPS, Document
 from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import OverlayDrawer, case_at, maps, search
+from poseviewer.app.workers.jobs import case_at, search
+from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.problem import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
@@ -224,7 +226,7 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
     renderer = SoftwareRenderer(session.document.registration.mesh)
     others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
     now = session
-    for request in OverlayDrawer(renderer).paint(_request(session)):
+    for request in OverlayDrawer(renderer).draw(_request(session)):
         now = after(now, c.OverlayDrawn(request))
     for _ in range(500):
         command = random_command(random, now, updates, landscape, others)

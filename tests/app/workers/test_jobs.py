@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.session import OverlayRequest
-from poseviewer.app.workers.jobs import OverlayDrawer, case_at, maps, search
+from poseviewer.app.workers.jobs import case_at, search
+from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.landscape import free_pairs
 from poseviewer.fit.problem import fit_pose, make_problem, pose_loss
 from poseviewer.fit.registration import Registration
@@ -37,7 +39,7 @@ def request_of(registration, look="outline", **more) -> OverlayRequest:
 
 
 def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
-    quick, fine = OverlayDrawer(renderer).paint(request_of(registration))
+    quick, fine = OverlayDrawer(renderer).draw(request_of(registration))
     assert len(quick.outline) > 10
     assert quick.picture is None
     assert fine.picture is not None
@@ -56,36 +58,36 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
 
 
 def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
-    first, loss_is_current = OverlayDrawer(renderer).paint(request_of(registration, moving=True))
-    assert (first.loss_is_current, loss_is_current.loss_is_current) == (False, True)
-    assert loss_is_current.loss is not None
-    for overlay in (first, loss_is_current):
+    first, second = OverlayDrawer(renderer).draw(request_of(registration, moving=True))
+    assert (first.loss_is_current, second.loss_is_current) == (False, True)
+    assert second.loss is not None
+    for overlay in (first, second):
         assert overlay.picture is None
         assert len(overlay.outline) > 10
 
 
 def test_the_loss_is_that_of_the_search(registration, renderer):
     problem, _ = make_problem(registration, SETTINGS)
-    painter = OverlayDrawer(renderer)
+    drawer = OverlayDrawer(renderer)
     for shift in (0.0, 0.05, -0.1):
         parameters = problem.start + shift
         request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(parameters))
-        (overlay,) = painter.paint(request)
+        (overlay,) = drawer.draw(request)
         assert overlay.loss == pytest.approx(pose_loss(problem, renderer, parameters), rel=1e-12)
 
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(registration, renderer):
-    painter = OverlayDrawer(renderer)
+    drawer = OverlayDrawer(renderer)
     request = request_of(registration, "none")
 
     def loss(asked: OverlayRequest) -> float:
-        (overlay,) = painter.paint(asked)
+        (overlay,) = drawer.draw(asked)
         assert overlay.loss is not None
         return overlay.loss
 
     other = replace(request, settings=replace(SETTINGS, region=(40, 30, 80, 60)))
     for asked in (request, other, request):
-        fresh = OverlayDrawer(renderer).paint(asked)
+        fresh = OverlayDrawer(renderer).draw(asked)
         assert loss(asked) == next(iter(fresh)).loss
     assert loss(request) != loss(other)
 
@@ -93,7 +95,7 @@ def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(regis
 def test_why_there_is_no_loss_is_told(registration, renderer):
     settings = replace(SETTINGS, region=(0, 0, 2, 2))
     request = replace(request_of(registration), settings=settings)
-    for overlay in OverlayDrawer(renderer).paint(request):
+    for overlay in OverlayDrawer(renderer).draw(request):
         assert overlay.loss is None
         assert len(overlay.note) > 20
         assert len(overlay.outline) > 10
@@ -101,7 +103,7 @@ def test_why_there_is_no_loss_is_told(registration, renderer):
 
 @pytest.mark.parametrize("look", ["solid", "relit", "residual"])
 def test_pictures_cover_the_photo(registration, renderer, look):
-    (overlay,) = OverlayDrawer(renderer).paint(request_of(registration, look))
+    (overlay,) = OverlayDrawer(renderer).draw(request_of(registration, look))
     assert overlay.picture is not None
     assert overlay.picture.shape[:2] == (120, 160)
     assert overlay.place == (0.0, 0.0, 160.0, 120.0)

@@ -50,11 +50,11 @@ def test_with_a_calibration_the_undistorted_photo_is_open(
     np.testing.assert_array_equal(photo.pixels, wanted.pixels)
     assert opened.document.pose.camera == wanted.camera
     session = Session(opened.document)
-    assert record_of(session, opened.renderer).undistortion == photo.undistortion
-    name, content = export("overlay", session, opened.renderer)
+    assert record_of(session).undistortion == photo.undistortion
+    name, content = export("overlay", session)
     assert name == "p.undistorted.overlay.png"
     assert b"p.png, undistorted" in content
-    assert "distortion" in json.loads(export("pose", session, opened.renderer)[1])
+    assert "distortion" in json.loads(export("pose", session)[1])
 
 
 def test_a_pose_of_an_undistorted_photo_brings_that_photo(
@@ -62,14 +62,14 @@ def test_a_pose_of_an_undistorted_photo_brings_that_photo(
 ) -> None:
     first = open_files(scene.photo, scene.model, scene.start, calibration)
     wanted = first.document
-    save_pose(tmp_path / "pose.json", record_of(Session(wanted), first.renderer))
+    save_pose(tmp_path / "pose.json", record_of(Session(wanted)))
     plain = open_files(scene.photo, scene.model, scene.start)
-    (opened,) = open_pose(plain.document, plain.renderer, tmp_path / "pose.json")
+    (opened,) = open_pose(plain.document, tmp_path / "pose.json")
     assert not opened.pose_alone
     registration = opened.document.registration
     np.testing.assert_array_equal(registration.photo.pixels, wanted.registration.photo.pixels)
     # Once more: the photo is that one already.
-    (again,) = open_pose(opened.document, plain.renderer, tmp_path / "pose.json")
+    (again,) = open_pose(opened.document, tmp_path / "pose.json")
     assert again.pose_alone
     assert again.document.registration.photo is registration.photo
 
@@ -89,7 +89,7 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     scene: Scene, calibration: Calibration
 ) -> None:
     before = open_files(scene.photo, scene.model, scene.start, calibration)
-    (opened,) = open_photo(before.document, before.renderer, scene.photo, "other.png")
+    (opened,) = open_photo(before.document, scene.photo, "other.png")
     photo = opened.document.registration.photo
     assert photo.undistortion is None
     np.testing.assert_array_equal(photo.pixels, load_photo(scene.photo).pixels)

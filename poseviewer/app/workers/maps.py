@@ -1,15 +1,17 @@
-"""Which maps of the loss are wanted now, and the job that makes them."""
+"""Maps of the loss about the pose at hand: which are wanted now, and the job that makes them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from poseviewer.api import Case
 from poseviewer.app.state.session import LandscapeUpdate, Session
-from poseviewer.app.workers.jobs import case_at, maps
-from poseviewer.app.workers.worker import yield_to_others
-from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level
+from poseviewer.app.workers.jobs import case_at
+from poseviewer.app.workers.worker import lower_priority
+from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level, strides
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
@@ -65,12 +67,12 @@ class MapJob:
         )
 
 
-class Mapper:
+class MapMaker:
     """Makes maps, one job after another, for one thread; others of low priority help it."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
-        self._fine = RendererPool(renderer, threads=_spare(), begin=yield_to_others)
+        self._fine = RendererPool(renderer, threads=_spare(), begin=lower_priority)
         self._quick: tuple[Case, Case, RendererPool] | None = None
         self._anchor: Pose | None = None
         self._settings: FitSettings | None = None
@@ -78,7 +80,7 @@ class Mapper:
         self._prepared: Mesh | None = None
 
     def run(self, job: MapJob) -> Iterator[LandscapeUpdate]:
-        """News of the maps, coarse to fine.
+        """The maps, coarse to fine.
 
         Raises:
             PoseViewerError: there are none with these settings at this pose.
@@ -101,7 +103,7 @@ class Mapper:
         """The case on a coarser level of the photo, and what draws it; made once."""
         if self._quick is None or self._quick[0] is not case:
             level = quick_level(case.problem, pose, self._renderer)
-            pool = RendererPool(level.renderer, threads=_spare(), begin=yield_to_others)
+            pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
             if self._quick is not None:
                 self._quick[2].close()
             problem = replace(case.problem, photo=level.photo)
@@ -120,3 +122,41 @@ class Mapper:
 def _spare() -> int:
     """Threads for the maps: one processor is left to drawing and to the page."""
     return max(processors() - 1, 1)
+
+
+def maps(
+    case: Case,
+    centre: Pose,
+    pool: RendererPool,
+    half_width: float,
+    size: int,
+    shown: tuple[Slice, ...] = (),
+) -> Iterator[LandscapeUpdate]:
+    """The maps about ``centre``, coarse to fine, whenever a row of one is known.
+
+    Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
+    one is known.
+
+    Raises:
+        PoseViewerError: there are fewer than two free parameters.
+    """
+    parameters = case.problem.chart.from_pose(centre)
+    newest: dict[tuple[int, int], Slice] = {}
+    seen = {(piece.first, piece.second): piece for piece in shown}
+    first = strides(size)[0]
+    known = 0
+    count = len(case.problem.free_indices)
+    total = count * (count - 1) // 2 * size * size
+    for piece in case.slices(centre, half_width=half_width, size=size, pool=pool):
+        pair = piece.first, piece.second
+        known += _known(piece) - _known(newest.get(pair))
+        newest[pair] = piece
+        if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
+            seen[pair] = piece
+        yield LandscapeUpdate(
+            centre, case, parameters, half_width, tuple(seen.values()), known / total
+        )
+
+
+def _known(piece: Slice | None) -> int:
+    return 0 if piece is None else int(np.isfinite(piece.losses).sum())

@@ -1,0 +1,234 @@
+"""The model drawn over the photo, and its loss there: at once while it moves, finely at rest."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.app.state.commands import LossComputed, OverlayDrawn
+from poseviewer.app.state.session import Overlay, OverlayRequest, Session
+from poseviewer.app.workers.worker import Worker
+from poseviewer.errors import PoseViewerError
+from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.loss import registration_loss
+from poseviewer.fit.problem import make_photo_attributes, shown_attributes
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.render.moments import model_attributes
+from poseviewer.render.overlay.contour import quick_silhouette, silhouette
+from poseviewer.render.overlay.edges import find_lines
+from poseviewer.render.overlay.looks import Relight, View, draw_look, edge_layer, line_scale
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import AttributeImage, PhotoAttributes
+
+LARGEST_PICTURE = 2_000_000
+"""Pixels of a drawn picture; of larger photos it is drawn smaller."""
+SEARCH_DRAW_S = 0.1
+"""A search is drawn no oftener: the processor is for the search."""
+SETTLED_S = 0.15
+"""After so long without motion the fine drawing is begun."""
+
+
+class OverlayDrawer:
+    """Draws one model after another, for one thread; keeps what takes time to make."""
+
+    def __init__(self, renderer: SoftwareRenderer) -> None:
+        # A renderer keeps what helps with the next picture of the same size: one for each size.
+        self._quick, self._fine, self._loss = renderer, renderer.clone(), renderer.clone()
+        self._last_loss: float | None = None
+        self._anchored: OverlayRequest | None = None
+        self._attributes: PhotoAttributes | None = None
+        self._note = ""
+        self._shown_photo: object = None
+        self._photo = np.zeros((0, 0, 3), np.uint8)
+
+    def draw(self, request: OverlayRequest) -> Iterator[Overlay]:
+        """A quick drawing, the same with the loss, and, unless the model is moving, a fine one."""
+        lines = request.look in ("outline", "edges")
+        quick = self._overlay(request)
+        if lines:
+            mesh, pose = request.registration.mesh, request.pose
+            quick = replace(quick, outline=quick_silhouette(mesh, self._quick, pose))
+            if request.moving:
+                yield replace(quick, loss_is_current=False)
+        self._last_loss = self._find_loss(request)
+        if lines or request.look == "none":
+            yield replace(quick, loss=self._last_loss, note=self._note)
+            if lines and not request.moving:
+                yield self._fine_lines(request)
+        else:
+            yield self._picture(request)
+
+    def _overlay(
+        self,
+        request: OverlayRequest,
+        outline: FloatArray | None = None,
+        picture: NDArray[np.uint8] | None = None,
+        place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    ) -> Overlay:
+        outline = np.zeros((0, 2, 2)) if outline is None else outline
+        return Overlay(request, outline, picture, place, self._last_loss, self._note)
+
+    def _find_loss(self, request: OverlayRequest) -> float | None:
+        if self._anchored is None or not _same_loss(request, self._anchored):
+            self._anchored, self._attributes, self._note = request, None, ""
+            own = request.registration
+            try:
+                self._attributes = make_photo_attributes(
+                    own.photo, own.mesh, request.anchor, request.settings
+                )
+            except PoseViewerError as error:
+                self._note = str(error)
+        if self._attributes is None:
+            return None
+        return registration_loss(self._loss.moments(request.pose, self._attributes))
+
+    def _fine_lines(self, request: OverlayRequest) -> Overlay:
+        camera = request.pose.camera
+        scale = line_scale(camera.width, camera.height)
+        lines = find_lines(request.registration.mesh, self._fine, request.pose, scale)
+        if lines is None:
+            return self._overlay(request)
+        left, top, width, height = (
+            float(getattr(lines.window, side)) for side in ("left", "top", "width", "height")
+        )
+        outline = silhouette(lines.covered, lines.window)
+        return self._overlay(request, outline, edge_layer(lines, scale), (left, top, width, height))
+
+    def _picture(self, request: OverlayRequest) -> Overlay:
+        photo = request.registration.photo
+        factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
+        pose = request.pose.scaled(factor)
+        size = (pose.camera.height, pose.camera.width)
+        if self._shown_photo is not photo or self._photo.shape[:2] != size:
+            self._shown_photo, self._photo = photo, photo.as_rgb8(size[1], size[0])
+        relight: Relight | None = None
+        if request.look in ("relit", "residual"):
+            if self._attributes is None:
+                return self._overlay(request)
+            attributes = shown_attributes(self._attributes)
+            lighting = recover_lighting(self._loss.moments(request.pose, attributes))
+
+            def relit(image: AttributeImage) -> FloatArray:
+                return lighting.apply(model_attributes(image, attributes))
+
+            relight = relit
+        mesh = request.registration.mesh
+        view = View(self._photo, mesh, self._fine, pose, relight, request.opacity)
+        place = (0.0, 0.0, float(photo.width), float(photo.height))
+        return self._overlay(request, None, draw_look(request.look, view), place)
+
+
+class OverlayWorkers:
+    """Three threads that draw what the session shows: the quick drawing, its loss, the fine one."""
+
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._quick: Worker[Overlay] = Worker("overlay", notify)
+        self._loss: Worker[Overlay] = Worker("loss", notify)
+        self._fine: Worker[Overlay] = Worker("fine overlay", notify)
+        self._drawers: list[OverlayDrawer] = []
+        self._drawn: OverlayRequest | None = None
+        self._loss_asked = True
+        self._moved_at = 0.0
+
+    def use(self, renderer: SoftwareRenderer) -> None:
+        """Draw another model; every worker with buffers of its own."""
+        self._drawers = [OverlayDrawer(renderer.clone()) for _ in range(3)]
+        self._drawn, self._loss_asked = None, True
+
+    @property
+    def busy(self) -> bool:
+        """Whether the quick drawing is under way."""
+        return self._quick.busy
+
+    def is_unfinished(self, moving: bool) -> bool:
+        """Whether the fine drawing of what is shown is still to be begun."""
+        return self._moved_at > 0.0 and not moving and not self._quick.busy
+
+    def start(self, session: Session, moving: bool) -> None:
+        """Begin what is to be drawn by now."""
+        document, look = session.document, session.look
+        request = OverlayRequest(
+            document.registration,
+            document.settings,
+            session.shown_pose,
+            session.anchor or document.pose,
+            look.name,
+            look.opacity,
+        )
+        # A search finds the losses of its poses itself.
+        may_find_loss = not (self._loss_asked or self._loss.busy or session.searching)
+        if self._drawn is None or not _same_picture(request, self._drawn):
+            if may_find_loss and self._drawn is not None:
+                self._find_loss(self._drawn)
+            # One at a time: a drawing that is displaced before it is shown helps nobody.
+            if self._quick.busy:
+                return
+            if session.searching and time.monotonic() - self._moved_at < SEARCH_DRAW_S:
+                return
+            self._drawn, self._moved_at, self._loss_asked = request, time.monotonic(), False
+            draw = self._drawers[0].draw
+            self._fine.stop()
+            self._quick.start(lambda: islice(draw(replace(request, moving=True)), 1))
+            return
+        if may_find_loss:
+            self._find_loss(request)
+        if self.is_unfinished(moving) and time.monotonic() - self._moved_at > SETTLED_S:
+            self._moved_at = 0.0
+            fine = self._drawers[2].draw
+            self._fine.start(lambda: _last(fine(request)))
+
+    def take(
+        self, session: Session, show_error: Callable[[str], None]
+    ) -> Iterator[OverlayDrawn | LossComputed]:
+        """What is new since the last time, of the photo and the model at hand."""
+        for worker in (self._quick, self._fine, self._loss):
+            update = worker.take()
+            if update is None:
+                continue
+            if update.error is not None:
+                if worker is not self._loss:
+                    show_error(f"The model could not be drawn: {update.error}")
+            elif update.item is not None and _shows_same(update.item.request, session):
+                yield (LossComputed if worker is self._loss else OverlayDrawn)(update.item)
+
+    def close(self) -> None:
+        """End the threads."""
+        for worker in (self._quick, self._loss, self._fine):
+            worker.close()
+
+    def _find_loss(self, request: OverlayRequest) -> None:
+        """Of what is drawn, apart from the drawing: it takes longer."""
+        self._loss_asked = True
+        draw = self._drawers[1].draw
+        self._loss.start(lambda: _last(draw(replace(request, moving=True))))
+
+
+def _shows_same(request: OverlayRequest, session: Session) -> bool:
+    own, its = request.registration, session.document.registration
+    return own.photo is its.photo and own.mesh is its.mesh
+
+
+def _same_loss(one: OverlayRequest, other: OverlayRequest) -> bool:
+    """Whether two requests compare the same pixels."""
+    return (
+        one.anchor is other.anchor
+        and one.registration.photo is other.registration.photo
+        and one.registration.mesh is other.registration.mesh
+        and one.settings == other.settings
+    )
+
+
+def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
+    looks = (one.look, one.opacity) == (other.look, other.opacity)
+    return one.pose is other.pose and looks and _same_loss(one, other)
+
+
+def _last(overlays: Iterator[Overlay]) -> Iterator[Overlay]:
+    """Only the last one: the quick ones are on the page already."""
+    yield from deque(overlays, maxlen=1)
