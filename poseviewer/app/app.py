@@ -38,7 +38,7 @@ from poseviewer.app.workers.tasks import (
 from poseviewer.app.workers.worker import Mailbox, NumberedWorker, Worker
 from poseviewer.confidence.identify import Identification
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.state.last_pose import keep_last_pose
+from poseviewer.files.state.folder import keep_last_pose
 from poseviewer.geometry.camera import Pose
 
 _log = logging.getLogger(__name__)

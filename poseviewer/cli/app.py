@@ -35,7 +35,7 @@ def run(options: Namespace) -> int:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
     from poseviewer.app.workers.worker import in_background
     from poseviewer.files.demo import demo_case
-    from poseviewer.files.state.last_pose import last_pose
+    from poseviewer.files.state.folder import last_pose
     from poseviewer.render.software.compiled import compile_kernels, compile_rasteriser
 
     if photo is None:

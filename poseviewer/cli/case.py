@@ -11,7 +11,7 @@ from poseviewer.cli.options import calibration_of, settings_of
 from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
-from poseviewer.files.state.last_pose import last_pose
+from poseviewer.files.state.folder import last_pose
 from poseviewer.fit.problem import FitProgress
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import AUTOMATIC

@@ -72,7 +72,7 @@ def run(options: Namespace) -> int:
     if options.overlay:
         require_writable(options.overlay, PhotoFileError)
     from poseviewer.cli.case import open_case, search
-    from poseviewer.files.state.last_pose import keep_last_pose
+    from poseviewer.files.state.folder import keep_last_pose
 
     found = search(open_case(options), options.quiet)
     found.save(options.out)

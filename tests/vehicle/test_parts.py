@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.mesh.part import Part
+from poseviewer.files.mesh.parts import Part
 from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform

@@ -15,7 +15,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.photo.calibrated import photo_text
-from poseviewer.files.photo.picture_text import described
+from poseviewer.files.photo.load import described
 from poseviewer.files.pose.file import (
     ChartParameters,
     ModelReference,

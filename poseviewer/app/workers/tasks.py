@@ -22,7 +22,7 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
 from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import PoseViewerError, QuickStartError
-from poseviewer.files.state.last_pose import last_pose
+from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import display_name, keep_upload
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import StartInputs

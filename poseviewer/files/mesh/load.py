@@ -1,4 +1,4 @@
-"""Load a model file as a Mesh. The only importer of trimesh."""
+"""Load a model file as a Mesh. The only importer of trimesh and assimp."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.assimp import read_3ds
 from poseviewer.files.mesh.obj import read_obj
-from poseviewer.files.mesh.part import Part, moved_part, refuse_if_huge
-from poseviewer.files.mesh.ply import read_ply
-from poseviewer.files.mesh.size import (
-    refuse_huge_gltf,
-    refuse_large_file,
+from poseviewer.files.mesh.parts import (
+    Part,
+    load_texture,
+    no_faces,
+    refuse_if_huge,
     refuse_many_words,
+    texture_from_image,
 )
+from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
-from poseviewer.files.mesh.texture import texture_from_image
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.geometry.mesh import Mesh
 
@@ -32,10 +32,15 @@ if TYPE_CHECKING:
 
 Read = tuple[list[Part], list[str]]
 
+LARGEST_FILE = 4_000_000_000
+"""Bytes: 200 for each face of the largest model."""
 STL_HEADER, STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file: before the triangles, and for each."""
 STL_SHORTEST_FACET = 60
 """Bytes of a facet in a text STL file, at the least."""
+GLTF = (".glb", ".gltf")
+GLTF_TRIANGLES = 4
+"""glTF's mode for a list of triangles; strips and fans have nearly a face for each corner."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
@@ -49,6 +54,7 @@ def load_mesh(path: str | Path) -> Mesh:
         MeshFileError: there is no such file, or it cannot be used as a surface mesh.
     """
     path = Path(path)
+    ending = path.suffix.lower()
     reader = _reader_for(path)
     try:
         with quiet_libraries():
@@ -63,11 +69,10 @@ def load_mesh(path: str | Path) -> Mesh:
         raise MeshFileError(f"{path.name}: too large for this machine's memory.") from error
     except Exception as error:  # third-party parsers raise anything on damaged files
         raise MeshFileError(
-            f"{path.name}: not a readable {path.suffix.lower()[1:].upper()} file "
-            f"({_first_line(error)}); is it whole? Export it again."
+            f"{path.name}: not a readable {ending[1:].upper()} file ({_first_line(error)}); is it "
+            "whole? Export it again."
         ) from error
-    unit = "m" if path.suffix.lower() in (".glb", ".gltf") else None
-    return as_mesh(path.name, parts, notes, unit)
+    return as_mesh(path.name, parts, notes, "m" if ending in GLTF else None)
 
 
 def _reader_for(path: Path) -> Callable[[Path], Read]:
@@ -77,20 +82,64 @@ def _reader_for(path: Path) -> Callable[[Path], Read]:
         raise MeshFileError(f"{path.name or path}: is a folder; wanted a model file ({known}).")
     if not path.is_file():
         raise MeshFileError(f"{path.name}: no such file in {path.parent}; check the path.")
-    reader = READERS.get(path.suffix.lower())
+    reader, size = READERS.get(path.suffix.lower()), path.stat().st_size
     if reader is None:
         raise MeshFileError(
             f"{path.name}: unknown kind of model file {path.suffix!r}; wanted one of {known}."
         )
-    if path.stat().st_size == 0:
+    if size == 0:
         raise MeshFileError(f"{path.name}: an empty file; wanted a model, copy or export it again.")
-    refuse_large_file(path)
+    if size > LARGEST_FILE:
+        raise MeshFileError(
+            f"{path.name}: {size:,} bytes; poseviewer takes up to {LARGEST_FILE:,}, "
+            "simplify the model first."
+        )
     return reader
 
 
 def _first_line(error: Exception) -> str:
     lines = str(error).strip().splitlines()
     return lines[0][:120] if lines else type(error).__name__
+
+
+def _read_3ds(path: Path) -> Read:
+    """By way of assimp (an extra: ``pip install 'poseviewer[3ds]'``), in the file's own axes."""
+    try:
+        import assimp_py
+    except ImportError:
+        raise MeshFileError(
+            f"{path.name}: 3DS files need assimp; pip install 'poseviewer[3ds]'."
+        ) from None
+    flags = assimp_py.Process_Triangulate | assimp_py.Process_JoinIdenticalVertices
+    scene = assimp_py.import_file(str(path), flags)
+    parts: list[Part] = []
+    notes: list[str] = []
+    shown = 0
+    # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
+    root: Any = scene.root_node
+    stack = [(root, np.eye(4))]
+    while stack:
+        node, matrix = stack.pop()
+        stack += [(child, matrix @ np.asarray(child.transformation)) for child in node.children]
+        for mesh in (scene.meshes[index] for index in node.mesh_indices):
+            shown += len(mesh.indices) // 3
+            refuse_if_huge(path.name, shown)  # nodes may show one mesh again and again
+            part = _assimp_part(path, node.name, mesh, scene.materials[mesh.material_index], notes)
+            parts.append(part.moved(matrix))
+    return parts, notes
+
+
+def _assimp_part(path: Path, name: str, mesh: Any, material: Any, notes: list[str]) -> Part:
+    vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
+    faces = np.array(mesh.indices, dtype=np.int64).reshape(-1, 3)
+    names, texture, uvs = material.get("TEXTURES", {}).get(1), None, None
+    if names and mesh.texcoords:
+        texture = load_texture(path.parent, names[0], notes)
+        if texture is not None:
+            uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
+    diffuse = material.get("COLOR_DIFFUSE")
+    colours = None if diffuse is None or texture is not None else np.asarray(diffuse)[:3]
+    return Part(name, vertices, faces, None, colours, uvs, texture)
 
 
 def _read_stl(path: Path) -> Read:
@@ -139,7 +188,7 @@ def _read_gltf(path: Path) -> Read:
         raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
     for name in _missing_files(path, header, "buffers"):
         raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
-    refuse_huge_gltf(path.name, header)
+    _refuse_huge_gltf(path.name, header)
     compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
     if used := compressed & set(header.get("extensionsRequired", [])):
         raise MeshFileError(
@@ -154,14 +203,7 @@ def _read_gltf(path: Path) -> Read:
     return parts, notes + [f"Texture left out: {name} is not there." for name in gone]
 
 
-def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
-    """Names of the files beside a glTF file that it asks for and that are not there."""
-    names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
-    named = [name[:80] for name in names if not name.startswith("data:")]
-    return [name for name in named if not (path.parent / name).is_file()]
-
-
-def _gltf_header(path: Path) -> dict[str, Any]:
+def _gltf_header(path: Path) -> Any:
     data = path.read_bytes()
     if path.suffix.lower() == ".gltf":
         return json.loads(data)
@@ -176,71 +218,90 @@ def _gltf_header(path: Path) -> dict[str, Any]:
     return json.loads(data[20 : 20 + json_length])
 
 
+def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
+    """Names of the files beside a glTF file that it asks for and that are not there."""
+    names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
+    named = [name[:80] for name in names if not name.startswith("data:")]
+    return [name for name in named if not (path.parent / name).is_file()]
+
+
+def _refuse_huge_gltf(name: str, header: dict[str, Any]) -> None:
+    """A mesh counts as often as nodes show it, and a table without bytes in the file is made of
+    zeros: both make much of little.
+    """
+    tables, faces = header.get("accessors", []), []
+    for mesh in header.get("meshes", []):
+        faces.append(0)
+        for primitive in mesh.get("primitives", []):
+            table = primitive.get("indices", primitive.get("attributes", {}).get("POSITION"))
+            corners = 0 if table is None else tables[table]["count"]
+            triangles = primitive.get("mode", GLTF_TRIANGLES) == GLTF_TRIANGLES
+            faces[-1] += corners // 3 if triangles else corners
+    shown = [node["mesh"] for node in header.get("nodes", []) if "mesh" in node]
+    refuse_if_huge(name, sum(faces[mesh] for mesh in shown))
+    refuse_if_huge(name, max((a["count"] for a in tables), default=0) // 3, "triples of numbers")
+    empty = sum(a["count"] for a in tables if "bufferView" not in a)
+    refuse_if_huge(name, empty // 3, "triples of zeros")
+
+
 def _read_scene(path: Path, linear: bool = False) -> Read:
     """All that trimesh finds, each piece moved to its place in the scene."""
     import trimesh  # only now: it takes a third of a second, and OBJ, PLY and 3DS do without
 
     scene = trimesh.load_scene(path, process=False, maintain_order=True)
-    parts, notes = [], []
+    parts: list[Part] = []
+    notes: list[str] = []
     images: dict[int, NDArray | None] = {}
     for node in scene.graph.nodes_geometry:
         matrix, geometry_name = scene.graph[node]
         geometry: Any = scene.geometry[geometry_name]
-        name = _node_name(scene, node) if path.suffix.lower() in (".glb", ".gltf") else ""
         if not isinstance(geometry, trimesh.Trimesh):
-            parts.append(Part(name, np.asarray(geometry.vertices)[:, :3], np.zeros((0, 3), int)))
+            parts += no_faces(np.asarray(geometry.vertices)[:, :3])
             continue
-        part = _as_part(name, geometry, linear, images, notes)
-        parts.append(moved_part(part, np.asarray(matrix)))
+        name = ""
+        if path.suffix.lower() in GLTF:
+            # trimesh adds a random suffix where a node's mesh has several primitives.
+            parent = scene.graph.transforms.parents.get(node)
+            name = parent if parent is not None and node.startswith(f"{parent}_") else node
+        part = _trimesh_part(name, geometry, linear, images, notes)
+        parts.append(part.moved(np.asarray(matrix)))
     return parts, notes
 
 
-def _node_name(scene: trimesh.Scene, node: str) -> str:
-    """The node's name; trimesh adds a random suffix where a node's mesh has several primitives."""
-    parent = scene.graph.transforms.parents.get(node)
-    return parent if parent is not None and node.startswith(f"{parent}_") else node
-
-
-def _as_part(
+def _trimesh_part(
     name: str,
     geometry: trimesh.Trimesh,
     linear: bool,
     images: dict[int, NDArray | None],
     notes: list[str],
 ) -> Part:
-    # Asking for vertex_normals would compute them; only the cache tells whether the file had some.
-    has_normals = "vertex_normals" in geometry._cache
+    """``images``: textures by their pictures' ids, each decoded once for all the parts."""
     visual: Any = geometry.visual
     colours, texture, uvs = None, None, None
     if visual.kind == "vertex":
         colours = np.asarray(visual.vertex_colors)[:, :3] / 255.0
     elif visual.kind == "texture":
-        material = visual.material
-        factor = getattr(material, "baseColorFactor", None)
+        factor = getattr(visual.material, "baseColorFactor", None)
         colours = np.ones(3) if factor is None else np.asarray(factor)[:3] / 255.0
         extra = visual.vertex_attributes.get("color")
         if extra is not None:
             extra = np.asarray(extra)[:, :3]
             top = np.iinfo(extra.dtype).max if extra.dtype.kind in "iu" else 1.0
             colours = colours * (extra / top)
-        image = getattr(material, "baseColorTexture", None)
+        image = getattr(visual.material, "baseColorTexture", None)
         if image is not None and visual.uv is not None:
-            texture, uvs = _image_or_note(image, images, notes), visual.uv
+            if id(image) not in images:
+                images[id(image)] = None
+                try:
+                    images[id(image)] = texture_from_image(image)
+                except OSError as error:
+                    notes.append(f"Texture left out: {_first_line(error)}.")
+            texture, uvs = images[id(image)], visual.uv
     if colours is not None and linear:
         colours = srgb_from_linear(colours)
-    normals = geometry.vertex_normals if has_normals else None
+    # Asking for vertex_normals would compute them; only the cache tells whether the file had some.
+    normals = geometry.vertex_normals if "vertex_normals" in geometry._cache else None
     return Part(name, geometry.vertices, geometry.faces, normals, colours, uvs, texture)
-
-
-def _image_or_note(image: Any, images: dict[int, NDArray | None], notes: list[str]) -> NDArray:
-    """A texture, once for all the parts that share it."""
-    if id(image) not in images:
-        try:
-            images[id(image)] = texture_from_image(image)
-        except OSError as error:
-            notes.append(f"Texture left out: {_first_line(error)}.")
-            images[id(image)] = None
-    return images[id(image)]  # type: ignore[return-value]
 
 
 def srgb_from_linear(linear: NDArray) -> NDArray:
@@ -261,5 +322,5 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".off": _read_off,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
-    ".3ds": read_3ds,
+    ".3ds": _read_3ds,
 }

@@ -1,11 +1,12 @@
 """Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``.
 
 Read here rather than by trimesh, which loses group names where materials change inside a group,
-and relative indices.
+and gets relative indices in mid-file wrong.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,19 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.mtl import Material, read_materials
-from poseviewer.files.mesh.part import (
+from poseviewer.files.mesh.parts import (
     MAX_FACES,
     Part,
     colours_from_numbers,
     fan_corners,
-    fan_size,
+    load_texture,
+    no_faces,
     numbers_from_text,
     refuse_if_huge,
+    refuse_many_words,
 )
-from poseviewer.files.mesh.size import refuse_many_words
 
 SHORTEST_FACE = len("f 1 2 3\n")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """What a material of an MTL file says about reflectance."""
+
+    diffuse: NDArray | None = None
+    """(3,) RGB in [0, 1]."""
+    texture: NDArray[np.uint8] | None = None
 
 
 @dataclass
@@ -55,7 +65,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     normals = _read_table(path.name, "vn", lines.vn, 3)
     notes: list[str] = []
     counts, corners = _read_faces(path.name, lines.f)
-    refuse_if_huge(path.name, fan_size(counts))
+    triangles = fan_corners(path.name, counts)
     _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
     if len(counts) and counts[-1] < 3:
         raise MeshFileError(
@@ -64,9 +74,8 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         )
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
-    materials = read_materials(path, lines.libraries, notes)
+    materials = _read_materials(path, lines.libraries, notes)
     which, keys = _part_of_face(lines)
-    triangles = fan_corners(counts)
     part_of_triangle = np.repeat(which, np.maximum(counts - 2, 0))
     parts = []
     missing = sorted({m for _, m in keys if m and m not in materials})
@@ -77,7 +86,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         if len(used):
             found = materials.get(material, Material())
             parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
-    return parts or [Part("", vertices, np.zeros((0, 3), int))], notes
+    return parts or no_faces(vertices), notes
 
 
 def _sort_lines(text: str) -> _Lines:
@@ -139,7 +148,7 @@ def _read_table(name: str, kind: str, lines: list[str], columns: int) -> NDArray
         widths = {len(lines[0].split()), len(lines[-1].split())}
         if widths == {table.shape[1]} and table.shape[1] >= columns:
             return table[:, :columns]
-    except (ValueError, DeprecationWarning):
+    except ValueError:
         pass
     rows = []
     for line in lines:
@@ -186,7 +195,7 @@ def _read_faces(name: str, lines: list[str]) -> tuple[NDArray, NDArray]:
             if len(numbers) == total * len(columns) and np.all(numbers == np.rint(numbers)):
                 corners[:, columns] = numbers.reshape(total, len(columns)).astype(np.int64) - 1
                 return counts, corners
-        except (ValueError, DeprecationWarning):
+        except ValueError:
             pass
     at = 0
     for line in words:
@@ -260,3 +269,63 @@ def _as_part(
         uvs[vt] if texture is not None else None,
         texture,
     )
+
+
+def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
+    """The materials by name in the MTL files ``libraries`` of the OBJ file ``path``.
+
+    What is missing is added to ``notes``: a model without its colours is still a model.
+    """
+    materials: dict[str, Material] = {}
+    for library in dict.fromkeys(libraries):
+        written = Path(library.strip('"').replace("\\", "/"))
+        places = [path.parent / written, path.parent / written.name]
+        found = next((place for place in places if place.is_file()), None)
+        if found is None:
+            notes.append(f"Material file left out: {written.name} is not there.")
+            continue
+        text = found.read_text(encoding="utf-8", errors="replace")
+        materials.update(_parse_mtl(text, found.parent, notes))
+    return materials
+
+
+def _parse_mtl(text: str, folder: Path, notes: list[str]) -> dict[str, Material]:
+    materials: dict[str, Material] = {}
+    textures: dict[str, NDArray | None] = {}
+    name = None
+    for line in text.splitlines():
+        word, _, rest = line.strip().partition(" ")
+        rest, word = rest.strip(), word.lower()
+        if word == "newmtl":
+            name = rest
+            materials[name] = Material()
+        elif name is None or not rest:
+            continue
+        elif word == "kd":
+            materials[name] = Material(_diffuse(rest), materials[name].texture)
+        elif word == "map_kd":
+            file = _without_options(rest)
+            if file not in textures:
+                textures[file] = load_texture(folder, file, notes)
+            # A texture replaces Kd, as in Blender: many exporters write Kd 0 beside it.
+            materials[name] = Material(materials[name].diffuse, textures[file])
+    return materials
+
+
+def _diffuse(text: str) -> NDArray | None:
+    try:
+        values = [float(word) for word in text.split()[:3]]
+    except ValueError:
+        return None
+    values = values * 3 if len(values) == 1 else values
+    return np.clip(np.nan_to_num(values), 0.0, 1.0) if len(values) == 3 else None
+
+
+def _without_options(text: str) -> str:
+    """The file name behind options such as ``-s 1 1 1`` or ``-clamp on``; it may hold spaces."""
+    words = text.split(" ")
+    while words and words[0].startswith("-"):
+        words.pop(0)
+        while len(words) > 1 and re.fullmatch(r"(-?(\d+\.?\d*|\.\d+)|on|off)?", words[0]):
+            words.pop(0)
+    return " ".join(words)

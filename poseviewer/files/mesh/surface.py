@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.part import Part, refuse_if_huge
+from poseviewer.files.mesh.parts import Part, refuse_if_huge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import (
     crease_normals,
@@ -25,14 +25,12 @@ LEAST_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
-
-
 NO_NORMALS = np.zeros((0, 3))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Surface:
-    """All parts in one set of arrays."""
+    """All parts in one set of arrays, mended step by step."""
 
     vertices: NDArray
     faces: NDArray
@@ -42,29 +40,20 @@ class _Surface:
     uvs: NDArray
     face_texture: NDArray
     face_part: NDArray
+    notes: list[str]
 
-    @property
-    def has_normals(self) -> bool:
-        return len(self.normals) > 0
+    def keep_faces(self, keep: NDArray) -> None:
+        self.faces, self.face_texture = self.faces[keep], self.face_texture[keep]
+        self.face_part = self.face_part[keep]
 
-    def with_faces(self, keep: NDArray) -> _Surface:
-        return replace(
-            self,
-            faces=self.faces[keep],
-            face_texture=self.face_texture[keep],
-            face_part=self.face_part[keep],
-        )
+    def flip_faces(self, which: NDArray) -> None:
+        self.faces = self.faces.copy()
+        self.faces[which] = self.faces[which][:, ::-1]
 
-    def with_vertices(self, source: NDArray, faces: NDArray, normals: NDArray) -> _Surface:
+    def copy_vertices(self, source: NDArray, faces: NDArray, normals: NDArray) -> None:
         """Vertices that are copies of the vertices ``source``."""
-        return replace(
-            self,
-            vertices=self.vertices[source],
-            faces=faces,
-            normals=normals,
-            colours=self.colours[source],
-            uvs=self.uvs[source],
-        )
+        self.vertices, self.colours = self.vertices[source], self.colours[source]
+        self.uvs, self.faces, self.normals = self.uvs[source], faces, normals
 
 
 def as_mesh(name: str, parts: list[Part], notes: list[str], unit: str | None = None) -> Mesh:
@@ -75,15 +64,14 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], unit: str | None = N
     """
     _check(name, parts)
     parts = [part for part in parts if len(part.faces)]
-    notes = list(dict.fromkeys(notes))
-    textures, surface = _merge(parts)
-    surface = _without_useless_faces(name, surface, notes)
-    if surface.has_normals:
-        surface = _turned_to_normals(surface, notes)
-    if not surface.has_normals:
-        surface = _with_new_normals(surface, notes)
+    textures, surface = _merge(parts, list(dict.fromkeys(notes)))
+    _drop_useless_faces(name, surface)
+    if len(surface.normals):
+        _turn_to_normals(surface)
+    if not len(surface.normals):
+        _compute_normals(surface)
     used, faces = np.unique(surface.faces, return_inverse=True)
-    surface = surface.with_vertices(used, faces.reshape(-1, 3), surface.normals[used])
+    surface.copy_vertices(used, faces.reshape(-1, 3), surface.normals[used])
     return Mesh(
         vertices=surface.vertices,
         faces=surface.faces,
@@ -96,7 +84,7 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], unit: str | None = N
         part_names=tuple(dict.fromkeys(part.name for part in parts)),
         has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
         unit=unit,
-        notes=tuple(notes),
+        notes=tuple(surface.notes),
     )
 
 
@@ -129,28 +117,23 @@ def _check(name: str, parts: list[Part]) -> None:
             )
 
 
-def _merge(parts: list[Part]) -> tuple[tuple[NDArray, ...], _Surface]:
+def _merge(parts: list[Part], notes: list[str]) -> tuple[tuple[NDArray, ...], _Surface]:
     textures = {id(part.texture): part.texture for part in parts if part.texture is not None}
-    texture_number = {key: i for i, key in enumerate(textures)}
-    names = list(dict.fromkeys(part.name for part in parts))
-    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    numbers = {key: i for i, key in enumerate(textures)}
+    names = {name: i for i, name in enumerate(dict.fromkeys(part.name for part in parts))}
     sizes = [len(part.faces) for part in parts]
-    has_normals = all(part.normals is not None for part in parts)
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = [np.asarray(p.faces, np.int64) + o for p, o in zip(parts, offsets, strict=False)]
+    normals = [part.normals for part in parts if part.normals is not None]
     surface = _Surface(
         np.concatenate([np.asarray(part.vertices, dtype=float) for part in parts]),
-        np.concatenate(
-            [
-                np.asarray(part.faces, dtype=np.int64) + offset
-                for part, offset in zip(parts, offsets, strict=False)
-            ]
-        ),
-        np.concatenate([np.asarray(p.normals, dtype=float) for p in parts])
-        if has_normals
-        else NO_NORMALS,
+        np.concatenate(faces),
+        np.concatenate(normals).astype(float) if len(normals) == len(parts) else NO_NORMALS,
         np.concatenate([_colours(part) for part in parts]),
         np.concatenate([_uvs(part) for part in parts]),
-        np.repeat([texture_number.get(id(part.texture), -1) for part in parts], sizes),
-        np.repeat([names.index(part.name) for part in parts], sizes),
+        np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
+        np.repeat([names[part.name] for part in parts], sizes),
+        notes,
     )
     return tuple(textures.values()), surface
 
@@ -167,8 +150,8 @@ def _uvs(part: Part) -> NDArray[np.float32]:
     return np.nan_to_num(np.asarray(part.uvs, dtype=np.float32), posinf=0.0, neginf=0.0)
 
 
-def _without_useless_faces(name: str, surface: _Surface, notes: list[str]) -> _Surface:
-    """Without faces that have no area, and without second copies, turned either way."""
+def _drop_useless_faces(name: str, surface: _Surface) -> None:
+    """Those that have no area, and second copies, turned either way."""
     _, areas = face_normals_and_areas(surface.vertices, surface.faces)
     solid = areas > 0.0
     if not np.any(solid):
@@ -177,21 +160,19 @@ def _without_useless_faces(name: str, surface: _Surface, notes: list[str]) -> _S
             "repair the model or export it again."
         )
     if not np.all(solid):
-        notes.append(f"Triangles without area, left out: {np.sum(~solid):,}.")
-        surface = surface.with_faces(np.flatnonzero(solid))
+        surface.notes.append(f"Triangles without area, left out: {np.sum(~solid):,}.")
+        surface.keep_faces(np.flatnonzero(solid))
     places = np.sort(weld(surface.vertices)[surface.faces], axis=1)
     order = np.lexsort(places.T)
     repeated = np.all(places[order][1:] == places[order][:-1], axis=1)
     if np.any(repeated):
         # lexsort is stable: the copy that comes first in the file stays.
-        keep = np.sort(np.delete(order, np.flatnonzero(repeated) + 1))
-        notes.append(f"Doubled triangles, left out: {np.sum(repeated):,}.")
-        surface = surface.with_faces(keep)
-    return surface
+        surface.keep_faces(np.sort(np.delete(order, np.flatnonzero(repeated) + 1)))
+        surface.notes.append(f"Doubled triangles, left out: {np.sum(repeated):,}.")
 
 
-def _turned_to_normals(surface: _Surface, notes: list[str]) -> _Surface:
-    """Faces turned to the side of the file's normals; without these where they contradict."""
+def _turn_to_normals(surface: _Surface) -> None:
+    """Turn faces to the side of the file's normals, or drop these where they contradict."""
     normals = np.nan_to_num(surface.normals, posinf=0.0, neginf=0.0)
     length = np.linalg.norm(normals, axis=1)
     normals = normals / np.where(length > 0.0, length, 1.0)[:, None]
@@ -202,45 +183,36 @@ def _turned_to_normals(surface: _Surface, notes: list[str]) -> _Surface:
     invalid = (length == 0.0)[surface.faces].any(axis=1)
     contradict = invalid | (cosine < LEAST_COSINE).any(axis=1)
     if areas[contradict].sum() > BAD_NORMALS_SHARE * areas.sum():
-        notes.append("The file's normals contradict its faces; they were computed anew.")
-        return replace(surface, normals=NO_NORMALS)
-    faces = surface.faces.copy()
-    faces[turned] = faces[turned][:, ::-1]
+        surface.notes.append("The file's normals contradict its faces; they were computed anew.")
+        surface.normals = NO_NORMALS
+        return
+    surface.flip_faces(turned)
     face_normals[turned] *= -1.0
     if np.any(turned):
-        notes.append(f"Triangles turned to the side of their normals: {np.sum(turned):,}.")
-    surface = replace(surface, faces=faces, normals=normals)
-    return _with_flat_faces(surface, np.flatnonzero(invalid), face_normals)
-
-
-def _with_flat_faces(surface: _Surface, which: NDArray, face_normals: NDArray) -> _Surface:
-    """Some faces with vertices of their own and the normal of the face."""
-    if not len(which):
-        return surface
-    count = len(surface.vertices)
+        note = f"Triangles turned to the side of their normals: {np.sum(turned):,}."
+        surface.notes.append(note)
+    # A face without normals gets vertices of its own, with the face's.
+    which, count = np.flatnonzero(invalid), len(surface.vertices)
     source = np.concatenate([np.arange(count), surface.faces[which].ravel()])
-    faces = surface.faces.copy()
-    faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
-    normals = np.concatenate([surface.normals, np.repeat(face_normals[which], 3, axis=0)])
-    return surface.with_vertices(source, faces, normals)
+    surface.faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
+    normals = np.concatenate([normals, np.repeat(face_normals[which], 3, axis=0)])
+    surface.copy_vertices(source, surface.faces, normals)
 
 
-def _with_new_normals(surface: _Surface, notes: list[str]) -> _Surface:
-    """Neighbours wound alike, then normals that keep creases sharp."""
-    surface = _welded(surface)
-    flip = winding_to_flip(surface.vertices, surface.faces)
-    faces = surface.faces.copy()
-    faces[flip] = faces[flip][:, ::-1]
-    if np.any(flip):
-        notes.append(f"Triangles turned to face the way of their neighbours: {np.sum(flip):,}.")
-    source, faces, normals = crease_normals(surface.vertices, faces)
-    return surface.with_vertices(source, faces, normals)
+def _compute_normals(surface: _Surface) -> None:
+    """Neighbours wound alike, then normals that keep creases sharp.
 
-
-def _welded(surface: _Surface) -> _Surface:
-    """Vertices alike in all that they carry made one (STL has three for each triangle)."""
+    Computed here (geometry.normals) rather than by trimesh, which takes a hundred times as long.
+    """
+    # Vertices alike in all that they carry are made one (STL has three for each triangle).
     columns = [surface.vertices]
     columns += [a for a in (surface.colours, surface.uvs) if np.any(a != a[0])]
     same = weld(np.concatenate(columns, axis=1) if len(columns) > 1 else surface.vertices)
     _, first = np.unique(same, return_index=True)
-    return surface.with_vertices(first, same[surface.faces], NO_NORMALS)
+    surface.copy_vertices(first, same[surface.faces], NO_NORMALS)
+    flip = winding_to_flip(surface.vertices, surface.faces)
+    surface.flip_faces(flip)
+    if np.any(flip):
+        note = f"Triangles turned to face the way of their neighbours: {np.sum(flip):,}."
+        surface.notes.append(note)
+    surface.copy_vertices(*crease_normals(surface.vertices, surface.faces))

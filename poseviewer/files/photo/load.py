@@ -1,8 +1,10 @@
-"""Photos and masks from files; pictures into files."""
+"""Photos and masks from files; pictures into files, with a description beside their pixels."""
 
 from __future__ import annotations
 
 import hashlib
+import struct
+import zlib
 from io import BytesIO
 from pathlib import Path
 
@@ -12,8 +14,6 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.photo.heic import decode_heic, heic_exif, is_heic, open_heic
-from poseviewer.files.photo.picture_text import described
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.photo import Photo
@@ -21,6 +21,16 @@ from poseviewer.geometry.photo import Photo
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of three 32-bit floats have 1.2e9."""
+HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+"""Of the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
+HEIC_ERRORS = (ValueError, RuntimeError, OSError, EOFError, SyntaxError)
+"""What libheif raises on damaged files."""
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_HEADER_END = len(PNG_SIGNATURE) + 25
+"""After IHDR, which comes first and has 13 bytes of content."""
+JPEG_START = b"\xff\xd8"
+LONGEST_DESCRIPTION = 60_000
+"""Bytes: a JPEG's comment has at most 65,533."""
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
@@ -37,11 +47,19 @@ def load_photo(path: str | Path) -> Photo:
     """
     path = Path(path)
     data = _read(path, "photo")
-    if is_heic(data):
-        return _heic_photo(path.name, data)
-    orientation, focal = _inspect(path.name, data)
-    pixels, notes = _decode(path.name, data)
-    pixels = np.ascontiguousarray(_upright(pixels, orientation))
+    if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
+        pixels, focal = _decode_heic(path.name, data)
+    else:
+        orientation, focal = _inspect(path.name, data)
+        pixels = _upright(_decode(path.name, data), orientation)
+    notes = []
+    if pixels.dtype not in (np.uint8, np.uint16):
+        pixels = _as_16_bit(path.name, pixels)
+        notes.append("Its numbers were rounded to 16 bits.")
+    if pixels.shape[2] in (2, 4):
+        pixels = pixels[..., :-1]
+        notes.append("Its transparency is left out.")
+    pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
     return Photo(pixels, path.name, hashlib.sha256(data).hexdigest(), focal, tuple(notes))
 
@@ -53,21 +71,7 @@ def is_stored_turned(path: str | Path) -> bool:
         PhotoFileError: it cannot be read.
     """
     path = Path(path)
-    return _inspect(path.name, _read(path, "a photo"))[0] != 1
-
-
-def _heic_photo(name: str, data: bytes) -> Photo:
-    picture = open_heic(name, data)
-    width, height = picture.size
-    _refuse_size(name, width, height)
-    pixels = decode_heic(name, picture)
-    notes = ()
-    if pixels.shape[2] in (2, 4):
-        pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
-    pixels = np.ascontiguousarray(pixels)
-    pixels.flags.writeable = False
-    focal = focal_35mm(heic_exif(picture), width, height)
-    return Photo(pixels, name, hashlib.sha256(data).hexdigest(), focal, notes)
+    return _inspect(path.name, _read(path, "photo"))[0] != 1
 
 
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
@@ -186,9 +190,8 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     return focal if 1.0 < focal < 10000.0 else None
 
 
-def _decode(name: str, data: bytes) -> tuple[NDArray, list[str]]:
-    """(h, w, 1 or 3) RGB, not yet turned upright."""
-    notes: list[str] = []
+def _decode(name: str, data: bytes) -> NDArray:
+    """(h, w, 1 to 4), grey or RGB, not yet turned upright."""
     try:
         with quiet_libraries():
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -199,13 +202,38 @@ def _decode(name: str, data: bytes) -> tuple[NDArray, list[str]]:
             f"{name}: OpenCV cannot read this kind of picture; save it as PNG or JPEG."
         )
     picture = picture if picture.ndim == 3 else picture[..., None]
-    if picture.dtype not in (np.uint8, np.uint16):
-        picture = _as_16_bit(name, picture)
-        notes.append("Its numbers were rounded to 16 bits.")
-    if picture.shape[2] in (2, 4):
-        notes.append("Its transparency is left out.")
-        picture = picture[..., :-1]
-    return (picture[..., ::-1] if picture.shape[2] == 3 else picture), notes
+    order = {3: slice(None, None, -1), 4: [2, 1, 0, 3]}.get(picture.shape[2], slice(None))
+    return picture[..., order]
+
+
+def _decode_heic(name: str, data: bytes) -> tuple[NDArray, float | None]:
+    """(h, w, 1 to 4), 8 bits, or 10 and 12 bits in the upper part of 16; and 35-mm focal length.
+
+    libheif turns the picture as the file says; EXIF's orientation does not count in HEIC.
+    """
+    try:
+        import pillow_heif
+    except ImportError:
+        raise PhotoFileError(
+            f"{name}: HEIC photos need pillow-heif; pip install 'poseviewer[heic]', or save the "
+            "photo as JPEG."
+        ) from None
+    try:
+        picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
+        width, height = picture.size
+        _refuse_size(name, width, height)
+        pixels = np.array(picture)
+    except HEIC_ERRORS as error:
+        words = " ".join(str(error).split())[:80]
+        raise PhotoFileError(
+            f"{name}: the HEIC photo is damaged or cut short ({words}); copy again."
+        ) from error
+    exif = Image.Exif()
+    try:
+        exif.load(picture.info.get("exif") or b"")
+    except (SyntaxError, ValueError, OSError, KeyError):
+        exif = Image.Exif()
+    return pixels if pixels.ndim == 3 else pixels[..., None], focal_35mm(exif, width, height)
 
 
 def _as_16_bit(name: str, picture: NDArray) -> NDArray[np.uint16]:
@@ -227,3 +255,20 @@ def _upright(pixels: NDArray, orientation: int) -> NDArray:
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     return pixels
+
+
+def described(data: bytes, description: str) -> bytes:
+    """The file's bytes with a description: PNG's ``iTXt`` "Description" (ISO/IEC 15948, 11.3.4.5),
+    JPEG's COM (ITU T.81, B.2.4.5), both in UTF-8. Other files, and "" as text, change nothing.
+    """
+    text = description.encode()[:LONGEST_DESCRIPTION]
+    if not text:
+        return data
+    if data.startswith(PNG_SIGNATURE):
+        content = b"Description\0\0\0\0\0" + text
+        body = b"iTXt" + content
+        chunk = struct.pack(">I", len(content)) + body + struct.pack(">I", zlib.crc32(body))
+        return data[:PNG_HEADER_END] + chunk + data[PNG_HEADER_END:]
+    if data.startswith(JPEG_START):
+        return JPEG_START + b"\xff\xfe" + struct.pack(">H", len(text) + 2) + text + data[2:]
+    return data

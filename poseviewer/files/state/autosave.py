@@ -5,9 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,6 @@ import numpy as np
 from poseviewer.errors import AutosaveError, PoseFileError
 from poseviewer.files.checks import Reading, read_json
 from poseviewer.files.pose.file import PoseRecord, record_as_json, record_from_json
-from poseviewer.files.state.process_mark import process_start
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -60,15 +62,15 @@ def save_autosave(folder: Path, session: AutosavedSession) -> Path:
     Raises:
         AutosaveError: the folder cannot be written to, or the session holds what JSON cannot.
     """
-    path = folder / _file_name(session.process)
+    mark = _mark(process_start(session.process)) or "0" * 16  # a process may have another's number
+    path = folder / f"session-{session.process}-{mark}.json"
     try:
         text = json.dumps(_as_json(session), indent=1, allow_nan=False)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except (ValueError, TypeError) as error:
         raise AutosaveError(
             f"{path.name}: the session holds what JSON cannot ({error}); it was not kept."
         ) from error
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise AutosaveError(
             f"{path.name}: cannot be written to {folder} ({error.strerror}); check that the "
@@ -84,7 +86,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path.name, [])
+    reading = Reading(path.name)
     try:
         return _from_json(reading, reading.object(read_json(path), "its content"))
     except PoseFileError as error:
@@ -130,43 +132,29 @@ def _mark(start: str | None) -> str | None:
     return None if start is None else hashlib.sha256(start.encode()).hexdigest()[:16]
 
 
-def _file_name(process: int) -> str:
-    """One for each process, also where its number was another's before."""
-    return f"session-{process}-{_mark(process_start(process)) or '0' * 16}.json"
-
-
 def _as_json(session: AutosavedSession) -> dict[str, Any]:
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "photo": None if session.photo is None else str(session.photo),
-        "photo_name": session.photo_name,
-        "photo_sha256": session.photo_sha256,
-        "model": None if session.model is None else str(session.model),
-        "model_name": session.model_name,
-        "model_sha256": session.model_sha256,
-        "pose": _pose_as_json(session.pose),
-        "start": _pose_as_json(session.start),
-        "settings": dict(session.settings),
-        "unsaved": session.unsaved,
-        "saved_at": session.saved_at,
-        "process": session.process,
-    }
+    values = {f.name: getattr(session, f.name) for f in fields(session)}
+    for name in ("photo", "model"):
+        values[name] = None if values[name] is None else str(values[name])
+    for name in ("pose", "start"):
+        values[name] = _pose_as_json(values[name])
+    return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
 
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
-    photo, model = (reading.text(data.get(key), key) for key in ("photo", "model"))
     if not isinstance(data.get("unsaved"), bool):
         raise reading.error("unsaved is missing", "wanted true or false")
+    names = ("photo", "photo_name", "photo_sha256", "model", "model_name", "model_sha256")
+    texts = {name: reading.text(data.get(name), name) for name in names}
     return AutosavedSession(
-        photo=None if photo is None else Path(photo),
-        photo_name=reading.text(data.get("photo_name"), "photo_name") or "",
-        photo_sha256=reading.text(data.get("photo_sha256"), "photo_sha256"),
-        model=None if model is None else Path(model),
-        model_name=reading.text(data.get("model_name"), "model_name") or "",
-        model_sha256=reading.text(data.get("model_sha256"), "model_sha256"),
+        photo=None if texts["photo"] is None else Path(texts["photo"]),
+        photo_name=texts["photo_name"] or "",
+        photo_sha256=texts["photo_sha256"],
+        model=None if texts["model"] is None else Path(texts["model"]),
+        model_name=texts["model_name"] or "",
+        model_sha256=texts["model_sha256"],
         pose=_pose_from_json(reading, data.get("pose"), "pose"),
         start=_pose_from_json(reading, data.get("start"), "start"),
         settings=reading.object(data.get("settings"), "settings"),
@@ -212,3 +200,63 @@ def _pose_from_json(reading: Reading, value: Any, what: str) -> PoseRecord:
         raise reading.error(f"{what} says two different poses", "wanted one pose")
     pose = Pose(replace(camera, cx=cx, cy=cy), RigidTransform(rotation, transform.translation))
     return replace(record, pose=pose)
+
+
+def process_start(process: int) -> str | None:
+    """A text that stands for when a process started, or None where there is no such process.
+
+    The same as long as the process lives; a number is given again after a process has ended, and
+    then stands for another text.
+    """
+    if process <= 0:
+        return None
+    if sys.platform.startswith("linux"):
+        return _start_on_linux(process)
+    if sys.platform == "win32":
+        return _start_on_windows(process)
+    return _start_by_ps(process)
+
+
+def _start_on_linux(process: int) -> str | None:
+    """Boot and clock ticks since (proc(5), field 22); a process that only waits to be collected
+    by its parent has ended.
+    """
+    try:
+        line = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return None
+    # The second field is the program's name in brackets, and may itself hold blanks and brackets.
+    fields = line.rpartition(")")[2].split()
+    return None if fields[0] in "ZX" else f"{boot} {fields[19]}"
+
+
+def _start_by_ps(process: int) -> str | None:
+    found = subprocess.run(
+        ["ps", "-o", "lstart=", "-p", str(process)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"LC_ALL": "C", "TZ": "UTC"},
+    )
+    return found.stdout.strip() or None
+
+
+def _start_on_windows(process: int) -> str | None:
+    import ctypes  # its windll is only there
+
+    query_limited_information, still_active = 0x1000, 259
+    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
+    kernel.OpenProcess.restype = ctypes.c_void_p
+    handle = ctypes.c_void_p(kernel.OpenProcess(query_limited_information, False, process))
+    if not handle:
+        return None
+    try:
+        code, times = ctypes.c_ulong(), (ctypes.c_uint64 * 4)()
+        kernel.GetExitCodeProcess(handle, ctypes.byref(code))
+        if code.value != still_active:
+            return None
+        kernel.GetProcessTimes(handle, *(ctypes.byref(times, 8 * i) for i in range(4)))
+        return str(times[0])
+    finally:
+        kernel.CloseHandle(handle)

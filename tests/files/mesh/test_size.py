@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.mesh.part import MAX_FACES
-from poseviewer.files.mesh.size import LARGEST_FILE, count_of_word
+from poseviewer.files.mesh.load import LARGEST_FILE, load_mesh
+from poseviewer.files.mesh.parts import MAX_FACES, count_of_word
 from tests.files.broken_inputs import PLY_HEAD, TRIANGLE, png_header
 
 LARGEST_PEAK = 100_000_000
@@ -113,7 +112,7 @@ def test_words_are_counted_across_pieces(tmp_path: Path, monkeypatch: pytest.Mon
     path = tmp_path / "words.txt"
     path.write_bytes(b"abab EndFacet\nendfacet ENDFACETendface" * 3)
     for chunk in range(1, 20):
-        monkeypatch.setattr("poseviewer.files.mesh.size.CHUNK", chunk)
+        monkeypatch.setattr("poseviewer.files.mesh.parts.CHUNK", chunk)
         assert count_of_word(path, b"endfacet") == 9
         assert count_of_word(path, b"a") == 18
         assert count_of_word(path, b"\n") == 3

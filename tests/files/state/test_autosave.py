@@ -22,9 +22,9 @@ from poseviewer.files.state.autosave import (
     discard,
     left_behind,
     load_autosave,
+    process_start,
     save_autosave,
 )
-from poseviewer.files.state.process_mark import process_start
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 
