@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from poseviewer.cli.option_values import whole
 
 from poseviewer.api import load
+from poseviewer.cli.options import whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose.file import PoseRecord, save_pose

@@ -195,7 +195,7 @@ def with_rows(readme: str, rows: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and write the page and the README's rows."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).split("\n\n")[0])
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--starts", type=int, default=10, help="of each point of the study (10)")
     parser.add_argument("--draws", type=int, default=2, help="starts of each real case (2)")
