@@ -71,6 +71,7 @@ def workers_of(process: int) -> list[int]:
     return [child for child, line in lines.items() if b"spawn_main" in line]
 
 
+@pytest.mark.slow
 def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, capsys):
     bad = f"gone.png,{scene.model},{scene.start}\nphoto0.png,{scene.model},auto,900 0 9 9\n"
     bad += "photo0.png,,\n"
@@ -96,11 +97,12 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         assert found.photo.file == row["photo"]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     table = write_table(scene, tmp_path, 1, f"<b>.png,{scene.model},{scene.start}\n"
                         f"photo0.png,{scene.model},{scene.truth}\n")  # fmt: skip
     out = tmp_path / "out"
-    run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK)
+    run("batch", table, "--out", out, "--quiet", *QUICK)
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "<script" not in page
     assert "http" not in page
@@ -113,11 +115,12 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     assert places == sorted(places)
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_second_run_does_only_what_is_new_or_changed(scene, tmp_path, capsys):
     table, out = write_table(scene, tmp_path, 2), tmp_path / "out"
-    assert run("batch", table, "--out", out, "--processes", 1, *QUICK) == 0
+    assert run("batch", table, "--out", out, *QUICK) == 0
     before = kept(out)
-    assert run("batch", write_table(scene, tmp_path, 3), "--out", out, "--processes", 1, *QUICK,
+    assert run("batch", write_table(scene, tmp_path, 3), "--out", out, *QUICK,
                "--quiet") == 0  # fmt: skip
     # shutil.copy gives the photos a new time: all are new.
     assert len(kept(out)) == 5
@@ -125,22 +128,24 @@ def test_a_second_run_does_only_what_is_new_or_changed(scene, tmp_path, capsys):
         file.write(f"photo1.png,{scene.model},{scene.start}\ngone.png,,\n")
     middle = kept(out)
     capsys.readouterr()
-    assert run("batch", table, "--out", out, "--processes", 1, *QUICK) == 2
+    assert run("batch", table, "--out", out, *QUICK) == 2
     assert "4 of 5 rows were done before" in capsys.readouterr().err
     assert kept(out) == middle
     assert before.items() <= middle.items()
     assert [row["row"] for row in read_results(out)] == ["1", "2", "3", "4", "5"]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_rows_alike_are_fitted_once(scene, tmp_path):
     row = f"photo0.png,{scene.model},{scene.start}\n"
     table, out = write_table(scene, tmp_path, 1, row + row), tmp_path / "out"
-    assert run("batch", table, "--out", out, "--processes", 2, "--quiet", *QUICK) == 0
+    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     assert len(kept(out)) == 1
     assert len({result["pose"] for result in read_results(out)}) == 1
     assert len(read_results(out)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_a_killed_batch_goes_on_and_its_workers_end(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
@@ -158,6 +163,7 @@ def test_a_killed_batch_goes_on_and_its_workers_end(scene, tmp_path):
     assert [row["reason"] for row in read_results(out)] == [""] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 5), tmp_path / "out"
@@ -171,6 +177,7 @@ def test_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
     assert [row["reason"] for row in read_results(out)] == [""] * 5
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
 def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
@@ -188,6 +195,8 @@ def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     assert 1 <= len(read_results(out)) == len(kept(out)) < 8
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
 def test_a_full_disk_is_one_sentence_and_loses_nothing(scene, tmp_path):
     """A limit on the size of files, which the system refuses as it does on a full disk."""
     table, out = write_table(scene, tmp_path, 2), tmp_path / "out"
@@ -202,19 +211,20 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(scene, tmp_path):
     assert full.stderr.count("\n") == 1, full.stderr
     assert "cannot be written" in full.stderr
     assert kept(out) == {}
-    assert subprocess.run(line, check=False).returncode == 0
+    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     assert len(kept(out)) == 2
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_broken_result_is_done_again(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
-    assert run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK) == 0
+    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     first, second, third, fourth = kept(out)
     for name, damage in ((first, b""), (second, b'{"row": 1}'), (third, b"[]")):
         (out / "rows" / name).write_bytes(damage)
     picture = out / json.loads(kept(out)[fourth])["picture"]
     picture.unlink()
-    assert run("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK) == 0
+    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     assert sorted(json.loads(data)["row"] for data in kept(out).values()) == [1, 2, 3, 4]
     assert picture.is_file()
 
