@@ -1,4 +1,5 @@
-"""Loss landscapes for the user's own plots: pickle-free archives (.npz) and tables (.csv).
+"""Loss landscapes (``fit.landscape.Slice``) for the user's own plots: pickle-free archives (.npz)
+and tables (.csv).
 
 Keys of an archive, with d numbers of the chart, P pairs and grids of k x k points:
 
@@ -18,12 +19,10 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from io import BytesIO, StringIO
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-from poseviewer.geometry.arrays import FloatArray
 
 CSV_COLUMNS = (
     "first_name", "second_name", "first_value", "second_value", "loss", "first_offset",
@@ -31,30 +30,11 @@ CSV_COLUMNS = (
 )  # fmt: skip
 
 
-class LossSlice(Protocol):
-    """What is saved of a slice (``fit.landscape.Slice`` is one)."""
-
-    @property
-    def first(self) -> int: ...  # noqa: D102
-
-    @property
-    def second(self) -> int: ...  # noqa: D102
-
-    @property
-    def first_values(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def second_values(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def losses(self) -> FloatArray: ...  # noqa: D102
-
-
 def landscape_npz_bytes(
     names: Sequence[str],
     centre: ArrayLike,
     scales: ArrayLike,
-    slices: Sequence[LossSlice],
+    slices: Sequence[Any],
     photo: str = "",
 ) -> bytes:
     """An archive: ``centre`` and ``spans`` (d,), slices of one size; which ``photo`` it is of."""
@@ -74,7 +54,7 @@ def landscape_npz_bytes(
 
 
 def landscape_csv_bytes(
-    names: Sequence[str], centre: ArrayLike, scales: ArrayLike, slices: Sequence[LossSlice]
+    names: Sequence[str], centre: ArrayLike, scales: ArrayLike, slices: Sequence[Any]
 ) -> bytes:
     """A table in UTF-8: ``centre`` and ``spans`` (d,), slices of any sizes."""
     middle, span = np.asarray(centre, dtype=float), np.asarray(scales, dtype=float)

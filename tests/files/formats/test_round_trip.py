@@ -114,7 +114,8 @@ def with_focal_length(record: PoseRecord, focal: float) -> PoseRecord:
         b"", b"{", b"\0\1\2", b"[]", b"{}", b"%YAML:1.0\n---\nR: 3\n", b"<a></a>", b"1 2\n3 4\n",
         b'{"3": 3}', b'{"nodes": [[]]}', b'{"nodes": [{"camera": 0}]}', b'{"frames": [3]}',
         b'{"frames": [{"transform_matrix": [[1, 0, 0, NaN]]}], "fl_x": 1, "cx": 1, "cy": 2}',
-        b'{"opencv": 3}', b'{"camera_matrix": {"data": ["a"]}}', b'{"K": [1, [2, "x"]]}',
+        b'{"opencv": 3}', b"[" * 5000,
+        b'{"camera_matrix": {"data": ["a"]}}', b'{"K": [1, [2, "x"]]}',
     ],
 )  # fmt: skip
 def test_garbage_is_one_clear_sentence(tmp_path, name, out, content):

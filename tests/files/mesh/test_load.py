@@ -268,6 +268,7 @@ def test_a_mesh_is_read_only(tmp_path: Path) -> None:
             array[0] = 0
 
 
+@pytest.mark.slow
 def test_a_million_triangles_load_in_seconds(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(subdivisions=8)
     shape = trimesh.Trimesh(sphere.vertices, sphere.faces[:1_000_000], process=False)
