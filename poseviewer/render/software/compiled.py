@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,17 +16,13 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import processors
-from poseviewer.render.software import kernel_attributes, kernel_pose
-from poseviewer.render.software.kernel_compiler import sources_stamp
+from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.renderer import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 
-BY_US: tuple[Any, ...] = (
-    kernel_pose.rasterise,
-    kernel_attributes.shade,
-)
-BY_HELPER: tuple[Any, ...] = (kernel_pose.sum_up, kernel_pose.compare)
+BY_US: tuple[Any, ...] = (rasterise.rasterise, shade.shade)
+BY_HELPER: tuple[Any, ...] = (sums.moments, sums.structure_moments)
 SIDE = 16
 """Of the picture that kernels are compiled with, px."""
 
@@ -75,7 +70,8 @@ class _Blank(SoftwareRenderer):
     """A renderer that draws nothing, and so needs no rasteriser."""
 
     def _rasterise(self, pose: Pose) -> Box:
-        self._look_from(pose)
+        self._make_picture(pose.camera.width, pose.camera.height)
+        self._camera = np.zeros(17)
         return (0, 0, 0, 0)
 
 
@@ -98,9 +94,4 @@ def _pose() -> Pose:
 def _is_compiled(kernel: Any) -> bool:
     if not kernel.stats.cache_path:  # there is no place to keep it
         return False
-    source = Path(kernel.py_func.__code__.co_filename)
-    name = f"{source.stem}.{kernel.py_func.__name__}-*.nbi"
-    changed, _ = sources_stamp()
-    return any(
-        index.stat().st_mtime >= changed for index in Path(kernel.stats.cache_path).glob(name)
-    )
+    return bool(kernel._cache._cache_file._load_index())

@@ -16,15 +16,9 @@ from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.level_pose import level_pose
-from poseviewer.render.software import (
-    kernel_attributes,
-    kernel_blocks,
-    kernel_coverage,
-    kernel_pose,
-    kernel_visibility,
-)
-from poseviewer.render.software.clusters import make_clusters
-from poseviewer.render.software.workspace import ClassRoom
+from poseviewer.render.software import rasterise, shade, sums
+from poseviewer.render.software.blocks import BLOCK
+from poseviewer.render.software.surface import make_surface
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
 from poseviewer.render.texture import TexturePyramid, flatten_textures
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
@@ -33,11 +27,9 @@ NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
 VIEW_PX = 256
 """Side of the pictures from which the faces seen from outside are told."""
-
-NEVER = -(1 << 30)
-"""The number of the picture that faces were seen in which none has shown yet."""
 NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
-CACHE_LINE = 64  # bytes
+CACHE_LINE = 64
+"""Of the processor, in bytes."""
 
 Box = tuple[int, int, int, int]
 
@@ -52,79 +44,10 @@ class SoftwareRenderer:
         self._near = NEAR_PER_DIAMETER * mesh.diameter
         self._textures = flatten_textures(mesh.textures)
         self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
-        self._surface = make_clusters(mesh, np.ones(len(mesh.faces), bool))
+        self._surface = make_surface(mesh, np.ones(len(mesh.faces), bool))
         self._allocate()
-        self._surface = make_clusters(mesh, self._seen_from_outside())
+        self._surface = make_surface(mesh, self._seen_from_outside())
         self._allocate()
-
-    def _allocate(self) -> None:
-        surface = self._surface
-        faces, clusters = len(surface.faces), len(surface.cluster_box)
-        planes = np.zeros((faces + 1, kernel_blocks.PLANE), np.float32)
-        planes[:-1, kernel_blocks.GREY] = surface.colours[:-1] @ GREY_WEIGHTS
-        varied, kinds = surface.kinds != kernel_blocks.PLAIN, -surface.kinds.astype(np.float32)
-        planes[:-1, kernel_blocks.GREY][varied] = kinds[varied]
-        paints = np.zeros((len(surface.paint), kernel_blocks.PAINT), np.float32)
-        levels = np.zeros(faces + 1, np.int32)
-        count_of_levels = self._textures[1].shape[1]
-        painting = surface.kinds, surface.paint, self._texel_areas[surface.order]
-        self._now = 0
-        self._memory = np.full(faces + 1, NEVER, np.int32), np.full(clusters + 1, NEVER, np.int32)
-        self._for_drawing = (
-            np.zeros(clusters, np.bool_),
-            np.empty(4, np.int32),
-            np.empty(faces + 1, np.int32),
-            np.empty((2, surface.vertices.shape[1]), np.int32),
-            np.empty(surface.vertices.shape[1], np.float32),
-            planes,
-            (*painting, count_of_levels, paints, levels),
-            kernel_coverage.make_room(),
-        )
-        self._shape = (
-            surface.vertices,
-            surface.faces,
-            surface.corners,
-            surface.cluster_start,
-            surface.cluster_box,
-        )
-        colours = surface.colours.copy()
-        colours[:-1][varied, 0] = kinds[varied]
-        self._of_faces = planes, colours, bool(varied.any()), paints, levels
-        self._attributes = (
-            surface.vertices,
-            surface.faces,
-            surface.vertex_data,
-            surface.face_texture,
-        )
-        self._make_picture(0, 0)
-
-    def _make_picture(self, width: int, height: int) -> None:
-        self._depth = _lined_up(height, _padded(width), np.float32, -np.inf)
-        self._ids = _lined_up(height, _padded(width), np.int32, -1)
-        tile = 1 << kernel_visibility.TILE_BITS
-        tiles = np.empty((height // tile + 2, width // tile + 2), np.float32)
-        self._room = *self._for_drawing, np.empty(_padded(width), np.float32), tiles
-        self._normals = np.empty((3, width), np.float32)
-        self._weighted = np.empty(width)
-        self._paint = np.empty((3, width + 3), np.float32)
-        self._run = np.empty((0, width), np.float32)
-        self._drawn: Box = (0, 0, 0, 0)
-        self._class_room: ClassRoom | None = None
-
-    def _seen_from_outside(self) -> NDArray[np.bool_]:
-        """(F,): the mesh's faces that others do not hide all around."""
-        seen = np.zeros(len(self.mesh.faces), bool)
-        for pose in _views_around(self.mesh):
-            left, top, right, bottom = self._rasterise(pose)
-            ids = self._ids[top:bottom, left:right]
-            seen[self._surface.order[ids[ids >= 0]]] = True
-        return seen
-
-    def _run_for(self, channels: int) -> NDArray[np.float32]:
-        """Room for a run of pixels with n ``channels``."""
-        if len(self._run) < channels + 14:
-            self._run = np.empty((channels + 14, self._run.shape[1]), np.float32)
-        return self._run
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
@@ -137,24 +60,28 @@ class SoftwareRenderer:
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre."""
-        height, width = pose.camera.height, pose.camera.width
-        box = self._rasterise(pose)
-        reflectance = np.zeros((height, width, 3), np.float32)
-        normals = np.zeros((height, width, 3), np.float32)
-        self._shade(pose, box, reflectance, normals)
-        face_ids = np.full((height, width), -1, np.int32)
-        left, top, right, bottom = box
-        surface, ids = self._surface, self._ids[top:bottom, left:right]
-        face_ids[top:bottom, left:right] = np.where(ids >= 0, surface.order[ids], -1)
+        size = pose.camera.height, pose.camera.width
+        box = left, top, right, bottom = self._rasterise(pose)
+        reflectance, normals = np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
+        shade.shade(
+            box,
+            self._ids,
+            self._of_faces,
+            (self._of_model, self._camera, self._textures),
+            pose.camera_from_model.rotation,
+            self._of_row(0),
+            reflectance,
+            normals,
+        )
+        face_ids = np.full(size, -1, np.int32)
+        ids = self._ids[top:bottom, left:right]
+        face_ids[top:bottom, left:right] = np.where(ids >= 0, self._surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
     def covers(self, pose: Pose) -> NDArray[np.bool_]:
-        """(height, width): where the model is seen, and nothing about it: what is quickest."""
-        covered = np.zeros((pose.camera.height, pose.camera.width), bool)
-        left, top, right, bottom = self._rasterise(pose)
-        part = slice(top, bottom), slice(left, right)
-        covered[part] = self._ids[part] >= 0
-        return covered
+        """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
+        self._rasterise(pose)
+        return self._ids[:, : pose.camera.width] >= 0
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments, added up in the kernel: no picture of the attributes is made.
@@ -166,22 +93,21 @@ class SoftwareRenderer:
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
         if photo.structure is not None:
-            return self._classes(pose, photo, photo.structure)
+            return self._structure_moments(pose, photo, photo.structure)
         box = self._rasterise(pose)
         n, region = photo.channels.shape[2], NO_REGION
         if not photo.clipped:
-            sums = photo.region_sums
-            region = True, sums.weight, sums.first, sums.second
-        pixels, weight, mean, covariance = kernel_pose.sum_up(
+            whole = photo.region_sums
+            region = True, whole.weight, whole.first, whole.second
+        pixels, weight, mean, covariance = sums.moments(
             box,
             self._ids,
             self._of_faces,
-            (self._attributes, self._camera, self._textures),
-            GREY_WEIGHTS,
+            (self._of_model, self._camera, self._textures),
             (photo.planar, photo.weights),
             photo.origin,
             photo.model_channels,
-            (self._normals, self._weighted, self._run_for(n), self._paint),
+            (self._of_row(n), self._weighted),
             region,
             pose.camera_from_model.rotation,
         )
@@ -189,101 +115,121 @@ class SoftwareRenderer:
         mean.flags.writeable = covariance.flags.writeable = False
         return Moments(pixels, weight, mean, covariance, n)
 
-    def _classes(self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure) -> Moments:
-        """The moments of classes, and the agreement of edges, from planes of the attributes."""
-        box = self._rasterise(pose)
-        fixed, room = photo.fixed_part, self._room_for(photo)
-        pixels, mean, covariance, likeness, length = kernel_pose.compare(
+    def _structure_moments(
+        self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
+    ) -> Moments:
+        box, fixed = self._rasterise(pose), photo.fixed_part
+        pixels, mean, covariance, dot, square = sums.structure_moments(
             box,
             self._ids,
             self._of_faces,
-            (self._attributes, self._camera, self._textures),
-            GREY_WEIGHTS,
-            (self._normals, self._weighted, self._run_for(0), self._paint),
-            (room.spans, room.planes),
-            (room.run, room.joint, room.second),
-            (room.rows, room.across, fixed.edges),
+            (self._of_model, self._camera, self._textures),
             (photo.planar, structure.labels, photo.weights),
             (fixed.weight, fixed.mean, fixed.covariance),
+            fixed.edges,
             pose.camera_from_model.rotation,
             MODEL_NOISE,
             BLUR_TAPS,
+            (self._of_row(0), *self._structure_workspace(photo)),
         )
         mean.flags.writeable = covariance.flags.writeable = False
-        cosine = likeness / length**0.5 if length > 0.0 else 0.0
+        cosine = dot / square**0.5 if square > 0.0 else 0.0
         n = len(fixed.mean)
         return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
 
-    def _room_for(self, photo: PhotoAttributes) -> ClassRoom:
-        height, width = photo.weights.shape
-        size = photo.model_channels, photo.photo_channels
-        room = self._class_room
-        if room is None or room.planes.shape[1:] != (height + 2, width + 2) or room.size != size:
-            room = self._class_room = ClassRoom(height, width, *size)
-        return room
-
-    def _shade(
-        self,
-        pose: Pose,
-        box: Box,
-        reflectance: NDArray[np.float32],
-        normals: NDArray[np.float32],
-    ) -> None:
-        """Write what was rasterised last to pictures (height, width, 3)."""
-        kernel_attributes.shade(
-            box,
-            self._ids,
-            self._of_faces,
-            pose.camera_from_model.rotation,
-            (self._attributes, self._camera, self._textures),
-            reflectance,
-            normals,
+    def _allocate(self) -> None:
+        surface, count_of_levels = self._surface, self._textures[1].shape[1]
+        faces, vertices = len(surface.faces), surface.vertices.shape[1]
+        planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
+        paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
+        levels = np.zeros(faces + 1, np.int32)
+        colours = surface.colours.copy()
+        planes[:-1, rasterise.GREY] = colours[:-1] @ GREY_WEIGHTS
+        varied, kinds = surface.kinds != rasterise.PLAIN, -surface.kinds.astype(np.float32)
+        planes[:-1, rasterise.GREY][varied] = colours[:-1, 0][varied] = kinds[varied]
+        painting = surface.kinds, surface.paint, self._texel_areas[surface.order]
+        self._workspace = (
+            np.empty((2, vertices), np.int32),
+            np.empty(vertices, np.float32),
+            np.empty(faces, np.int32),
+            planes,
+            (*painting, count_of_levels, paints, levels),
+            rasterise.make_chunk(),
         )
+        self._of_faces = planes, colours, bool(varied.any()), paints, levels
+        self._of_model = surface.vertices, surface.faces, surface.vertex_data, surface.face_texture
+        self._make_picture(0, 0)
+
+    def _make_picture(self, width: int, height: int) -> None:
+        self._depth = _aligned(height, _padded(width), np.float32, -np.inf)
+        self._ids = _aligned(height, _padded(width), np.int32, -1)
+        self._normals, self._paint = (
+            np.empty((3, width), np.float32),
+            np.empty((3, width), np.float32),
+        )
+        self._run = np.empty((0, width), np.float32)
+        self._weighted = np.empty(width)
+        self._drawn: Box = (0, 0, 0, 0)
+        self._of_structure: tuple[tuple[int, ...], tuple[Any, ...]] | None = None
+
+    def _of_row(self, channels: int) -> tuple[NDArray[np.float32], ...]:
+        """The workspace of ``shade``, with n ``channels`` of a photo."""
+        if len(self._run) < channels + 14:
+            self._run = np.empty((channels + 14, self._run.shape[1]), np.float32)
+        return self._normals, self._run, self._paint
+
+    def _structure_workspace(self, photo: PhotoAttributes) -> tuple[Any, ...]:
+        """(spans, planes), (run, joint, second), (rows, across), kept from pose to pose."""
+        (height, width), m, n = photo.weights.shape, photo.model_channels, photo.photo_channels
+        key = height, width, m, n
+        if self._of_structure is None or self._of_structure[0] != key:
+            planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
+            rows = np.empty((5, width + 2 * (len(BLUR_TAPS) - 1)), np.float32)
+            buffers = (
+                (np.zeros((height, 2), np.int64), planes),
+                (np.empty((n + m + 1, width)), np.empty((n, m)), np.empty((m, m))),
+                (rows, np.empty((2, height, width), np.float32)),
+            )
+            self._of_structure = key, buffers
+        return self._of_structure[1]
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""
-        self._look_from(pose)
-        self._now += 1
-        self._drawn = kernel_pose.rasterise(
-            self._now,
-            self._drawn,
-            self._shape,
-            self._camera,
-            self._weighs(),
-            self.two_sided,
-            pose.camera.width,
-            self._memory,
-            self._room,
-            (self._depth, self._ids),
-        )
-        return self._drawn
-
-    def _look_from(self, pose: Pose) -> None:
         camera = pose.camera
         if self._ids.shape != (camera.height, _padded(camera.width)):
             self._make_picture(camera.width, camera.height)
         self._camera = _camera_numbers(pose, self._surface.centre, self._near)
+        self._drawn = rasterise.rasterise(
+            self._drawn,
+            (self._surface.vertices, self._surface.faces, self._surface.normals),
+            self._camera,
+            self.two_sided,
+            camera.width,
+            self._workspace,
+            (self._depth, self._ids),
+        )
+        return self._drawn
 
-    def _weighs(self) -> np.float32:
-        """What a corner's depth value is multiplied by to weigh it: the distance of the centre.
+    def _seen_from_outside(self) -> NDArray[np.bool_]:
+        """(F,): the mesh's faces that others do not hide all around."""
+        seen = np.zeros(len(self.mesh.faces), bool)
+        for pose in _views_around(self.mesh):
+            self._rasterise(pose)
+            seen[self._surface.order[self._ids[self._ids >= 0]]] = True
+        return seen
 
-        Negative in parallel projection, where all corners weigh the same.
-        """
-        distance, near = self._camera[11], self._camera[16]
-        return np.float32(max(distance, near) if near > 0.0 else -1.0)
 
-
-def _lined_up(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
+def _aligned(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
     """A buffer whose first entry starts a line of the processor's cache: so does each block."""
     size = height * width
-    room = np.full(size + CACHE_LINE, value, kind)
-    skip = -(room.ctypes.data // room.itemsize) % (CACHE_LINE // room.itemsize)
-    return room[skip : skip + size].reshape(height, width)
+    buffer = np.full(size + CACHE_LINE, value, kind)
+    skip = -(buffer.ctypes.data // buffer.itemsize) % (CACHE_LINE // buffer.itemsize)
+    return buffer[skip : skip + size].reshape(height, width)
 
 
 def _padded(width: int) -> int:
     """The columns of a buffer whose rows are whole blocks."""
-    return -(-width // kernel_blocks.BLOCK) * kernel_blocks.BLOCK
+    return -(-width // BLOCK) * BLOCK
 
 
 def _views_around(mesh: Mesh) -> Iterator[Pose]:

@@ -1,4 +1,4 @@
-"""Leaving out hidden clusters of faces changes no picture, whatever was drawn before."""
+"""The order in which faces are drawn changes no picture."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.clusters import CLUSTER_FACES, make_clusters
 from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.surface import make_surface
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy, make_mesh, make_soup
 from tests.render.software.test_renderer import random_pose
@@ -29,7 +29,7 @@ def make_filled() -> Mesh:
 
 @pytest.mark.parametrize("parallel", [False, True])
 def test_pictures_do_not_depend_on_what_was_drawn_before(parallel):
-    """A fresh clone knows nothing that is likely to be seen, and so leaves nothing out."""
+    """Buffers are emptied where something was drawn alone."""
     renderer, random = SoftwareRenderer(make_filled()), np.random.default_rng(0)
     photo = PhotoAttributes(
         random.uniform(size=(72, 96, 3)).astype(np.float32), np.ones((72, 96), np.float32)
@@ -62,17 +62,12 @@ def test_of_two_faces_at_the_same_depth_the_same_one_is_always_seen():
         assert renderer.render(random_pose(random, False)).face_ids.max() < len(mesh.faces)
 
 
-def test_clusters_hold_every_face_once_inside_their_boxes():
+def test_the_surface_has_every_face_once_and_those_seen_first():
     mesh = make_filled()
     seen = np.random.default_rng(2).uniform(size=len(mesh.faces)) > 0.5
-    surface = make_clusters(mesh, seen)
+    surface = make_surface(mesh, seen)
     assert np.array_equal(np.sort(surface.order), np.arange(len(mesh.faces)))
+    assert np.all(seen[surface.order[: seen.sum()]])
     corners = (surface.vertices.T[surface.faces]).astype(float)
     wanted = mesh.vertices[mesh.faces[surface.order]] - surface.centre
     assert corners == pytest.approx(wanted, abs=1e-7 * mesh.diameter)
-    assert np.all(seen[surface.order[: seen.sum()]])
-    cluster = np.arange(len(surface.faces)) // CLUSTER_FACES
-    own = surface.cluster_start[cluster], surface.cluster_start[cluster + 1]
-    assert np.all((surface.faces >= own[0][:, None]) & (surface.faces < own[1][:, None]))
-    middle, half = surface.cluster_box[cluster, :3], surface.cluster_box[cluster, 3:]
-    assert np.all(np.abs(corners - middle[:, None]) <= half[:, None])

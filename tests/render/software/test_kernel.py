@@ -10,44 +10,47 @@ from pathlib import Path
 
 import poseviewer
 
-WITHOUT_A_CACHE = """
-import numpy as np
-from poseviewer.render.software import kernel_moments
-first, second = np.array([1.0, 2.0]), np.array([[3.0, 0.0], [4.0, 8.0]])
-mean, covariance = kernel_moments.as_moments(1, 2.0, first, second, np.zeros(2), np.eye(3))
-print(*mean, *covariance.ravel())
+COUNT = """
+from poseviewer.render.software.rasterise import _span
 from poseviewer.render.software.compiled import kernels_are_compiled
-print(kernels_are_compiled())
+print(*_span(0, 5, -3, 2), kernels_are_compiled())
+print(sum(_span.stats.cache_hits.values()), sum(_span.stats.cache_misses.values()))
 """
+COMPILED, LOADED = "0 1", "1 0"
 
 
 def test_kernels_run_from_a_read_only_install_without_a_home(tmp_path: Path):
     """Files stand where numba would make its folders: so it can write to neither of them."""
     package = _copy_of_the_package(tmp_path)
-    (package / "render" / "__pycache__").write_text("")
+    (package / "render" / "software" / "__pycache__").write_text("")
     home = tmp_path / "home"
     home.write_text("")
-    found = _run(WITHOUT_A_CACHE, tmp_path, HOME=str(home), XDG_CACHE_HOME=str(home))
-    assert found == ["0.5 1.0 1.25 1.5 1.5 3.0", "False"]
-
-
-CLEAR = """
-import numpy as np
-from poseviewer.render.software.kernel_buffers import clear
-depth, ids = np.ones((4, 4), np.float32), np.zeros((4, 4), np.int32)
-clear((0, 0, 4, 4), 1, 6, depth, ids, np.zeros(2, np.int32), np.zeros(2, np.int32))
-print(sum(clear.stats.cache_hits.values()), sum(clear.stats.cache_misses.values()))
-"""
+    found = _run(COUNT, tmp_path, HOME=str(home), XDG_CACHE_HOME=str(home))
+    assert found[0] == "2 5 False"
 
 
 def test_a_change_of_any_kernel_makes_the_code_of_all_kernels_old(tmp_path: Path):
     """Machine code contains that of the kernels it calls, whose files numba does not look at."""
     package, cache = _copy_of_the_package(tmp_path), str(tmp_path / "cache")
-    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["0 1"]
-    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["1 0"]
-    other = package / "render" / "kernel_moments.py"
-    other.write_text(other.read_text() + "# changed\n")
-    assert _run(CLEAR, tmp_path, NUMBA_CACHE_DIR=cache) == ["0 1"]
+    assert _run(COUNT, tmp_path, NUMBA_CACHE_DIR=cache)[1] == COMPILED
+    assert _run(COUNT, tmp_path, NUMBA_CACHE_DIR=cache)[1] == LOADED
+    other = package / "render" / "software" / "sums.py"
+    os.utime(other, (0, 0))
+    assert _run(COUNT, tmp_path, NUMBA_CACHE_DIR=cache)[1] == LOADED
+    other.write_text(other.read_text().replace("The moments", "the moments", 1))
+    os.utime(other, (0, 0))
+    assert _run(COUNT, tmp_path, NUMBA_CACHE_DIR=cache)[1] == COMPILED
+
+
+def test_a_copy_of_the_package_is_not_compiled_again(tmp_path: Path):
+    """With the machine code beside it, and whatever the times of its files."""
+    package = _copy_of_the_package(tmp_path / "one")
+    assert _run(COUNT, tmp_path / "one")[1] == COMPILED
+    copy = tmp_path / "other" / "poseviewer"
+    shutil.copytree(package, copy)
+    for source in copy.rglob("*.py"):
+        os.utime(source)
+    assert _run(COUNT, tmp_path / "other")[1] == LOADED
 
 
 COMPILE = """

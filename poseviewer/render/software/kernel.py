@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -20,19 +21,23 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         settings = {"nogil": True, "error_model": "numpy", **options}
         try:
-            compiled = njit(cache=True, **settings)(function)
+            compiled: Any = njit(cache=True, **settings)(function)
         except RuntimeError:  # numba found no place for a cache
             return njit(**settings)(function)
         # By itself numba looks at the kernel's own file alone; kernels call those of others.
-        it: Any = compiled
-        it._cache._cache_file._source_stamp = sources_stamp()
+        compiled._cache._cache_file._source_stamp = sources_stamp()
         return compiled
 
     return decorate
 
 
 @lru_cache(maxsize=1)
-def sources_stamp() -> tuple[float, int]:
-    """The time of the latest change of any kernel's file, and the size of all."""
-    states = [source.stat() for source in Path(__file__).parent.glob("kernel_*.py")]
-    return max(state.st_mtime for state in states), sum(state.st_size for state in states)
+def sources_stamp() -> str:
+    """A hash of the kernels' sources: the same in a copy, another after any change.
+
+    numba 0.68 looks at what is in a file as well, before that at the time of its last change.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,517 @@
+"""The moments of photo and model, in one call for a pose. Arrays in, arrays out, without the GIL.
+
+Between calls a thread needs the interpreter's lock, and who waits for it is woken late: with a call
+for each part of the work two threads were no quicker than one on coarse pyramid levels.
+
+``moments`` adds up attributes row by row, while they are worked out; of no picture are they kept.
+``structure_moments`` compares a photo's classes and edges with the model's, from planes of
+attributes (unit normals, grey reflectance, coverage, and R, G, B) with a rim of one pixel of zeros,
+see ``shade.fill_planes``; ``spans`` (height, 2) are the columns of each row that the model is in.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from poseviewer.render.software.kernel import kernel
+from poseviewer.render.software.shade import TINY, fill_planes, fill_row, span
+
+GREY, COVERAGE, RED, PLANES = 3, 4, 5, 8  # planes; 0 to 2 are the normal
+EDGE_PLANES = 5  # edges are found in the first five
+COLOURED = 13  # attributes, where each colour has shades of its own
+
+_jit: Any = kernel()
+# Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
+_jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
+_jit_fast: Any = kernel(fastmath=True)
+
+
+@_jit
+def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace, region, rotation):
+    """The moments of photo and model: pixels, their weight, mean (n + m,) and covariance.
+
+    Args:
+        box: outside it the rasteriser found nothing.
+        ids: the face of each pixel.
+        of_faces: see ``shade``.
+        of_model: see ``shade``.
+        photo: F (n, height, width) and weights (height, width).
+        photo_origin: (n,), subtracted from F.
+        model: m, 4 (of the grey) or 12, or 1 more: the last attribute is then 1 on the model.
+        workspace: that of ``shade``, and for the weights (width,) float64.
+        region: (whether P is the whole of it, and if so the ``RegionSums``).
+        rotation: (3, 3), turns normals into the camera's frame.
+    """
+    n = photo_origin.shape[0]
+    size = n + model
+    first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
+    origin[:n] = photo_origin
+    pixels, weight = _accumulate(
+        box, ids, of_faces, of_model, photo, origin, model, workspace, first, second
+    )
+    is_whole, region_weight, region_first, region_second = region
+    if is_whole:
+        _add_surroundings(n, weight, first, second, origin, region_first, region_second)
+        weight = region_weight
+    if weight <= 0.0:
+        return 0, 0.0, np.zeros(size), np.zeros((size, size))
+    mean, covariance = _from_sums(n, weight, first, second, origin, rotation)
+    return pixels, weight, mean, covariance
+
+
+@_jit
+def _accumulate(box, ids, of_faces, of_model, photo, origin, model, workspace, first, second):
+    """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
+
+    x = (F, M) - ``origin``; products of F with F are left out where P is not the model's.
+
+    ``origin`` (n + m,) is given for F and set for M. Returns how many pixels of positive weight
+    there were, and their weight.
+    """
+    of_row, weighted = workspace
+    normals, run, _ = of_row
+    planar, weights = photo
+    n = planar.shape[0]
+    count, whole = (1 if model < 12 else 3), model in (5, 13)
+    at_model = 1 + n
+    left, top, right, bottom = box
+    pixels, total = 0, 0.0
+    for row in range(top, bottom):
+        begin, end = span(ids, row, left, right)
+        if begin == end:
+            continue
+        faces = ids[row, begin:end]
+        seen, weight = _gather_photo(
+            faces, weights[row, begin:end], planar, row, begin, origin, run
+        )
+        if seen == 0:
+            continue
+        fill_row(row, begin, faces, of_faces, of_model, count, of_row, at_model)
+        _fill_products(end - begin, count, normals, run, at_model)
+        if pixels == 0:
+            _find_means(end - begin, weight, n, count, run, origin)
+        _centre(end - begin, n, count, run, origin)
+        _add_row(end - begin, n, count, whole, weighted, run, first, second)
+        pixels += seen
+        total += weight
+    if whole:  # sums with the attribute that is 1 on the model are those without it
+        last = n + 4 * count
+        for i in range(last):
+            second[last, i] += first[i]
+        first[last] += total
+        second[last, last] += total
+    return pixels, total
+
+
+@_jit_sums
+def _gather_photo(faces, weights, planar, row, first, origin, run):
+    """Fill a row's weights and photo attributes; returns the pixels that count, and their weight.
+
+    What does not count is 0, even where the photo is not a number.
+    """
+    zero, length = np.float32(0.0), faces.shape[0]
+    total, pixels = 0.0, np.int32(0)
+    used = run[0, :length]
+    for p in range(length):
+        w = weights[p]
+        counts = (w > zero) & (faces[p] >= 0)
+        w = w if counts else zero
+        used[p] = w
+        total += np.float64(w)
+        pixels += np.int32(1) if counts else np.int32(0)
+    for k in range(planar.shape[0]):
+        mean, out = np.float32(origin[k]), run[1 + k, :length]
+        channel = planar[k, row, first : first + length]
+        for p in range(length):
+            value = channel[p] - mean
+            out[p] = value if used[p] > zero else zero
+    return pixels, total
+
+
+@_jit_sums
+def _fill_products(size, count, normals, run, at_model):
+    """One over the normals' lengths, and reflectance times unit normals less their origin."""
+    scale = run[at_model + 4 * count, :size]
+    x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
+    for p in range(size):
+        square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
+        scale[p] = np.float32(1.0) / math.sqrt(max(square, TINY))
+    for colour in range(count):
+        at = at_model + 4 * colour
+        k = run[at, :size]
+        kx, ky, kz = run[at + 1, :size], run[at + 2, :size], run[at + 3, :size]
+        for p in range(size):
+            kx[p] = k[p] * (scale[p] * x[p])
+            ky[p] = k[p] * (scale[p] * y[p])
+            kz[p] = k[p] * (scale[p] * z[p])
+
+
+@_jit_sums
+def _find_means(size, weight, n, count, run, origin):
+    """The model attributes' means over a row: sums about them keep their digits where the
+    attributes hardly vary.
+    """
+    used = run[0, :size]
+    for j in range(n, n + 4 * count):
+        row, total = run[1 + j, :size], np.float32(0.0)
+        for p in range(size):
+            total += used[p] * row[p]
+        origin[j] = np.float32(total / weight)
+
+
+@_jit_sums
+def _centre(size, n, count, run, origin):
+    """Take model attributes about their origin."""
+    for j in range(n, n + 4 * count):
+        row, mean = run[1 + j, :size], np.float32(origin[j])
+        for p in range(size):
+            row[p] -= mean
+
+
+@_jit_sums
+def _add_row(length, n, count, whole, weighted, run, first, second):
+    """Add the sums over a row of pixels, in float64: near-singular covariances need the digits."""
+    weights, weighted = run[0, :length], weighted[:length]
+    for i in range(n + 4 * count):
+        row, mine = run[1 + i, :length], 0.0
+        for p in range(length):
+            weighted[p] = np.float64(weights[p]) * np.float64(row[p])
+            mine += weighted[p]
+        first[i] += mine
+        if whole and i < n:
+            continue
+        for j in range(i + 1):
+            other, product = run[1 + j, :length], 0.0
+            for p in range(length):
+                product += weighted[p] * np.float64(other[p])
+            second[i, j] += product
+
+
+@_jit
+def _turn(rotation, vector):
+    """``rotation`` (3, 3) times ``vector`` (3,), in place."""
+    x, y, z = vector[0], vector[1], vector[2]
+    for i in range(3):
+        vector[i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
+
+
+@_jit
+def _from_sums(n, weight, first, second, origin, rotation):
+    """Mean (n + m,) and covariance (n + m, n + m) from sums about ``origin``, normals turned by
+    ``rotation`` (3, 3). ``second`` is used up.
+    """
+    size = first.shape[0]
+    mean = first / weight
+    for i in range(size):
+        for j in range(i + 1):
+            second[i, j] = second[j, i] = second[i, j] / weight - mean[i] * mean[j]
+    mean += origin
+    for at in range(n + 1, size - 2, 4):
+        _turn(rotation, mean[at : at + 3])
+        for i in range(size):
+            _turn(rotation, second[at : at + 3, i])
+        for i in range(size):
+            _turn(rotation, second[i, at : at + 3])
+    for i in range(size):
+        for j in range(i):
+            second[i, j] = second[j, i]
+    return mean, second
+
+
+@_jit
+def _add_surroundings(n, weight, first, second, origin, region_first, region_second):
+    """Make sums over the model's pixels, of ``weight``, sums over the region around it too.
+
+    Beside the model all its attributes are 0: their origin becomes 0. What F alone adds is
+    ``region_first`` (n,) and ``region_second`` (n, n).
+    """
+    size = first.shape[0]
+    for i in range(n, size):
+        for j in range(i + 1):
+            shift = origin[i] * first[j] + first[i] * origin[j] if j >= n else origin[i] * first[j]
+            second[i, j] += shift + (weight * origin[i] * origin[j] if j >= n else 0.0)
+    for i in range(n, size):
+        first[i] += weight * origin[i]
+        origin[i] = 0.0
+    for i in range(n):
+        first[i] = region_first[i]
+        for j in range(n):
+            second[i, j] = region_second[i, j]
+
+
+@_jit
+def structure_moments(
+    box, ids, of_faces, of_model, photo, fixed, target, rotation, noise, taps, workspace
+):
+    """Where classes and edges are compared: pixels, mean (n + m,), covariance, and the sums over P
+    of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
+
+    Args:
+        box: as for ``moments``, like the next three.
+        ids: .
+        of_faces: .
+        of_model: .
+        photo: (channels (n, height, width), labels of the classes, weights).
+        fixed: (weight, mean, covariance) of F, which no pose alters.
+        rotation: (3, 3), turns normals into the camera's frame.
+        target: (2, height, width), the photo's orientation field times its weights.
+        noise: gradients below it are no edges.
+        taps: (r + 1,), the right half of the blur.
+        workspace: that of ``shade``, and those of ``_class_sums`` and ``_edge_sums``.
+    """
+    of_row, (spans, planes), (run, joint, second), (rows, across) = workspace
+    channels, labels, weights = photo
+    fill_planes(box, ids, of_faces, of_model, of_row, spans, planes)
+    pixels = _class_sums(spans, planes, weights, channels, labels, rotation, run, joint, second)
+    dot, square = _edge_sums(spans, planes, noise, taps, weights, target, rows, across)
+    mean, covariance = _from_class_sums(fixed[0], fixed[1], fixed[2], joint, second)
+    return pixels, mean, covariance, dot, square
+
+
+@_jit
+def _class_sums(spans, planes, weights, photo, labels, rotation, run, joint, second):
+    """Sums of ``F M^T`` (n + classes, m) and ``M M^T`` (m, m); returns how many pixels count.
+
+    F is the ``photo`` (n, height, width), and the memberships in the classes. M (13,) is
+    ``(k, k n)`` of each colour k, or (7,) the three colours and ``g n`` of their grey g; last the 1
+    of a pixel that the model covers. The normal n is turned by ``rotation`` (3, 3). ``run``
+    (n + m + 1, width) float64 is the workspace for a row.
+    """
+    channels, size = photo.shape[0], second.shape[0]
+    first, step = (1, 4) if size == COLOURED else (3, size)  # where the shades of a colour are
+    joint[:], second[:] = 0.0, 0.0
+    pixels = 0
+    for row in range(spans.shape[0]):
+        begin, end = spans[row, 0], spans[row, 1]
+        if begin == end:
+            continue
+        pixels += _fill_row(row, begin, end, planes, weights, photo, size, run)
+        _add_products(end - begin, channels, size, run, joint, second)
+        _add_classes(labels[row, begin:end], channels, size, run, joint)
+    for i in range(size):
+        for j in range(i):
+            second[j, i] = second[i, j]
+    for at in range(first, size - 1, step):
+        for i in range(joint.shape[0]):
+            _turn(rotation, joint[i, at : at + 3])
+        for i in range(size):
+            _turn(rotation, second[i, at : at + 3])
+    for at in range(first, size - 1, step):
+        for i in range(size):
+            _turn(rotation, second[at : at + 3, i])
+    return pixels
+
+
+@_jit_sums
+def _fill_row(row, begin, end, planes, weights, photo, attributes, run):
+    """Into ``run``: M, m rows, its last the weight, then F weighted, n rows; 0 without weight."""
+    size, ones = end - begin, run[attributes - 1, : end - begin]
+    covered = planes[COVERAGE, row + 1, begin + 1 : end + 1]
+    weight = weights[row, begin:end]
+    pixels = 0
+    for p in range(size):
+        counts = (weight[p] > np.float32(0.0)) & (covered[p] > np.float32(0.0))
+        ones[p] = np.float64(weight[p]) if counts else 0.0
+        pixels += 1 if counts else 0
+    coloured = attributes == COLOURED
+    for channel in range(3):
+        colour = planes[RED + channel, row + 1, begin + 1 : end + 1]
+        k = run[4 * channel if coloured else channel, :size]
+        for p in range(size):
+            k[p] = np.float64(colour[p])
+    for block in range(3 if coloured else 1):
+        shade = planes[RED + block if coloured else GREY, row + 1, begin + 1 : end + 1]
+        for axis in range(3):
+            normal = planes[axis, row + 1, begin + 1 : end + 1]
+            lit = run[(4 * block + 1 if coloured else 3) + axis, :size]
+            for p in range(size):
+                lit[p] = np.float64(shade[p]) * np.float64(normal[p])
+    for channel in range(photo.shape[0]):
+        value, seen = run[attributes + channel, :size], photo[channel, row, begin:end]
+        for p in range(size):
+            value[p] = np.float64(seen[p]) * ones[p] if ones[p] > 0.0 else 0.0
+    return pixels
+
+
+@_jit_sums
+def _add_products(length, channels, size, run, joint, second):
+    ones = run[size - 1, :length]
+    weighted = run[size + channels, :length]
+    for i in range(size):
+        mine = run[i, :length]
+        for p in range(length):
+            weighted[p] = mine[p] * ones[p] if i < size - 1 else mine[p]
+        for j in range(min(i, size - 2) + 1):
+            other, product = run[j, :length], 0.0
+            for p in range(length):
+                product += weighted[p] * other[p]
+            second[i, j] += product
+    total = 0.0
+    for p in range(length):
+        total += ones[p]
+    second[size - 1, size - 1] += total
+    for channel in range(channels):
+        seen, total = run[size + channel, :length], 0.0
+        for p in range(length):
+            total += seen[p]
+        joint[channel, size - 1] += total
+        for i in range(size - 1):
+            mine, product = run[i, :length], 0.0
+            for p in range(length):
+                product += seen[p] * mine[p]
+            joint[channel, i] += product
+
+
+@_jit
+def _add_classes(labels, channels, size, run, joint):
+    for p in range(labels.shape[0]):
+        label, weight = np.uint64(channels + np.int64(labels[p])), run[size - 1, p]
+        for i in range(size - 1):
+            joint[label, i] += weight * run[i, p]
+        joint[label, size - 1] += weight
+
+
+@_jit
+def _from_class_sums(weight, photo_mean, photo_covariance, joint, second):
+    """Mean (n + m,) and covariance (n + m, n + m), where F's are known.
+
+    ``joint`` (n, m) and ``second`` (m, m) are sums of ``F M^T`` and ``M M^T``; the last attribute
+    of M is 1 where it is summed, and so the last row of ``second`` is the sum of M.
+    """
+    n, m = joint.shape
+    mean, covariance = np.zeros(n + m), np.zeros((n + m, n + m))
+    if weight <= 0.0:
+        return mean, covariance
+    share = 1.0 / weight
+    for j in range(m):
+        mean[n + j] = share * second[m - 1, j]
+    for i in range(n):
+        mean[i] = photo_mean[i]
+        for j in range(n):
+            covariance[i, j] = photo_covariance[i, j]
+        for j in range(m):
+            covariance[i, n + j] = share * joint[i, j] - mean[i] * mean[n + j]
+            covariance[n + j, i] = covariance[i, n + j]
+    for i in range(m):
+        for j in range(m):
+            covariance[n + i, n + j] = share * second[i, j] - mean[n + i] * mean[n + j]
+    return mean, covariance
+
+
+@_jit
+def _edge_sums(spans, planes, noise, taps, weights, target, workspace, across):
+    """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
+
+    ``target`` (2, height, width) is the photo's field times its weights. The blur is the
+    convolution along columns and rows with the symmetric kernel that ``taps`` (r + 1,) float32 are
+    the right half of. ``workspace`` (5, width + 2 r) and ``across`` (2, height, width)
+    are float32.
+    """
+    height, width = weights.shape
+    reach = taps.shape[0] - 1
+    first, last, left, right = _span_of_all(spans, width)
+    if first >= last:
+        return 0.0, 0.0
+    first, last = max(first - 1, 0), min(last + 1, height)
+    left, right = max(left - 1 - reach, 0), min(right + 1 + reach, width)
+    for row in range(first, last):
+        begin, end = _span_about(row, spans, width)
+        workspace[0], workspace[1] = np.float32(0.0), np.float32(0.0)
+        if begin < end:
+            _orientation(row, begin, end, planes, noise, workspace, reach)
+        for axis in range(2):
+            _blur(workspace[axis, left : right + 2 * reach], taps, across[axis, row, left:right])
+    dot, length = 0.0, 0.0
+    for row in range(max(first - reach, 0), min(last + reach, height)):
+        for axis in range(2):
+            total = workspace[axis, : right - left]
+            _add_rows(row, first, last, left, right, taps, across[axis], total)
+            one, other = _dot(total, target[axis, row, left:right], weights[row, left:right])
+            dot += one
+            length += other
+    return dot, length
+
+
+@_jit
+def _span_of_all(spans, width):
+    first, last, left, right = spans.shape[0], 0, width, 0
+    for row in range(spans.shape[0]):
+        if spans[row, 0] < spans[row, 1]:
+            first, last = min(first, row), row + 1
+            left, right = min(left, spans[row, 0]), max(right, spans[row, 1])
+    return first, last, left, right
+
+
+@_jit
+def _span_about(row, spans, width):
+    """Columns of a row that have the model within a pixel, in the picture; ends excluded."""
+    begin, end = width, 0
+    for other in range(max(row - 1, 0), min(row + 2, spans.shape[0])):
+        if spans[other, 0] < spans[other, 1]:
+            begin, end = min(begin, spans[other, 0]), max(end, spans[other, 1])
+    return max(begin - 1, 0), min(end + 1, width)
+
+
+@_jit_fast
+def _orientation(row, begin, end, planes, noise, workspace, reach):
+    """The field, by Sobel's operator, into the first two rows of ``workspace``, ``reach`` px on."""
+    size = end - begin
+    xx, yy, xy = workspace[2, :size], workspace[3, :size], workspace[4, :size]
+    xx[:], yy[:], xy[:] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    two = np.float32(2.0)
+    for k in range(EDGE_PLANES):
+        above = planes[k, row, begin : end + 2]
+        here = planes[k, row + 1, begin : end + 2]
+        below = planes[k, row + 2, begin : end + 2]
+        for u in range(size):
+            middle = two * (here[u + 2] - here[u])
+            dx = above[u + 2] - above[u] + middle + below[u + 2] - below[u]
+            middle = two * (below[u + 1] - above[u + 1])
+            dy = below[u] - above[u] + middle + below[u + 2] - above[u + 2]
+            xx[u] += dx * dx
+            yy[u] += dy * dy
+            xy[u] += dx * dy
+    least = np.float32(64.0 * noise * noise)  # the operator's gradients are 8 times those per px
+    one, other = (
+        workspace[0, begin + reach : end + reach],
+        workspace[1, begin + reach : end + reach],
+    )
+    for u in range(size):
+        share = np.float32(1.0) / (xx[u] + yy[u] + least)
+        one[u] = (xx[u] - yy[u]) * share
+        other[u] = two * xy[u] * share
+
+
+@_jit_fast
+def _blur(values, taps, out):
+    """A row blurred; ``values`` reach beyond ``out`` on both sides."""
+    reach = taps.shape[0] - 1
+    for u in range(out.shape[0]):
+        out[u] = taps[0] * values[u + reach]
+    for k in range(1, taps.shape[0]):
+        before, after, share = values[reach - k :], values[reach + k :], taps[k]
+        for u in range(out.shape[0]):
+            out[u] += share * (before[u] + after[u])
+
+
+@_jit_fast
+def _add_rows(row, first, last, left, right, taps, across, total):
+    """The blur along a column, for a row of pixels."""
+    reach = taps.shape[0] - 1
+    total[:] = np.float32(0.0)
+    for other in range(max(row - reach, first), min(row + reach + 1, last)):
+        values, share = across[other, left:right], taps[abs(other - row)]
+        for u in range(total.shape[0]):
+            total[u] += share * values[u]
+
+
+@_jit_fast
+def _dot(values, target, weights):
+    dot, length = np.float32(0.0), np.float32(0.0)
+    for u in range(values.shape[0]):
+        dot += values[u] * target[u]
+        length += weights[u] * values[u] * values[u]
+    return np.float64(dot), np.float64(length)

@@ -1,0 +1,107 @@
+"""The surface laid out for the rasteriser: faces that are near one another lie together in memory,
+so that what one face reads of vertices and picture is at hand for the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.software.rasterise import GRADED, MAPPED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A mesh's triangles in another order: face f here is face ``order[f]`` of the mesh."""
+
+    order: NDArray[np.int32]
+    """(F,): the mesh's index of each face."""
+    centre: FloatArray
+    """(3,): the middle of the model, in its own frame."""
+    vertices: NDArray[np.float32]
+    """(3, V) about ``centre``."""
+    faces: NDArray[np.int32]
+    """(F, 3) indices into ``vertices``."""
+    vertex_data: NDArray[np.float32]
+    """(V, 8): normal, RGB, UV."""
+    face_texture: NDArray[np.int32]
+    """(F,): index of the texture, -1 for none."""
+    normals: NDArray[np.float32]
+    """(F + 1, 9): at the three corners of each face; a row of zeros at the end."""
+    colours: NDArray[np.float32]
+    """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
+    kinds: NDArray[np.uint8]
+    """(F,): what a face's reflectance is told by, see ``rasterise``."""
+    paint: NDArray[np.float32]
+    """(F + 1, 12): of GRADED faces R, G, B, 1 at the three corners, of MAPPED ones u, v, 0, 1; of
+    others zeros. (1, 12) where there are none."""
+
+
+def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
+    """Lay out a mesh: the faces ``seen`` (F,) from outside first, so that they win over others at
+    the same depth; then by the axis that faces look along; then along Morton's curve.
+    """
+    place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
+    order = np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
+    corners, texture = mesh.faces[order], np.ascontiguousarray(mesh.face_texture[order])
+    used, faces = _in_order_of_use(corners, len(mesh.vertices))
+    data = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
+    colours, uvs = mesh.colours[corners], mesh.uvs[corners]
+    graded, mapped = np.any(colours != colours[:, :1], axis=(1, 2)), texture >= 0
+    kinds = (GRADED * graded + MAPPED * mapped).astype(np.uint8)
+    paint = np.zeros((len(kinds) + 1 if kinds.any() else 1, 3, 4), np.float32)
+    graded, mapped = np.flatnonzero(kinds == GRADED), np.flatnonzero(kinds == MAPPED)
+    paint[graded, :, :3], paint[mapped, :, :2] = colours[graded], uvs[mapped]
+    paint[graded, :, 3] = paint[mapped, :, 3] = 1.0
+    normals = np.zeros((len(kinds) + 1, 9), np.float32)
+    normals[:-1] = mesh.normals[corners].reshape(-1, 9)
+    return Surface(
+        order,
+        mesh.centre,
+        np.ascontiguousarray((mesh.vertices[used] - mesh.centre).astype(np.float32).T),
+        faces,
+        data[used].astype(np.float32),
+        texture,
+        normals,
+        np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
+        kinds,
+        paint.reshape(-1, 12),
+    )
+
+
+def _in_order_of_use(
+    faces: NDArray[np.int32], count: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The vertices that faces (F, 3) use, as they come, and the faces in these."""
+    _, first = np.unique(faces, return_index=True)
+    used = faces.reshape(-1)[np.sort(first)]
+    place = np.zeros(count, np.int32)
+    place[used] = np.arange(len(used))
+    return used, place[faces]
+
+
+def _direction(mesh: Mesh) -> NDArray[np.int64]:
+    """(F,): the axis, 0 to 5 for x, y, z, -x, -y, -z, that each face looks along most nearly."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    axis = np.argmax(np.abs(normal), axis=1)
+    return axis + 3 * (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0.0)
+
+
+def _along_curve(points: FloatArray) -> NDArray[np.int64]:
+    """(N,): places of points (N, 3) along Morton's curve (10 bits an axis), which keeps what is
+    near together (G. M. Morton, 1966).
+    """
+    if len(points) == 0:
+        return np.zeros(0, np.int64)
+    low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
+    cells = ((points - low) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
+    place = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            place |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return place
