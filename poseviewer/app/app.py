@@ -14,7 +14,7 @@ from pathlib import Path
 import viser
 
 from poseviewer.app.page.page import Page
-from poseviewer.app.page.reports import command_of, newest_drags
+from poseviewer.app.page.reports import request_of, newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
@@ -130,7 +130,7 @@ class App:
             case c.Command():
                 self._command(request)
             case r.Report():
-                meant = command_of(request, self.session)
+                meant = request_of(request, self.session)
                 if meant is not None:
                     self._handle(meant)
             case r.Upload():

@@ -1,5 +1,8 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
-// Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG.
+// Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
+// channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
+// (world units), keys (event.code or event.key that are taken), leave (of them, those left to the
+// browser where ctrl is held), largest (bytes of an upload), wide (CSS px), title, style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -384,6 +387,10 @@ window.poseviewer = {
   dispose() { cleanups.forEach((undo) => undo()); },
 };
 document.title = CONFIG.title;
+const style = document.createElement("style");
+style.textContent = CONFIG.style;
+document.head.appendChild(style);
+cleanups.push(() => style.remove());
 let icon = document.querySelector("link[rel~='icon']");
 if (!icon) {
   icon = document.createElement("link");

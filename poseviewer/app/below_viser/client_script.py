@@ -7,19 +7,13 @@ from __future__ import annotations
 import base64
 import json
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import viser
 from viser import _messages
 
-from poseviewer.app.page.keys import FORWARDED, LEFT_TO_BROWSER
-from poseviewer.files.state.uploads import LARGEST_UPLOAD
-
-TITLE = "poseviewer"
-WIDE_WINDOW = 1280
-"""CSS px: in a window less wide the panels leave room to the photo."""
 _SOURCE = Path(__file__).with_name("client.js")
 _ICON = Path(__file__).with_name("icon.svg")
 
@@ -32,14 +26,14 @@ class ClientScript:
     def __init__(
         self,
         server: viser.ViserServer,
-        plane: tuple[float, float],
+        config: Mapping[str, Any],
         on_report: Callable[[Report, int], None],
     ) -> None:
-        """``plane``: depth of the photo's plane, and length of its longer side, in world units;
+        """``config``: what the script is told, as the head of ``client.js`` says;
         ``on_report(report, client_id)`` is called in viser's thread.
         """
         self._server = server
-        self._plane = plane
+        self._config = config
         self._photo = (1, 1)
         self._hint = ""
         self._narrow_panels: list[tuple[viser.MainPanelHandle | viser.PanelHandle, float]] = []
@@ -87,14 +81,9 @@ class ClientScript:
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
         config = {
+            **self._config,
             "channel": self._channel._impl.uuid,
             "photo": self._photo,
-            "plane": {"depth": self._plane[0], "side": self._plane[1]},
-            "keys": FORWARDED,
-            "leave": LEFT_TO_BROWSER,
-            "largest": LARGEST_UPLOAD,
-            "wide": WIDE_WINDOW,
-            "title": TITLE,
             "icon": f"data:image/svg+xml;base64,{icon}",
         }
         source = _SOURCE.read_text(encoding="utf-8")

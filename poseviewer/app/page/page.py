@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import viser
@@ -11,26 +12,42 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.page.candidates_panel import CandidatesPanel
-from poseviewer.app.page.fields import Post
-from poseviewer.app.page.files_panel import OpenPanel, SavePanel
-from poseviewer.app.page.fit_panel import FitPanel
-from poseviewer.app.page.keys import HELP
-from poseviewer.app.page.landscape_panel import LandscapePanel
-from poseviewer.app.page.look_panel import LookPanel
-from poseviewer.app.page.place_panel import PlacePanel
-from poseviewer.app.page.quick_start import hint_of
-from poseviewer.app.page.review_panel import ReviewPanel
+from poseviewer.app.page.controls import Controls, Post
+from poseviewer.app.page.landscape import LandscapePanel
+from poseviewer.app.page.panels import (
+    FitPanel,
+    LookPanel,
+    OpenPanel,
+    PlacePanel,
+    ReviewPanel,
+    SavePanel,
+    hint_of,
+)
+from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state.requests import Greet, Report, Restore
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Exported
 from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
 """CSS px: at the left and at the right, in a wide and in a small window."""
+WIDE_WINDOW = 1280
+"""CSS px: in a window less wide the panels leave room to the photo."""
+PAGE_CONFIG = {
+    "plane": {"depth": DEPTH, "side": SIDE},
+    "keys": FORWARDED,
+    "leave": LEFT_TO_BROWSER,
+    "largest": LARGEST_UPLOAD,
+    "wide": WIDE_WINDOW,
+    "title": "poseviewer",
+    "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
+}
+"""What the client's script is told."""
 
 
 class Page:
@@ -51,19 +68,20 @@ class Page:
         gui.main_panel.set_width(PANEL_WIDTHS[0])
         self.scene = PhotoScene(server)
         self._script = ClientScript(
-            server, (DEPTH, SIDE), lambda content, client: post(Report(content, client))
+            server, PAGE_CONFIG, lambda content, client: post(Report(content, client))
         )
-        self._review = ReviewPanel(gui, post) if reviewing else None
-        self._open = OpenPanel(gui, post, fixed=reviewing)
-        self._place = PlacePanel(gui, post)
-        self._fit = FitPanel(gui, post)
-        self._candidates = None if reviewing else CandidatesPanel(gui, post)
-        self._look = LookPanel(gui, post)
-        self._save = SavePanel(gui, post)
+        controls = Controls(gui, post)
+        self._review = ReviewPanel(controls) if reviewing else None
+        self._open = OpenPanel(controls, fixed=reviewing)
+        self._place = PlacePanel(controls)
+        self._fit = FitPanel(controls)
+        self._candidates = None if reviewing else CandidatesPanel(controls)
+        self._look = LookPanel(controls)
+        self._save = SavePanel(controls)
         right = gui.add_panel()
         tab = right.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
         with tab:
-            self._landscape = LandscapePanel(gui, post, tab)
+            self._landscape = LandscapePanel(controls, tab)
         right.dock_right()
         right.set_width(MAPS_WIDTHS[0])
         self._script.narrow_in_small_windows(gui.main_panel, PANEL_WIDTHS[1])

@@ -1,11 +1,11 @@
-"""From what a page's script reports to the command that it stands for."""
+"""What mouse and keys do: from a report of the page's script to the request it stands for."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
-from poseviewer.app.page.keys import REVIEW, command_for
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
@@ -13,17 +13,77 @@ from poseviewer.files.state.uploads import why_unfit
 
 LARGEST = 1e6
 """No pointer is farther than so many px from the photo's corner."""
+FINE, COARSE = 0.1, 10.0
+"""Nudges with shift, and with ctrl, are so many times as large."""
+NUDGES = {
+    "ArrowLeft": c.Nudge("move", -1.0, 0.0),
+    "ArrowRight": c.Nudge("move", 1.0, 0.0),
+    "ArrowUp": c.Nudge("move", 0.0, -1.0),
+    "ArrowDown": c.Nudge("move", 0.0, 1.0),
+    "KeyJ": c.Nudge("turn", -1.0, 0.0),
+    "KeyL": c.Nudge("turn", 1.0, 0.0),
+    "KeyI": c.Nudge("turn", 0.0, -1.0),
+    "KeyK": c.Nudge("turn", 0.0, 1.0),
+    "KeyU": c.Nudge("roll", -1.0),
+    "KeyO": c.Nudge("roll", 1.0),
+    "PageUp": c.Nudge("scale", 1.0),
+    "PageDown": c.Nudge("scale", -1.0),
+}
+LOOKS = {
+    "Digit1": "outline",
+    "Digit2": "solid",
+    "Digit3": "relit",
+    "Digit4": "normals",
+    "Digit5": "residual",
+    "Digit0": "none",
+}
+REVIEW = {"KeyN": Review("next"), "KeyP": Review("previous"), "KeyA": Review("accept")}
+"""In a review."""
+PLAIN: Mapping[str, Request] = {
+    "KeyY": c.Redo(),
+    "KeyR": c.ResetToStart(),
+    "KeyS": SavePose(),
+    "Escape": c.CancelDrag(),
+}
+TOGGLES = ("Space", "KeyB", "KeyG", "KeyZ")
+"""Keys whose meaning depends on the session or on shift."""
+FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
+"""``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "Digit0", "Digit1", *REVIEW]
+"""Not taken where ctrl is held: find, reload, and so on."""
+HELP = """
+| | |
+|---|---|
+| **drag** | move the model; a pin, a ring, if you hit one |
+| **shift + drag** | turn it as a ball about its centre |
+| **ctrl + drag** | roll it, and make it larger or smaller |
+| **double-click** | pin the surface there, or take the pin away |
+| **wheel**, **right drag**, **F** | zoom at the pointer, pan, whole photo |
+| **arrows** | move by 1 px |
+| **J L**, **I K**, **U O** | turn, tilt, roll by 1 degree |
+| **page up / down** | 1 % larger, smaller |
+| *with* **shift** / **ctrl** | a tenth / ten times as much |
+| **space** | start and stop the search |
+| **1 2 3 4 5**, **0** | outline, solid, relit, normals, residual, nothing |
+| **B** | blink: photo, model |
+| **G** | rotation rings |
+| **R** | back to the start pose |
+| **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
+| **S**, **ctrl S** | save the pose |
+| **Esc** | let go, leave a tool |
+| **A**, **N**, **P** | in a review: accept, next, previous |
+"""
 
 
-def command_of(report: Report, session: Session) -> Request | None:
+def request_of(report: Report, session: Session) -> Request | None:
     """The request that a report means; None for one that makes no sense."""
     try:
-        return _command_of(report, session)
+        return _request_of(report, session)
     except (KeyError, OverflowError, TypeError, ValueError):
         return None  # not from our script: nothing to do, and nobody to tell
 
 
-def _command_of(report: Report, session: Session) -> Request | None:
+def _request_of(report: Report, session: Session) -> Request | None:
     content = report.content
     match content["kind"]:
         case "press":
@@ -46,23 +106,43 @@ def _command_of(report: Report, session: Session) -> Request | None:
             wish = {"show": c.ShowCandidate, "drop": c.DropCandidate}[content["wish"]]
             return wish(int(content["index"]))
         case "key":
-            meant = command_for(content, session.searching, session.look.hidden, session.look.rings)
-            if meant == "save":
-                return SavePose()
-            if meant in REVIEW.values():
-                return Review(meant)
-            return ShowHelp(report.client) if meant == "help" else meant
+            return _key(content, session, report.client)
         case "unfit":
             why = why_unfit(str(content["name"]), int(content["size"]))
             return Unfit(report.client, why)
     return None
 
 
-def _point(content: dict[str, Any]) -> tuple[float, float]:
+def _key(content: Mapping[str, Any], session: Session, client: int) -> Request | None:
+    code, shift, ctrl = str(content.get("code")), bool(content.get("shift")), content.get("ctrl")
+    if content.get("key") == "?":
+        return ShowHelp(client)
+    if code in NUDGES:
+        nudge, factor = NUDGES[code], FINE if shift else COARSE if ctrl else 1.0
+        return c.Nudge(nudge.kind, nudge.x * factor, nudge.y * factor)
+    if content.get("repeat"):
+        return None
+    if code in LOOKS and not ctrl:
+        return c.ChangeView(look=LOOKS[code], hidden=False)
+    if code in REVIEW:
+        return None if ctrl else REVIEW[code]
+    match code:
+        case "Space":
+            return c.StopSearch() if session.searching else c.StartSearch()
+        case "KeyZ":
+            return c.Redo() if shift else c.Undo()
+        case "KeyB":
+            return c.ChangeView(hidden=not session.look.hidden)
+        case "KeyG":
+            return c.ChangeView(rings=not session.look.rings)
+    return PLAIN.get(code)
+
+
+def _point(content: Mapping[str, Any]) -> tuple[float, float]:
     return _finite(content["x"]), _finite(content["y"])
 
 
-def _zoom(content: dict[str, Any]) -> float:
+def _zoom(content: Mapping[str, Any]) -> float:
     return min(max(_finite(content.get("zoom", 1.0)), 1e-3), 1e3)
 
 

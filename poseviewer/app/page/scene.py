@@ -12,10 +12,11 @@ from typing import Any, Literal
 import numpy as np
 import viser
 
-from poseviewer.app.page.marks_scene import MarksScene
+from poseviewer.app.page.controls import set_properties
 from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
-from poseviewer.app.state.marking import MARKING
+from poseviewer.app.state.marking import MARKING, marks_in_photo
 from poseviewer.app.state.session import Overlay, Session
+from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
@@ -27,6 +28,8 @@ LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
 PICTURE, HALO, OUTLINE, HANDLES = 0.998, 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
+MARKS, MARK_LINES = 0.994, 0.9945
+"""And of a quick start's marks: nearer than all else that is drawn."""
 PIN_COLOURS = ((255, 176, 59), (120, 230, 110), (255, 110, 200))
 PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
     ("rear wheel", "bottom-left"),
@@ -35,9 +38,12 @@ PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
 )
 """And where they lie: the axle's tip may be close to the rear wheel."""
 RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
+LINK_COLOUR = (230, 230, 230)
 REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
-_NO_LINES = np.zeros((1, 2, 3), np.float32)
+MARK_COLOUR, MODEL_MARK_COLOUR = (255, 226, 70), (255, 120, 220)
+"""Of a mark on the photo, and of the model's point that belongs to it."""
+_NO_LINES = np.zeros((1, 2, 3))
 
 
 class PhotoScene:
@@ -61,12 +67,20 @@ class PhotoScene:
         self._size = (1.0, 1.0)
         self._halo = self._lines("/model/halo", HALO_COLOUR, 4.6)
         self._outline = self._lines("/model/outline", LINE_COLOUR, 2.0)
-        self._links = self._lines("/links", (230, 230, 230), 1.2)
+        self._links = self._lines("/links", LINK_COLOUR, 1.2)
         self._region = self._lines("/region", REGION_COLOUR, 1.6)
         self._box = self._lines("/box", BOX_COLOUR, 1.6)
         self._rings = self._lines("/rings", (255, 255, 255), 2.4)
-        self._marks = MarksScene(server, self.place)
-        self._pins = [self._pin(i) for i in range(3)]
+        self._pair_lines = self._lines("/marks/lines", MODEL_MARK_COLOUR)
+        self._rims = self._lines("/marks/rims", MARK_COLOUR)
+        # Nodes below /handles/ keep their size on the screen, in px: by the client's script.
+        self._crosses: list[Any] = []
+        self._diamonds: list[Any] = []
+        self._numbers: list[Any] = []
+        self._pins = [
+            self._lines(f"/handles/pin{i}", colour, 2.2, _pin())
+            for i, colour in enumerate(PIN_COLOURS)
+        ]
         self._labels = [
             scene.add_label(f"/labels/{i}", text, visible=False, anchor=anchor)
             for i, (text, anchor) in enumerate(PIN_LABELS)
@@ -85,7 +99,7 @@ class PhotoScene:
             self._show_rings(session)
             self._show_rectangle("region", self._region, session.document.settings.region)
             self._show_rectangle("box", self._box, session.document.marks.box)
-            self._marks.show(session)
+            self._show_marks(session)
         if self._shown.get("model") is not drawn:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
@@ -95,6 +109,13 @@ class PhotoScene:
         unit = SIDE / max(self._size)
         xy = (np.asarray(points, dtype=float) - np.array(self._size) / 2.0) * unit * depth
         return np.concatenate([xy, np.full((*xy.shape[:-1], 1), DEPTH * depth)], axis=-1)
+
+    def _is_new(self, name: str, key: Any) -> bool:
+        """Whether what is shown under a name is to be drawn anew."""
+        if name in self._shown and self._shown[name] == key:
+            return False
+        self._shown[name] = key
+        return True
 
     def _show_photo(self, session: Session) -> None:
         photo = session.document.registration.photo
@@ -129,34 +150,26 @@ class PhotoScene:
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
         hidden = look.hidden or look.name == "none"
-        key = (overlay, hidden, look.wipe)
-        if self._shown.get("model") == key:
-            return
-        self._shown["model"] = key
-        edge = look.wipe * self._size[0]
-        lines = overlay.outline
-        lines = lines[(lines[:, :, 0] <= edge).all(axis=1)]
-        drawn = not hidden and len(lines) > 0
-        for node, depth in ((self._halo, HALO), (self._outline, OUTLINE)):
-            if drawn:
-                node.points = self.place(lines, depth).astype(np.float32)
-            _set(node, "visible", drawn)
-        self._show_picture(overlay, hidden, edge)
+        if self._is_new("model", (overlay, hidden, look.wipe)):
+            edge = look.wipe * self._size[0]
+            lines = overlay.outline
+            lines = lines[(lines[:, :, 0] <= edge).all(axis=1)][: 0 if hidden else None]
+            self._draw(self._halo, lines, HALO)
+            self._draw(self._outline, lines, OUTLINE)
+            self._show_picture(overlay, hidden, edge)
 
     def _show_picture(self, overlay: Overlay, hidden: bool, edge: float) -> None:
-        left, _, width, _ = overlay.place
+        left, top, width, height = overlay.place
         share = 0.0 if width <= 0.0 else min(1.0, (edge - left) / width)
         if overlay.picture is None or hidden or share <= 0.0:
             if self._picture is not None:
-                _set(self._picture, "visible", False)
+                set_properties(self._picture, visible=False)
             return
-        pixels = overlay.picture
-        columns = max(1, round(pixels.shape[1] * share))
-        _, top, _, height = overlay.place
-        width *= columns / pixels.shape[1]
+        columns = max(1, round(overlay.picture.shape[1] * share))
+        width *= columns / overlay.picture.shape[1]
         unit = SIDE / max(self._size) * PICTURE
         middle = self.place(np.array([left + width / 2.0, top + height / 2.0]), PICTURE)
-        pixels = pixels[:, :columns]
+        pixels = overlay.picture[:, :columns]
         if self._picture is not None and self._shown.get("channels") != pixels.shape[2]:
             self._picture.remove()
             self._picture = None
@@ -177,7 +190,7 @@ class PhotoScene:
         self._picture.image = pixels
         self._picture.render_width, self._picture.render_height = width * unit, height * unit
         self._picture.position = tuple(middle)
-        _set(self._picture, "visible", True)
+        set_properties(self._picture, visible=True)
 
     def _show_pins(self, session: Session) -> None:
         document = session.document
@@ -185,30 +198,18 @@ class PhotoScene:
         # Of the pose at hand alone, and where presses are for them.
         if session.look.hidden or session.look.before or session.tool in MARKING:
             pins = pins[:0]
-        key = pins.tobytes()
-        if self._shown.get("pins") == key:
+        if not self._is_new("pins", pins.tobytes()):
             return
-        self._shown["pins"] = key
         vehicle = isinstance(document.chart, VehicleChart) and not document.pins
-        for index, (node, label) in enumerate(zip(self._pins, self._labels, strict=True)):
-            there = index < len(pins) and bool(np.isfinite(pins[index]).all())
-            if there:
-                node.position = tuple(self.place(pins[index], HANDLES))
-                label.position = tuple(self.place(pins[index], HANDLES))
-            _set(node, "visible", there)
-            _set(label, "visible", there and vehicle)
+        self._put(self._pins, pins, HANDLES)
+        self._put(self._labels, pins if vehicle else pins[:0], HANDLES)
         linked = vehicle and len(pins) == 3
-        if linked:
-            links = np.array([[pins[0], pins[1]], [pins[0], pins[2]]])
-            self._links.points = self.place(links, OUTLINE).astype(np.float32)
-        _set(self._links, "visible", linked)
+        self._draw(self._links, pins[[[0, 1], [0, 2]]] if linked else pins[:0], OUTLINE)
 
     def _show_rings(self, session: Session) -> None:
         shown = session.look.rings and not session.look.hidden
-        key = (shown, session.document.pose if shown else None)
-        if self._shown.get("rings") == key:
+        if not self._is_new("rings", (shown, session.document.pose if shown else None)):
             return
-        self._shown["rings"] = key
         if shown:
             rings = rings_in_photo(session.document)
             ends = np.stack([rings[:, :-1], rings[:, 1:]], axis=2)
@@ -220,46 +221,112 @@ class PhotoScene:
             shades = np.repeat(colours.reshape(-1, 1, 3), 2, axis=1)
             # Colours of single points are taken to be linear, those of whole lines are not.
             self._rings.colors = np.rint(255.0 * (shades / 255.0) ** 2.2).astype(np.uint8)
-        _set(self._rings, "visible", shown)
+        set_properties(self._rings, visible=shown)
 
-    def _show_rectangle(self, name: str, lines: Any, rectangle: Rectangle | None) -> None:
-        if self._shown.get(name) == (rectangle, self._size):
+    def _show_rectangle(self, name: str, node: Any, shown: Rectangle | None) -> None:
+        if not self._is_new(name, (shown, self._size)):
             return
-        self._shown[name] = (rectangle, self._size)
-        if rectangle is not None:
-            left, top, width, height = rectangle
-            right, bottom = left + width, top + height
+        corners = np.zeros((0, 2))
+        if shown is not None:
+            (left, top, *_), right, bottom = shown, shown.right, shown.bottom
             corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-            sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-            lines.points = self.place(sides, OUTLINE).astype(np.float32)
-        _set(lines, "visible", rectangle is not None)
+        self._draw(node, _closed(corners), OUTLINE)
+
+    def _show_marks(self, session: Session) -> None:
+        """A quick start's marks: crosses where the photo was clicked, diamonds where the pose shows
+        the model's points, lines between the two, and the wheels' ellipses.
+        """
+        tool, document = session.tool, session.document
+        on = tool in MARKING and not session.look.hidden
+        pairs, wheels = on and tool == "pairs", on and tool == "wheels"
+        photo, model = np.zeros((2, 0, 2))
+        if on:
+            photo = marks_in_photo(document.marks, tool)
+        if pairs:
+            points = np.array([pair.point for pair in document.marks.pairs]).reshape(-1, 3)
+            model = document.pose.project(points)
+        rims = _rims(session) if wheels else np.zeros((0, 2, 2))
+        key = (photo.tobytes(), model.tobytes(), rims.tobytes(), tool, self._size)
+        if not self._is_new("marks", key):
+            return
+        for nodes, places, name, colour, shape in (
+            (self._crosses, photo, "mark", MARK_COLOUR, _cross()),
+            (self._diamonds, model, "meant", MODEL_MARK_COLOUR, _diamond()),
+        ):
+            while len(nodes) < len(places):
+                nodes.append(self._lines(f"/handles/{name}{len(nodes)}", colour, points=shape))
+            self._put(nodes, places, MARKS)
+        while len(self._numbers) < len(photo) and pairs:
+            number = str(len(self._numbers) + 1)
+            label = self._server.scene.add_label(
+                f"/labels/mark{number}", number, anchor="bottom-left"
+            )
+            self._numbers.append(label)
+        self._put(self._numbers, photo if pairs else photo[:0], MARKS)
+        self._draw(self._rims, rims, MARK_LINES)
+        done = np.stack([photo, model[: len(photo)]], axis=1) if pairs else np.zeros((0, 2, 2))
+        self._draw(self._pair_lines, done, MARK_LINES)
+
+    def _put(self, nodes: list[Any], places: FloatArray, depth: float) -> None:
+        """A node at each place (n, 2); nodes left over, or whose place is nowhere, are hidden."""
+        for index, node in enumerate(nodes):
+            there = index < len(places) and bool(np.isfinite(places[index]).all())
+            if there:
+                node.position = tuple(self.place(places[index], depth))
+            set_properties(node, visible=there)
+
+    def _draw(self, node: Any, lines: FloatArray, depth: float) -> None:
+        """Segments (n, 2, 2), but for those with an end nowhere; none hide the node."""
+        lines = np.asarray(lines, dtype=float).reshape(-1, 2, 2)
+        lines = lines[np.isfinite(lines).all(axis=(1, 2))]
+        if len(lines):
+            node.points = self.place(lines, depth).astype(np.float32)
+        set_properties(node, visible=len(lines) > 0)
 
     def _lines(
-        self, name: str, colour: tuple[int, int, int], thickness: float
+        self,
+        name: str,
+        colour: tuple[int, int, int],
+        thickness: float = 2.0,
+        points: FloatArray = _NO_LINES,
     ) -> viser.LineSegmentsHandle:
         return self._server.scene.add_line_segments(
-            name, _NO_LINES, colour, thickness=thickness, thickness_units="screen", visible=False
-        )
-
-    def _pin(self, index: int) -> viser.LineSegmentsHandle:
-        """A ring with a cross-hair that leaves its middle free; its unit is a px of the screen."""
-        angles = np.linspace(0.0, 2.0 * np.pi, 33)
-        circle = 11.0 * np.column_stack([np.cos(angles), np.sin(angles)])
-        ring = np.stack([circle[:-1], circle[1:]], axis=1)
-        hair = np.array([[[-16, 0], [-4, 0]], [[4, 0], [16, 0]]], float)
-        strokes = np.concatenate([ring, hair, hair[..., ::-1]])
-        points = np.concatenate([strokes, np.zeros((*strokes.shape[:2], 1))], axis=2)
-        return self._server.scene.add_line_segments(
-            f"/handles/pin{index}",
+            name,
             points.astype(np.float32),
-            PIN_COLOURS[index],
-            thickness=2.2,
+            colour,
+            thickness=thickness,
             thickness_units="screen",
             visible=False,
         )
 
 
-def _set(node: Any, name: str, value: bool) -> None:
-    """Assign where it changes something: every assignment is a message."""
-    if getattr(node, name) is not value:
-        setattr(node, name, value)
+def _rims(session: Session) -> FloatArray:
+    """(k, 2, 2): the outlines of the wheels that have their points."""
+    try:
+        outlines = [_closed(ellipse.outline()) for ellipse in session.document.marks.ellipses]
+    except QuickStartError:
+        outlines = []
+    return np.concatenate([np.zeros((0, 2, 2)), *outlines])
+
+
+def _closed(corners: FloatArray) -> FloatArray:
+    """(n, 2, d): the sides of a polygon (n, d)."""
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+def _cross(inner: float = 2.0, outer: float = 8.0) -> FloatArray:
+    """(4, 2, 3): arms that leave the middle free; the unit is a px of the screen."""
+    ways = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    return np.stack([inner * ways, outer * ways], axis=1)
+
+
+def _diamond() -> FloatArray:
+    """(4, 2, 3)."""
+    return _closed(5.0 * np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]]))
+
+
+def _pin() -> FloatArray:
+    """(n, 2, 3): a ring with a cross-hair that leaves its middle free."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    ring = 11.0 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(32)])
+    return np.concatenate([_closed(ring), _cross(4.0, 16.0)])

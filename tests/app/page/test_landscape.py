@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 from lxml import html
 from PIL import Image
-
-from poseviewer.app.page.landscape_grid import GridOptions, landscape_grid
-from poseviewer.app.page.landscape_large import contour_figure, known_part, surface_figure
-from poseviewer.app.page.landscape_marks import Marks, on_map
-from poseviewer.app.page.palette import PALETTE
 from poseviewer.app.state.commands import picked_parameters
+
+from poseviewer.app.page.landscape import contour_figure, known_part, surface_figure
+from poseviewer.app.page.landscape_grid import (
+    PALETTE,
+    GridOptions,
+    Markers,
+    landscape_grid,
+    on_map,
+)
 from poseviewer.fit.landscape import Slice, slice_minimum
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
@@ -51,7 +55,9 @@ def traces_of(figure: Any) -> list[dict[str, Any]]:
 
 def test_every_pixel_has_the_colour_of_its_loss():
     slices = make_slices(21)
-    shown = pictures(landscape_grid(slices, NAMES, Marks(CENTRE), GridOptions(shared_scale=False)))
+    shown = pictures(
+        landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions(shared_scale=False))
+    )
     assert len(shown) == 15
     for piece, picture in zip(slices, shown, strict=True):
         share = (piece.losses - piece.losses.min()) / np.ptp(piece.losses)
@@ -62,7 +68,7 @@ def test_every_pixel_has_the_colour_of_its_loss():
 
 def test_a_shared_scale_gives_one_loss_one_colour():
     slices = make_slices(9)
-    shown = pictures(landscape_grid(slices, NAMES, Marks(CENTRE), GridOptions(shared_scale=True)))
+    shown = pictures(landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions(shared_scale=True)))
     everything = np.concatenate([piece.losses.ravel() for piece in slices])
     low, high = everything.min(), everything.max()
     for piece, picture in zip(slices, shown, strict=True):
@@ -90,7 +96,7 @@ def test_a_pick_beside_the_map_takes_its_border():
 def test_the_page_is_small_and_well_formed():
     trail = CENTRE + np.linspace(0.1, 0.0, 200)[:, None] * np.ones(6)
     simplex = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
-    page = landscape_grid(make_slices(41), NAMES, Marks(CENTRE, simplex, trail), GridOptions())
+    page = landscape_grid(make_slices(41), NAMES, Markers(CENTRE, simplex, trail), GridOptions())
     assert len(page) < 60_000
     tree = html.fromstring(page)
     assert len(tree.xpath("//div[contains(@class, 'pv-cell')]")) == 15
@@ -99,14 +105,14 @@ def test_the_page_is_small_and_well_formed():
 
 def test_unknown_maps_keep_their_place():
     some = make_slices(9)[:4]
-    page = landscape_grid(some, NAMES, Marks(CENTRE), GridOptions())
+    page = landscape_grid(some, NAMES, Markers(CENTRE), GridOptions())
     assert len(pictures(page)) == 4
     assert page.count("pv-cell") >= 15
 
 
 def test_names_cannot_write_into_the_page():
     names = ("<img src=x>", "b&c", *NAMES[2:])
-    page = landscape_grid(make_slices(9), names, Marks(CENTRE), GridOptions())
+    page = landscape_grid(make_slices(9), names, Markers(CENTRE), GridOptions())
     assert "<img src=x>" not in page
 
 
@@ -119,7 +125,7 @@ def test_contours_are_drawn_through_known_losses_only(known_step: int):
     part = known_part(partly)
     assert len(part.first_values) == (17 - 1) // known_step + 1
     assert part.complete
-    figure = contour_figure(partly, NAMES, Marks(CENTRE), np.ones(6), CENTRE)
+    figure = contour_figure(partly, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
     drawn = traces_of(figure)[0]
     np.testing.assert_allclose(np.asarray(drawn["z"]), part.losses, atol=1e-6)
     np.testing.assert_allclose(np.asarray(drawn["x"]), part.first_values)
@@ -129,8 +135,8 @@ def test_both_figures_mark_the_pose_and_the_least_loss():
     piece = make_slices(41)[3]
     least = slice_minimum(piece)
     assert least is not None
-    contours = contour_figure(piece, NAMES, Marks(CENTRE), np.ones(6), CENTRE)
-    surface = surface_figure(piece, NAMES, Marks(CENTRE))
+    contours = contour_figure(piece, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
+    surface = surface_figure(piece, NAMES, Markers(CENTRE))
     for figure in (contours, surface):
         marked = [
             (float(trace["x"][0]), float(trace["y"][0]))

@@ -1,0 +1,99 @@
+"""Controls of the page: what a user does with one posts a request, and the session's value is
+written back only where it differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from poseviewer.app.below_viser.upload_limits import take_upload
+from poseviewer.app.state.requests import Download, Export, Request, Upload
+from poseviewer.files.state.uploads import ENDINGS, Kind
+
+Post = Callable[[Request], None]
+
+
+class Field:
+    """One input; ``command`` makes what a new value asks for (None: nothing)."""
+
+    def __init__(self, handle: Any, post: Post, command: Callable[[Any], Request | None]) -> None:
+        self.handle = handle
+
+        @handle.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is None:  # our own writing
+                return
+            asked = command(handle.value)
+            if asked is not None:
+                post(asked)
+
+    def show(self, value: Any, *, visible: bool = True) -> None:
+        """Bring the input to the session's value."""
+        set_properties(self.handle, value=value, visible=visible)
+
+
+@dataclass(frozen=True, slots=True)
+class Controls:
+    """Makes the controls of ``gui``; their requests go to ``post``."""
+
+    gui: viser.GuiApi
+    post: Post
+
+    def field(self, handle: Any, command: Callable[[Any], Request | None]) -> Field:
+        """An input whose new values ask for ``command(value)``."""
+        return Field(handle, self.post, command)
+
+    def button(
+        self,
+        label: str,
+        asked: Request | Callable[[int], Request],
+        color: Any = "gray",
+        **options: Any,
+    ) -> Any:
+        """A button that asks for a request, or for ``asked(client_id)``; ``color`` None: the
+        page's own.
+        """
+        handle = self.gui.add_button(label, color=color, **options)
+
+        @handle.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                self.post(asked(event.client.client_id) if callable(asked) else asked)
+
+        return handle
+
+    def choices(self, label: str, asked: Mapping[str, Request]) -> None:
+        """Buttons in one line, each with what it asks for."""
+        handle = self.gui.add_button_group(label, tuple(asked))
+
+        @handle.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                self.post(asked[handle.value])
+
+    def download(self, label: str, what: Export, icon: Any = "download") -> None:
+        """A button that sends ``what`` to the page on which it is pressed."""
+        self.button(label, lambda client: Download(what, client), icon=icon)
+
+    def upload(self, label: str, kind: Kind, icon: Any, beside: bool = False) -> None:
+        """A button that takes a file; a model may go ``beside`` the one at hand."""
+        handle = self.gui.add_upload_button(
+            label, mime_type=",".join(ENDINGS[kind]), icon=icon, color="gray"
+        )
+
+        @handle.on_upload
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                file = take_upload(handle)
+                self.post(Upload(kind, file.name, file.content, beside))
+
+
+def set_properties(handle: Any, **values: Any) -> None:
+    """Assign where it changes something: every assignment is a message."""
+    for name, value in values.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)

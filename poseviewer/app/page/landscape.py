@@ -1,0 +1,274 @@
+"""The loss landscape at the right: the panel with all maps, and one of them large, by plotly."""
+
+from __future__ import annotations
+
+import operator
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import viser
+
+from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.page.landscape_grid import (
+    GridOptions,
+    Markers,
+    landscape_grid,
+    short_trail,
+    simplex_outline,
+)
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.session import LandscapeUpdate, Session
+from poseviewer.errors import PoseViewerError
+from poseviewer.fit.landscape import Slice, slice_minimum, strides
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.chart_names import short_name
+from poseviewer.geometry.charts import OutsideChartError
+
+PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
+"""The maps, and the large one, are sent no oftener."""
+ORDER = -10.0
+"""The maps come first; what is made later would come last by itself."""
+PAPER, TEXT, GRID = "#1a1b1e", "#d7dae0", "#2f333c"
+POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", "#ffffff", "#ffd166"
+COLOURS = "Viridis_r"
+"""As in the grid: bright is low."""
+CONTOURS = 14
+
+
+class LandscapePanel:
+    """The panel's content."""
+
+    def __init__(self, controls: Controls, container: Any) -> None:
+        """``container``: the tab that the panel is made in."""
+        gui = controls.gui
+        self._gui, self._container = gui, container
+        self._shown: tuple[Any, ...] = ()
+        self._next = self._large_next = 0.0
+        self._maps = gui.add_html("", order=ORDER)
+        self._note = gui.add_markdown("", visible=False, order=ORDER + 1)
+        self._large: viser.GuiPlotlyHandle | None = None
+        self._surface = controls.field(
+            gui.add_checkbox("As a surface", False, visible=False),
+            lambda on: c.ChangeLandscape(surface=on),
+        )
+        self._close = controls.button(
+            "Close the large map", c.ChangeLandscape(close_large=True), visible=False
+        )
+        self._range = controls.field(
+            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
+            lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
+        )
+        self._shared = controls.field(
+            gui.add_checkbox("One colour scale for all", False),
+            lambda on: c.ChangeLandscape(shared_scale=on),
+        )
+        with gui.add_folder("Save the maps", expand_by_default=False):
+            controls.download("Sheet (PNG)", "sheet")
+            controls.download("Numbers (NPZ)", "maps-npz")
+            controls.download("Numbers (CSV)", "maps-csv")
+
+    def show(self, session: Session) -> bool:
+        """Bring the panel to the session; False if it is to be asked again soon."""
+        self._range.show(round(session.maps.half_width * 100.0, 3))
+        self._shared.show(session.maps.shared_scale)
+        latest = session.landscape
+        if latest is None:
+            return True
+        set_properties(self._note, visible=False)
+        search = None if session.search is None else session.search.latest
+        key = (latest, session.document.pose, search, session.maps)
+        if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
+            return True
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._shown, self._next = key, now + PERIOD_S
+        chart, markers = latest.case.problem.chart, markers_of(session, latest)
+        options = GridOptions(
+            parameters=tuple(int(i) for i in latest.case.problem.free_indices),
+            shared_scale=session.maps.shared_scale,
+            dimmed=latest.centre is not session.document.pose
+            and not (session.searching or session.drag is not None),
+            half_width=latest.half_width,
+        )
+        self._maps.content = landscape_grid(latest.slices, chart.names, markers, options)
+        return self._show_large(session, latest, markers)
+
+    def _show_large(self, session: Session, latest: LandscapeUpdate, markers: Markers) -> bool:
+        """The large map, if one is open; False if it is to be drawn soon."""
+        pieces = {(piece.first, piece.second): piece for piece in latest.slices}
+        piece = None if session.maps.large is None else pieces.get(session.maps.large)
+        set_properties(self._close, visible=piece is not None)
+        self._surface.show(session.maps.surface, visible=piece is not None)
+        if piece is None:
+            if self._large is not None:
+                set_properties(self._large, visible=False)
+            return True
+        if time.monotonic() < self._large_next:
+            self._shown = ()
+            return False
+        self._large_next = time.monotonic() + LARGE_PERIOD_S
+        chart = latest.case.problem.chart
+        if session.maps.surface:
+            figure = surface_figure(piece, chart.names, markers)
+        else:
+            scales = chart.scales(latest.parameters)
+            figure = contour_figure(piece, chart.names, markers, scales, latest.parameters)
+        if self._large is None:  # plotly's script is large: sent to pages when first wanted
+            with self._container:
+                self._large = self._gui.add_plotly(
+                    figure, config={"displayModeBar": False}, aspect=1.0, order=ORDER + 2
+                )
+        else:
+            self._large.figure = figure
+            set_properties(self._large, visible=True)
+        return True
+
+    def note(self, text: str) -> None:
+        """Say why there are no maps."""
+        set_properties(self._note, content=text, visible=True)
+
+
+def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
+    """The pose, and the search where it searches in the maps' chart."""
+    try:
+        pose = latest.case.problem.chart.from_pose(session.document.pose)
+    except (PoseViewerError, OutsideChartError):
+        pose = np.array(latest.parameters)
+    search = session.search
+    if search is None or search.latest is None or search.latest.case is not latest.case:
+        return Markers(pose)
+    trail = np.array([step.parameters for step in search.latest.improvements])
+    return Markers(pose, search.latest.progress.simplex if session.searching else None, trail)
+
+
+def contour_figure(
+    piece: Slice, names: Sequence[str], markers: Markers, scales: FloatArray, centre: FloatArray
+) -> go.Figure:
+    """The map with contour lines and their values; what is under the cursor is read out.
+
+    ``scales`` and ``centre`` (d,): what 100 % of each parameter is, and where 0 % lies.
+    """
+    piece = known_part(piece)
+    x, y = piece.first_values, piece.second_values
+    first, second = piece.first, piece.second
+    shares = np.stack(
+        np.meshgrid(
+            100.0 * (x - centre[first]) / scales[first],
+            100.0 * (y - centre[second]) / scales[second],
+        ),
+        axis=-1,
+    )
+    traces: list[Any] = [
+        go.Contour(
+            x=x,
+            y=y,
+            z=np.round(piece.filled(), 6),
+            customdata=np.round(shares, 2),
+            colorscale=COLOURS,
+            ncontours=CONTOURS,
+            contours={"showlabels": True, "labelfont": {"size": 10, "color": "#ffffff"}},
+            line={"width": 0.8, "color": "rgba(20,22,26,.65)"},
+            colorbar={"title": "loss", "thickness": 10, "len": 0.9, "outlinewidth": 0},
+            hovertemplate=(
+                f"{short_name(names[first])} %{{x:.5f}} (%{{customdata[0]:+.1f}} %)<br>"
+                f"{short_name(names[second])} %{{y:.5f}} (%{{customdata[1]:+.1f}} %)<br>"
+                "loss %{z:.5f}<extra></extra>"
+            ),
+        )
+    ]
+
+    def line(points: FloatArray, name: str, colour: str) -> None:
+        x, y, style = points[:, 0], points[:, 1], {"color": colour, "width": 1.5}
+        traces.append(go.Scatter(x=x, y=y, name=name, mode="lines", line=style, hoverinfo="skip"))
+
+    def point(place: Iterable[float], name: str, **marker: Any) -> None:
+        x, y = ([float(value)] for value in place)
+        traces.append(
+            go.Scatter(x=x, y=y, name=name, mode="markers", marker=marker, hoverinfo="name")
+        )
+
+    if markers.trail is not None and len(markers.trail) > 1:
+        line(short_trail(markers.trail)[:, [first, second]], "the way here", TRAIL_COLOUR)
+    if markers.simplex is not None:
+        hull = simplex_outline(piece, markers.simplex)
+        low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
+        line(low + np.vstack([hull, hull[:1]]) * (high - low), "simplex", SIMPLEX_COLOUR)
+    rim = {"color": PAPER, "width": 1}
+    pose = markers.pose[[first, second]]
+    point(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)
+    least = slice_minimum(piece)
+    if least is not None:
+        place, rim = (least.first_value, least.second_value), {"color": PAPER, "width": 1.5}
+        point(place, f"least: {least.loss:.5f}", size=9, color=LEAST_COLOUR, line=rim)
+    axes = [
+        {
+            "title": {"text": short_name(names[parameter]), "standoff": 4},
+            "range": [float(values[0]), float(values[-1])],
+            "gridcolor": GRID,
+            "zeroline": False,
+            "nticks": 6,
+        }
+        for parameter, values in ((first, x), (second, y))
+    ]
+    return go.Figure(traces, {**_layout(), "xaxis": axes[0], "yaxis": axes[1]})
+
+
+def surface_figure(piece: Slice, names: Sequence[str], markers: Markers) -> go.Figure:
+    """The map as a surface over its two parameters, the loss upwards, that the mouse can turn."""
+    piece = known_part(piece)
+    losses = piece.filled()
+    surface = go.Surface(
+        x=piece.first_values,
+        y=piece.second_values,
+        z=np.round(losses, 6),
+        colorscale=COLOURS,
+        showscale=False,
+        contours={"z": {"show": True, "color": "rgba(20,22,26,.5)", "width": 1}},
+    )
+    x, y = markers.pose[[piece.first, piece.second]]
+    row = int(np.abs(piece.second_values - y).argmin())
+    column = int(np.abs(piece.first_values - x).argmin())
+    points = [("pose", x, y, losses[row, column], POSE_COLOUR)]
+    least = slice_minimum(piece)
+    if least is not None:
+        points.append(("least", least.first_value, least.second_value, least.loss, LEAST_COLOUR))
+    traces = [
+        go.Scatter3d(
+            x=[x], y=[y], z=[z], name=name, mode="markers", marker={"size": 4, "color": colour}
+        )
+        for name, x, y, z, colour in points
+    ]
+    axis = {"gridcolor": GRID, "backgroundcolor": PAPER, "color": TEXT}
+    scene = {
+        "xaxis": {**axis, "title": short_name(names[piece.first])},
+        "yaxis": {**axis, "title": short_name(names[piece.second])},
+        "zaxis": {**axis, "title": "loss"},
+        "camera": {"eye": {"x": -1.5, "y": -1.75, "z": 1.25}},
+    }
+    return go.Figure([surface, *traces], {**_layout(left=0, below=0), "scene": scene})
+
+
+def known_part(piece: Slice) -> Slice:
+    """The finest whole grid of a map that is known already: contours through guesses mislead."""
+    for step in reversed(strides(len(piece.first_values))):
+        x, y = piece.first_values[::step], piece.second_values[::step]
+        losses = piece.losses[::step, ::step]
+        if np.isfinite(losses).all():
+            return Slice(piece.first, piece.second, x, y, losses)
+    return piece
+
+
+def _layout(left: int = 46, below: int = 36) -> dict[str, Any]:
+    return {
+        "template": "plotly_dark",
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
+        "font": {"color": TEXT, "size": 11},
+        "margin": {"l": left, "r": 6, "t": 8, "b": below},
+        "legend": {"orientation": "h", "y": 1.08, "x": 0.0, "bgcolor": "rgba(0,0,0,0)"},
+        "uirevision": "kept",  # the mouse's zoom and turn survive the next data
+    }

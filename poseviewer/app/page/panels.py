@@ -1,0 +1,574 @@
+"""The folders of the left panel, in the order of the work: open, place, fit, look, save; review.
+
+Each is made once with the page's controls; ``show`` brings it to the session.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from html import escape
+from typing import Any
+
+import numpy as np
+from viser import uplot
+
+from poseviewer.app.page.controls import Controls, Field, set_properties
+from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
+from poseviewer.app.state.document import WHEELS
+from poseviewer.app.state.marking import MARKING, pair_errors
+from poseviewer.app.state.requests import (
+    Annotate,
+    FindWheels,
+    Request,
+    Review,
+    SavePose,
+    ShowHelp,
+    UseLastPose,
+)
+from poseviewer.app.state.session import Session
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.chart_names import label
+from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.starts.placing import SIDES
+from poseviewer.starts.point_pairs import fewest_pairs
+from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS
+
+MOST_PARAMETERS = 7
+"""Of all charts: as many fields are made, and those that the chart does not need are hidden."""
+SHOWN_DIGITS = 5
+"""Decimals of a parameter's field."""
+CURVE_POINTS = 300
+"""Newest improvements in the plot of the search."""
+LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
+PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
+AS_IT_IS = "as it is"
+FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
+REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
+BOX_HINT = "drag a rectangle about the object &nbsp;·&nbsp; Esc: leave it"
+MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
+
+
+class OpenPanel:
+    """Folder "Open"; where photo and model are ``fixed``, pose files alone."""
+
+    def __init__(self, controls: Controls, fixed: bool = False) -> None:
+        with controls.gui.add_folder("1 · Open"):
+            self._what = controls.gui.add_markdown("")
+            if not fixed:
+                controls.upload("Photo ...", "photo", "photo")
+                controls.upload("Model ...", "model", "cube")
+            controls.upload("Pose file ...", "pose", "file-import")
+            controls.button("Keys and mouse (?)", ShowHelp, icon="help")
+
+    def show(self, session: Session) -> None:
+        """Say what is open."""
+        registration = session.document.registration
+        photo, mesh = registration.photo, registration.mesh
+        text = (
+            f"**{escape(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
+            f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
+            f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}"
+        )
+        set_properties(self._what, content=text)
+
+
+class PlacePanel:
+    """Folder "Place": views, history, quick start, the chart's parameters, the camera."""
+
+    def __init__(self, controls: Controls) -> None:
+        gui = controls.gui
+        self._names: tuple[str, ...] = ()
+        self._shown: object = None
+        self._error_message = ""
+        self._session: Session | None = None
+        with gui.add_folder("2 · Place"):
+            self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
+            controls.field(self._view, self._look_from)
+            controls.choices("History", {"Undo (Z)": c.Undo(), "Redo (Y)": c.Redo()})
+            controls.choices("Start", {"Go there (R)": c.ResetToStart(), "Set here": c.MakeStart()})
+            self._rings = controls.field(
+                gui.add_checkbox("Rotation rings (G)", False), lambda on: c.ChangeView(rings=on)
+            )
+            self._quick_start = QuickStartPanel(controls)
+            with gui.add_folder("Numbers", expand_by_default=False):
+                self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
+            with gui.add_folder("Camera", expand_by_default=False):
+                self._projection = controls.field(
+                    gui.add_dropdown("Projection", ("perspective", "parallel")), c.SetProjection
+                )
+                self._field_of_view = controls.field(
+                    gui.add_number(
+                        "Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1
+                    ),
+                    c.SetFieldOfView,
+                )
+                self._exif = controls.button("From EXIF", lambda _: self._from_exif(), None)
+                self._intrinsics = [
+                    controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
+                    for name in ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
+                ]
+
+    def show(self, session: Session) -> None:
+        """Bring the controls to the session."""
+        self._quick_start.show(session)
+        key = (session.document, session.history, session.look.rings)
+        # After a refusal the fields still hold what was typed.
+        if self._shown == key and self._error_message is session.error_message:
+            return
+        self._shown, self._error_message, self._session = key, session.error_message, session
+        self._rings.show(session.look.rings)
+        self._names = session.document.chart.names
+        parameters = session.document.parameters
+        for index, field in enumerate(self._parameters):
+            if index < len(self._names):
+                set_properties(field.handle, label=label(self._names[index]))
+                field.show(round(float(parameters[index]), SHOWN_DIGITS))
+            else:
+                field.show(0.0, visible=False)
+        self._show_camera(session)
+
+    def _look_from(self, side: str) -> Request | None:
+        if side not in SIDES:
+            return None
+        self._view.value = AS_IT_IS
+        return c.LookFrom(side)
+
+    def _parameter(self, controls: Controls, index: int) -> Field:
+        return controls.field(
+            controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50),
+            lambda value: (
+                c.SetNumber(self._names[index], float(value)) if index < len(self._names) else None
+            ),
+        )
+
+    def _show_camera(self, session: Session) -> None:
+        photo = session.document.registration.photo
+        shown = camera_as_integer_centres(session.document.pose.camera)
+        perspective = isinstance(shown, Perspective)
+        self._projection.show("perspective" if perspective else "parallel")
+        set_properties(self._exif, visible=perspective and photo.focal_length_35mm is not None)
+        if isinstance(shown, Parallel):
+            self._field_of_view.show(self._field_of_view.handle.value, visible=False)
+            values = [shown.scale, shown.scale, shown.cx, shown.cy]
+        else:
+            longer = max(photo.width, photo.height)
+            focal = shown.fx if photo.width >= photo.height else shown.fy
+            angle = math.degrees(2.0 * math.atan(longer / 2.0 / focal))
+            self._field_of_view.show(round(angle, 3))
+            values = [shown.fx, shown.fy, shown.cx, shown.cy]
+        for index, (field, value) in enumerate(zip(self._intrinsics, values, strict=True)):
+            field.show(round(value, 4), visible=perspective or index > 1)
+
+    def _from_exif(self) -> Request:
+        assert self._session is not None  # the page is shown before it can be pressed
+        photo = self._session.document.registration.photo
+        camera = camera_as_integer_centres(photo.default_camera())
+        assert isinstance(camera, Perspective)
+        return c.SetCamera(camera.fx, camera.fy, camera.cx, camera.cy)
+
+    def _from_intrinsics(self, _: float) -> Request:
+        fx, fy, cx, cy = (float(field.handle.value) for field in self._intrinsics)
+        return c.SetCamera(fx, fy, cx, cy)
+
+
+class QuickStartPanel:
+    """Folder "Quick start": a pose from marks on the photo, or proposed ones."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._shown: object = None
+        self._has_region = False
+        with controls.gui.add_folder("Quick start", expand_by_default=False):
+            controls.choices(
+                "Mark", {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")}
+            )
+            # Wheels are looked for in the region; where there is none yet, it is drawn first.
+            self._find = controls.button(
+                DRAW_REGION_FIRST,
+                lambda _: FindWheels() if self._has_region else c.SetTool("region"),
+            )
+            self._again = controls.button("Draw another region", c.SetTool("region"))
+            self._box = controls.button("Draw a box", c.SetTool("box"))
+            self._propose = controls.button("Propose starts", c.ProposeStarts(), None)
+            self._proposals = controls.gui.add_markdown("")
+            self._steps = [
+                controls.button("Next proposal", c.StepProposals(1)),
+                controls.button("Take it", c.TakeProposal(), None, icon="check"),
+            ]
+            controls.button("From the last saved pose", UseLastPose())
+            self._text = controls.gui.add_markdown("")
+            self._buttons = [
+                controls.button("Remove last mark", c.RemoveMark()),
+                controls.button("Clear marks", c.ClearMarks()),
+                controls.button("Done (Esc)", c.SetTool("pose")),
+            ]
+
+    def show(self, session: Session) -> None:
+        """Say what is marked and how well the pose shows it, and what is proposed."""
+        key = (session.document, session.tool, session.proposals)
+        if self._shown == key:
+            return
+        self._shown = key
+        self._has_region = session.document.settings.region is not None
+        set_properties(self._find, label=FIND_WHEELS if self._has_region else DRAW_REGION_FIRST)
+        set_properties(self._again, visible=self._has_region)
+        set_properties(self._text, content=marks_text(session))
+        for handle in self._buttons:
+            set_properties(handle, visible=session.tool in MARKING)
+        asked = session.proposals
+        running = asked is not None and asked.running
+        drawing = session.tool == "box"
+        set_properties(self._box, label="Drag on the photo ..." if drawing else "Draw a box")
+        set_properties(
+            self._propose, label="Looking ..." if running else "Propose starts", disabled=running
+        )
+        there = (
+            asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
+        )
+        for handle in self._steps:
+            set_properties(handle, visible=there)
+        set_properties(self._proposals, content=proposals_text(session))
+
+
+class FitPanel:
+    """Folder "Fit": start and stop, how the search goes, what it may change."""
+
+    def __init__(self, controls: Controls) -> None:
+        gui = controls.gui
+        self._shown: dict[str, object] = {}
+        self._names: tuple[str, ...] = ()
+        self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
+        self._running = False
+        self._before = False
+        with gui.add_folder("3 · Fit"):
+            self._go = controls.button(
+                "Search (space)",
+                lambda _: c.StopSearch() if self._running else c.StartSearch(),
+                "cyan",
+                icon="player-play",
+            )
+            self._status = gui.add_markdown("")
+            self._ended = [
+                controls.button("Keep it", c.AcceptSearch(), None, icon="check"),
+                controls.button("Go back", c.RevertSearch(), icon="x"),
+                controls.button(
+                    "Show before", lambda _: c.ChangeView(before=not self._before), icon="eye"
+                ),
+            ]
+            self._blink = self._ended[-1]
+            grid = {"stroke": "#2b2f38", "width": 1}
+            axis = uplot.Axis(stroke="#aab0bb", grid=grid, ticks=grid, size=44)  # pyright: ignore
+            self._curve = gui.add_uplot(
+                (np.zeros(2), np.zeros(2)),
+                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
+                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+                axes=(axis, axis),
+                legend=uplot.Legend(show=False),
+                height=150,
+                padding=(10, 12, 0, 0),
+                visible=False,
+            )
+            with gui.add_folder("Settings", expand_by_default=False):
+                self._add_settings(controls)
+
+    def _add_settings(self, controls: Controls) -> None:
+        gui = controls.gui
+
+        def setting(
+            handle: Any,
+            read: Callable[[FitSettings], Any],
+            change: Callable[[FitSettings, Any], FitSettings],
+        ) -> None:
+            field = controls.field(
+                handle, lambda value: c.AlterSettings(lambda settings: change(settings, value))
+            )
+            self._settings.append((field, read))
+
+        setting(
+            gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")),
+            lambda s: s.chart,
+            lambda s, chart: replace(s, chart=chart),
+        )
+        setting(
+            gui.add_dropdown("Pixels", tuple(PIXELS)),
+            lambda s: next(text for text, pixels in PIXELS.items() if pixels == s.pixels),
+            lambda s, text: replace(s, pixels=PIXELS[text]),
+        )
+        self._region = controls.button("Draw a region", c.SetTool("region"))
+        self._clear = controls.button(
+            "Clear the region", c.AlterSettings(lambda settings: replace(settings, region=None))
+        )
+        setting(
+            gui.add_checkbox("Grey, not colour", False),
+            lambda s: s.grey,
+            lambda s, on: replace(s, grey=on),
+        )
+        setting(
+            gui.add_checkbox("Find the focal length", False),
+            lambda s: s.free_focal,
+            lambda s, on: replace(s, free_focal=on),
+        )
+        setting(
+            gui.add_number("Most evaluations", 20_000, min=10, max=1_000_000, step=10),
+            lambda s: s.limits.evaluations,
+            lambda s, n: replace(s, limits=replace(s.limits, evaluations=int(n))),
+        )
+        setting(
+            gui.add_number("Most seconds", 600.0, min=0.1, max=86_400.0, step=0.1),
+            lambda s: s.limits.seconds,
+            lambda s, n: replace(s, limits=replace(s.limits, seconds=float(n))),
+        )
+        setting(
+            gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1),
+            lambda s: s.seed,
+            lambda s, n: replace(s, seed=int(n)),
+        )
+        with gui.add_folder("Hold", expand_by_default=False):
+            self._locks = [self._lock(controls, i) for i in range(MOST_PARAMETERS)]
+
+    def _lock(self, controls: Controls, index: int) -> Field:
+        def asked(on: bool) -> Request | None:
+            if index >= len(self._names):
+                return None
+            name = self._names[index]
+
+            def hold(settings: FitSettings) -> FitSettings:
+                held = {*settings.lock, name} if on else set(settings.lock) - {name}
+                return replace(settings, lock=tuple(sorted(held)))
+
+            return c.AlterSettings(hold)
+
+        return controls.field(controls.gui.add_checkbox("", False), asked)
+
+    def show(self, session: Session) -> None:
+        """Bring the controls to the session."""
+        search, self._running = session.search, session.searching
+        latest = None if search is None else search.latest
+        self._before = session.look.before
+        set_properties(self._blink, label="Show after" if self._before else "Show before")
+        set_properties(
+            self._go,
+            label="Stop (space)" if self._running else "Search (space)",
+            icon="player-stop" if self._running else "player-play",
+        )
+        for handle in self._ended:
+            set_properties(handle, visible=latest is not None and not self._running)
+        set_properties(self._status, content=search_text(session))
+        # Of a single loss the plot would make an axis from 0 to twice as much.
+        set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
+        if latest is not None and self._shown.get("curve") is not latest.improvements:
+            self._shown["curve"] = latest.improvements
+            found = latest.improvements[-CURVE_POINTS:]
+            evaluations = [float(p.evaluations) for p in found]
+            end = float(max(latest.progress.evaluations, evaluations[-1] + 1))
+            losses = [p.loss for p in found]
+            self._curve.data = np.array([*evaluations, end]), np.array([*losses, losses[-1]])
+        self._show_settings(session)
+
+    def _show_settings(self, session: Session) -> None:
+        settings, names = session.document.settings, session.document.chart.names
+        key = (settings, names, session.tool)
+        if self._shown.get("settings") == key:
+            return
+        self._shown["settings"], self._names = key, names
+        for field, read in self._settings:
+            field.show(read(settings))
+        drawing = session.tool == "region"
+        set_properties(self._region, label="Drag on the photo ..." if drawing else "Draw a region")
+        set_properties(self._clear, visible=settings.region is not None)
+        for index, field in enumerate(self._locks):
+            if index < len(names):
+                set_properties(field.handle, label=label(names[index]))
+            there = index < len(names)
+            field.show(there and names[index] in settings.lock, visible=there)
+
+
+class LookPanel:
+    """Folder "Look": how the model is shown."""
+
+    def __init__(self, controls: Controls) -> None:
+        gui, field = controls.gui, controls.field
+        with gui.add_folder("Look"):
+            self._look = field(
+                gui.add_dropdown("Model (1-5, 0)", LOOKS),
+                lambda name: c.ChangeView(look=name, hidden=False),
+            )
+            self._opacity = field(
+                gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
+                lambda share: c.ChangeView(opacity=float(share)),
+            )
+            self._wipe = field(
+                gui.add_slider("Wipe", 0.0, 1.0, 0.01, 1.0),
+                lambda share: c.ChangeView(wipe=float(share)),
+            )
+            self._hidden = field(
+                gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
+            )
+
+    def show(self, session: Session) -> None:
+        """Bring the controls to the session."""
+        look = session.look
+        self._look.show(look.name)
+        self._opacity.show(look.opacity, visible=look.name == "solid")
+        self._wipe.show(look.wipe)
+        self._hidden.show(look.hidden)
+
+
+class SavePanel:
+    """Folder "Save"."""
+
+    def __init__(self, controls: Controls) -> None:
+        with controls.gui.add_folder("4 · Save"):
+            self._state = controls.gui.add_markdown("")
+            controls.button("Save pose (S)", SavePose(), "cyan", icon="device-floppy")
+            controls.download("Download pose", "pose")
+            controls.download("Download overlay", "overlay", icon="photo-down")
+
+    def show(self, session: Session, where: str) -> None:
+        """Say whether the pose stands in a file; ``where`` it was or will be written."""
+        text = "● unsaved changes" if session.unsaved else "no unsaved changes"
+        set_properties(self._state, content=f"{text}  \n{escape(where)}")
+
+
+class ReviewPanel:
+    """Folder "Review", in a review alone: where in the queue, and what can be said of the row."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._key = ""
+        with controls.gui.add_folder("Review"):
+            self._where = controls.gui.add_markdown("")
+            controls.button("Accept (A)", Review("accept"), "cyan", icon="check")
+            controls.choices("Go", {"Previous (P)": Review("previous"), "Next (N)": Review("next")})
+            self._back = controls.button("Take back", Review("take back"))
+            self._note = controls.gui.add_text("Note", "")
+            controls.field(
+                self._note, lambda note: Annotate(self._key, note) if self._key else None
+            )
+
+    def show(self, state: ReviewState) -> None:
+        """Bring the panel to the row at hand."""
+        set_properties(self._where, content=review_text(state))
+        set_properties(self._back, visible=bool(state.row.result.review))
+        # What is being typed is not written over: only another row brings another note.
+        if self._key != state.row.job.key:
+            self._key = state.row.job.key
+            set_properties(self._note, value=state.row.result.note)
+
+
+def hint_of(session: Session) -> str:
+    """The line over the photo: what the next click is for; "" for the usual line."""
+    marks = session.document.marks
+    match session.tool:
+        case "region":
+            return REGION_HINT
+        case "box":
+            return BOX_HINT
+        case "wheels":
+            wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
+            if wheel == WHEELS:
+                what = "space: search from here"
+            else:
+                name = ("rear", "front")[wheel]
+                what = f"click the {name} wheel's rim: point {point + 1} of {FEWEST_RIM_POINTS}"
+        case "pairs":
+            number = len(marks.pairs)
+            if marks.waits_for_pixel:
+                what = f"pair {number}: click the same point on the photo"
+            else:
+                what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
+        case _:
+            return ""
+    return f"<b>{what}</b>{MARKING_HINT}"
+
+
+def marks_text(session: Session) -> str:
+    """What is marked, and how well the pose shows it (markdown)."""
+    document = session.document
+    marks = document.marks
+    fewest = fewest_pairs(document.pose.camera)
+    lines = []
+    if marks.pairs and session.tool != "wheels":
+        errors = pair_errors(document)
+        rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
+        missing = fewest - len(errors)
+        lines.append(f"{missing} more to a pose" if missing > 0 else f"**off by**{rows}")
+    elif session.tool == "pairs":
+        lines.append(f"{fewest} pairs give a pose")
+    if session.tool == "wheels":
+        lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
+    if marks.note and session.tool in MARKING:
+        lines.append(escape(marks.note))
+    return "  \n".join(lines)
+
+
+def proposals_text(session: Session) -> str:
+    """How far the proposals are (markdown)."""
+    asked = session.proposals
+    if asked is not None and asked.running:
+        return "Trying views from everywhere: some seconds, longer without a box."
+    if asked is not None and _has_proposals(session):
+        return f"**proposal {asked.index + 1} of {len(asked.poses)}**, the likeliest first"
+    if session.document.marks.box is None and session.document.settings.region is None:
+        return "Draw a box about the object; without one, the whole photo is searched."
+    return ""
+
+
+def _has_proposals(session: Session) -> bool:
+    """Whether there are proposals for what is open."""
+    asked = session.proposals
+    return asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
+
+
+def search_text(session: Session) -> str:
+    """How the search stands and its verdict, or the loss at the pose (markdown)."""
+    search, overlay = session.search, session.overlay
+    if search is None:
+        if overlay is not None and overlay.loss is not None:
+            return f"**loss {overlay.loss:.5f}** at this pose"
+        return (overlay.note if overlay else "") or "Preparing the first picture ..."
+    if search.latest is None:
+        return "Preparing the search ..."
+    progress = search.latest.progress
+    stopped = not search.running and progress.status.name == "RUNNING"
+    sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
+    text = (
+        f"**loss {progress.loss:.5f}** (start {progress.start_loss:.5f})  \n"
+        f"{progress.evaluations} evaluations, restart {progress.restart}, "
+        f"{progress.seconds:.1f} s  \n{sentence}"
+    )
+    verdict = progress.verdict
+    if verdict is not None:
+        reasons = "\n".join(f"- {reason}" for reason in verdict.reasons)
+        text += (
+            f"\n\n**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
+            f"calibrated on and that looked like this one were right.\n\n{reasons}"
+        )
+    return text
+
+
+def review_text(state: ReviewState) -> str:
+    """Where in the queue, and what is known of the row (markdown)."""
+    row, queue = state.row, state.queue
+    result = row.result
+    said = result.review or "not accepted"
+    if state.mended and not result.failed:
+        said = f"● pose changed, {said if result.review else 'not accepted yet'}"
+    lines = [
+        f"**{state.place} of {len(queue.rows)}**, {queue.accepted} accepted",
+        f"row {row.job.row}: {escape(said)}",
+    ]
+    if result.failed:
+        lines.append(escape(f"failed: {result.reason}"))
+    elif result.start_loss:
+        loss = "-" if result.loss is None else f"{result.loss:.4f}"
+        lines.append(f"loss {loss}, at the start {result.start_loss:.4f}")
+    verdict = getattr(result, "verdict", "")
+    if verdict and not result.review:
+        lines.append(escape(f"verdict: {verdict}"))
+    if state.trouble:
+        lines.append(escape(state.trouble))
+    return "  \n".join(lines)
