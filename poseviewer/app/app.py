@@ -14,7 +14,7 @@ from pathlib import Path
 import viser
 
 from poseviewer.app.page.page import Page
-from poseviewer.app.page.reports import request_of, newest_drags
+from poseviewer.app.page.reports import newest_drags, request_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r

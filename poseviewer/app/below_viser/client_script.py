@@ -1,5 +1,10 @@
-"""The page's own few lines of script, and what they report, by a part of viser that it keeps
-private; ``tests/viewer/test_app.py`` fails when viser changes it.
+"""The page's own script, ``client.js``, and what it reports.
+
+Why: viser has no zoom and pan that keep the registration, no keys, no drop of files, and no way to
+make a panel narrower on one page.
+Written for viser 1.1.1: the messages ``RunJavascriptMessage`` and ``GuiSetPanelWidthMessage``, put
+into ``client.gui._websock_interface``; a panel's ``_placement_uuid``, a field's ``_impl.uuid``; and
+in the page ``window.__viserMutable`` (its camera, canvas, nodes and ``sendMessage``).
 """
 
 from __future__ import annotations

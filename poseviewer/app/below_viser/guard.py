@@ -1,10 +1,11 @@
 """A viser server that answers only those whom the AccessPolicy lets pass.
 
-viser 1.1.1 checks neither Host nor Origin and has no login. Its web server is made deep inside its
-constructor, in its own thread, by ``websockets.asyncio.server.serve``; that call alone is
-intercepted, so that the check is in place before the first connection. Of what viser keeps private
-poseviewer uses this, in ``client_script`` what runs a script, and in ``upload_limits`` what takes
-uploads; their tests fail when viser changes it.
+Why: viser checks neither Host nor Origin, has no login, takes the next port where one is busy, and
+lets any page open a public tunnel.
+Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
+in its own thread, by ``websockets.asyncio.server.serve``; that one call is intercepted, so that the
+check is in place before the first connection. Else of viser: ``_websock_server`` and the messages
+``ShareUrlRequest`` and ``ShareUrlDisconnect``.
 """
 
 from __future__ import annotations
@@ -41,6 +42,10 @@ SECURITY_HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+
+_log = logging.getLogger(__name__)
+# Without the traceback that every connection closed before its first line would print.
+_log.addFilter(lambda record: record.getMessage() != "opening handshake failed")
 
 Answer = Callable[[ServerConnection, Request], Response | None]
 
@@ -119,7 +124,7 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         answer = settings.pop("process_request", None)
         settings.pop("host", None)
         settings.pop("port", None)
-        settings |= {"process_request": _checked(policy, answer), "logger": _quiet_logger()}
+        settings |= {"process_request": _checked(policy, answer), "logger": _log}
         return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
@@ -129,28 +134,12 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
-def _quiet_logger() -> logging.Logger:
-    """Without the traceback that every connection closed before its first line would print."""
-    logger = logging.getLogger("poseviewer.app.below_viser.guard")
-    logger.addFilter(_is_worth_logging)
-    return logger
-
-
-def _is_worth_logging(record: logging.LogRecord) -> bool:
-    return record.getMessage() != "opening handshake failed"
-
-
 def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
     """An answer to requests, HTTP and websocket alike, that asks the policy first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
-        headers = request.headers
-        asked = Asked(
-            request.path,
-            headers.get_all("Host"),
-            headers.get_all("Origin"),
-            headers.get_all("Cookie"),
-        )
+        sent = (request.headers.get_all(name) for name in ("Host", "Origin", "Cookie"))
+        asked = Asked(request.path, *sent)
         refusal = policy.refusal(asked)
         if refusal is not None:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")

@@ -1,9 +1,11 @@
 """Uploads that are too large are refused before they fill the memory.
 
-viser 1.1.1 keeps every part of every upload, whatever size was announced, until all are there. Its
-two handlers of uploads are called by ours, which look at the sizes first. It also tells every page,
-those to come too, how far an upload is, and they show a nameless one: here its own page is told.
-``test_upload_limits`` fails when viser changes what is used here.
+Why: viser keeps every part of every upload, whatever size was announced, until all are there, and a
+button keeps the last file. It tells every page, those to come too, how far an upload is, and they
+show a nameless one: here its own page is told.
+Written for viser 1.1.1: its two handlers of uploads, ``gui._handle_file_transfer_start`` and
+``_part``, are called by ours, which look at the sizes first; ``gui._current_file_upload_states``,
+``gui._websock_interface`` and its ``queue_message``, a button's ``_impl.value``.
 """
 
 from __future__ import annotations

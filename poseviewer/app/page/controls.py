@@ -47,22 +47,20 @@ class Controls:
         """An input whose new values ask for ``command(value)``."""
         return Field(handle, self.post, command)
 
-    def button(
-        self,
-        label: str,
-        asked: Request | Callable[[int], Request],
-        color: Any = "gray",
-        **options: Any,
+    def button(self, label: str, asked: Request, color: Any = "gray", **options: Any) -> Any:
+        """A button that asks for one request; ``color`` None: the page's own."""
+        return self.button_for(label, lambda _: asked, color, **options)
+
+    def button_for(
+        self, label: str, asked: Callable[[int], Request], color: Any = "gray", **options: Any
     ) -> Any:
-        """A button that asks for a request, or for ``asked(client_id)``; ``color`` None: the
-        page's own.
-        """
+        """A button that asks for ``asked(client_id)``, worked out when it is pressed."""
         handle = self.gui.add_button(label, color=color, **options)
 
         @handle.on_click
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                self.post(asked(event.client.client_id) if callable(asked) else asked)
+                self.post(asked(event.client.client_id))
 
         return handle
 
@@ -77,7 +75,7 @@ class Controls:
 
     def download(self, label: str, what: Export, icon: Any = "download") -> None:
         """A button that sends ``what`` to the page on which it is pressed."""
-        self.button(label, lambda client: Download(what, client), icon=icon)
+        self.button_for(label, lambda client: Download(what, client), icon=icon)
 
     def upload(self, label: str, kind: Kind, icon: Any, beside: bool = False) -> None:
         """A button that takes a file; a model may go ``beside`` the one at hand."""

@@ -63,7 +63,7 @@ class OpenPanel:
                 controls.upload("Photo ...", "photo", "photo")
                 controls.upload("Model ...", "model", "cube")
             controls.upload("Pose file ...", "pose", "file-import")
-            controls.button("Keys and mouse (?)", ShowHelp, icon="help")
+            controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
         """Say what is open."""
@@ -107,7 +107,7 @@ class PlacePanel:
                     ),
                     c.SetFieldOfView,
                 )
-                self._exif = controls.button("From EXIF", lambda _: self._from_exif(), None)
+                self._exif = controls.button_for("From EXIF", lambda _: self._from_exif(), None)
                 self._intrinsics = [
                     controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
                     for name in ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
@@ -187,7 +187,7 @@ class QuickStartPanel:
                 "Mark", {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")}
             )
             # Wheels are looked for in the region; where there is none yet, it is drawn first.
-            self._find = controls.button(
+            self._find = controls.button_for(
                 DRAW_REGION_FIRST,
                 lambda _: FindWheels() if self._has_region else c.SetTool("region"),
             )
@@ -245,7 +245,7 @@ class FitPanel:
         self._running = False
         self._before = False
         with gui.add_folder("3 · Fit"):
-            self._go = controls.button(
+            self._go = controls.button_for(
                 "Search (space)",
                 lambda _: c.StopSearch() if self._running else c.StartSearch(),
                 "cyan",
@@ -255,7 +255,7 @@ class FitPanel:
             self._ended = [
                 controls.button("Keep it", c.AcceptSearch(), None, icon="check"),
                 controls.button("Go back", c.RevertSearch(), icon="x"),
-                controls.button(
+                controls.button_for(
                     "Show before", lambda _: c.ChangeView(before=not self._before), icon="eye"
                 ),
             ]

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from lxml import html
 from PIL import Image
-from poseviewer.app.state.commands import picked_parameters
 
 from poseviewer.app.page.landscape import contour_figure, known_part, surface_figure
 from poseviewer.app.page.landscape_grid import (
@@ -22,6 +21,7 @@ from poseviewer.app.page.landscape_grid import (
     landscape_grid,
     on_map,
 )
+from poseviewer.app.state.commands import picked_parameters
 from poseviewer.fit.landscape import Slice, slice_minimum
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
