@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from poseviewer.batch.results import (
     load_result,
     save_result,
 )
-from poseviewer.batch.table import COLUMNS, LAST, Job
+from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo.load import save_image
 from poseviewer.fit.registration import LoadedModel
@@ -83,7 +83,7 @@ def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     model_path = job.path(job.model)
-    model, renderer = _open_model(model_path, _changed(model_path), plan.settings.renderer)
+    model, renderer = _open_model(model_path, file_stamp(model_path), plan.settings.renderer)
 
     def watch(_progress: object = None) -> None:
         if stopped():
@@ -121,7 +121,7 @@ def _start_of(job: Job, plan: BatchPlan) -> str | Path:
 @lru_cache(maxsize=MODELS_KEPT)
 def _open_model(
     path: Path,
-    changed: int,  # noqa: ARG001 - a part of what is remembered: a cluster's workers live long
+    stamp: tuple[int, int],  # noqa: ARG001 - of the file, which may change: workers live long
     renderer: str,
 ) -> tuple[LoadedModel, Renderer | None]:
     """A model and its renderer, once for all rows that name it while the file is the same."""
@@ -129,18 +129,12 @@ def _open_model(
     return model, make_renderer(model.mesh) if renderer == "software" else None
 
 
-def _changed(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except (OSError, ValueError):
-        return 0  # the reader says what is wrong
-
-
 def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> JobResult:
     """Write the pose, the picture and, last, the result."""
     pose, drawn = result_files(job)
     progress = fitted.progress
     assert progress is not None  # it was searched for
+    verdict = progress.verdict
     result = JobResult(
         job.row,
         job.photo,
@@ -153,14 +147,10 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> Job
         seconds=round(progress.seconds, 3),
         pose=pose,
         picture=drawn,
+        verdict=verdict.word if verdict else "",
+        probability=round(verdict.probability, 4) if verdict else None,
+        reasons="\n".join(verdict.reasons) if verdict else "",
     )
-    if (verdict := progress.verdict) is not None:
-        result = replace(
-            result,
-            verdict=verdict.word,
-            probability=round(verdict.probability, 4),
-            reasons="\n".join(verdict.reasons),
-        )
     try:
         fitted.save(plan.folder / pose)
         save_image(plan.folder / drawn, picture)

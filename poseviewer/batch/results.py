@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
@@ -89,14 +89,14 @@ def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
     return sorted(results, key=order)
 
 
-def make_folders(folder: Path) -> None:
+def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -> None:
     """Make the folder of results and those in it.
 
     Raises:
         BatchError: they cannot be made.
     """
     try:
-        for name in (ROWS, POSES, PICTURES):
+        for name in names:
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BatchError(

@@ -11,11 +11,15 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from poseviewer.batch.job import result_files, smaller
 from poseviewer.batch.results import (
     ACCEPTED,
     MENDED,
+    PICTURES,
+    POSES,
+    ROWS,
     JobResult,
     Manifest,
     known_results,
@@ -94,11 +98,7 @@ def load_queue(folder: Path) -> ReviewQueue:
     rows = [ReviewRow(jobs[r.row], r) for r in results if first[jobs[r.row].key] is r]
     if not rows:
         raise BatchError(f"{folder}: no row of the batch is done yet; nothing to review.")
-    make_folders(folder)
-    try:
-        (folder / DRAFTS).mkdir(exist_ok=True)
-    except OSError as error:
-        raise BatchError(f"{folder}: cannot be written to ({error.strerror}).") from None
+    make_folders(folder, (ROWS, POSES, PICTURES, DRAFTS))
     return ReviewQueue(folder, manifest, tuple(rows), failed)
 
 
@@ -110,9 +110,7 @@ def accept(queue: ReviewQueue, row: ReviewRow) -> JobResult:
     """
     if row.result.failed:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
-    result = replace(row.result, review=row.result.review or ACCEPTED)
-    save_result(queue.folder, row.job, result)
-    return result
+    return _save(queue, row, review=row.result.review or ACCEPTED)
 
 
 def accept_mended(
@@ -135,8 +133,9 @@ def accept_mended(
             ) from None
     save_pose(path, record)
     save_image(queue.folder / drawn, smaller(picture))
-    result = replace(
-        row.result,
+    result = _save(
+        queue,
+        row,
         status=BY_HAND if row.result.failed else row.result.status,
         reason="",
         loss=record.loss,
@@ -144,7 +143,6 @@ def accept_mended(
         picture=drawn,
         review=MENDED,
     )
-    save_result(queue.folder, row.job, result)
     drop_draft(queue, row)
     return result
 
@@ -155,10 +153,7 @@ def take_back(queue: ReviewQueue, row: ReviewRow) -> JobResult:
     Raises:
         BatchError: it cannot be written.
     """
-    result = replace(row.result, review="")
-    if not result.failed:
-        save_result(queue.folder, row.job, result)
-    return result
+    return _save(queue, row, review="")
 
 
 def annotate(queue: ReviewQueue, row: ReviewRow, note: str) -> JobResult:
@@ -167,7 +162,12 @@ def annotate(queue: ReviewQueue, row: ReviewRow, note: str) -> JobResult:
     Raises:
         BatchError: they cannot be written.
     """
-    result = replace(row.result, note=" ".join(note.split()))
+    return _save(queue, row, note=" ".join(note.split()))
+
+
+def _save(queue: ReviewQueue, row: ReviewRow, **changes: Any) -> JobResult:
+    """The row's result with changes; one that failed has no file to be kept in."""
+    result = replace(row.result, **changes)
     if not result.failed:
         save_result(queue.folder, row.job, result)
     return result

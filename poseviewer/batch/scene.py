@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.batch.results import JobResult, Manifest
+from poseviewer.batch.results import JobResult, Manifest, make_folders
 from poseviewer.batch.table import LAST, Job, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
@@ -66,12 +66,7 @@ def load_scene_jobs(
     objects = _objects_to_fit(scene, options)
     if not objects:
         raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")
-    try:
-        (out / STARTS).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BatchError(
-            f"{out}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from None
+    make_folders(out, [STARTS])
     if options.start == LAST:  # object by object, each from where it was in the image before
         objects.sort(key=lambda one: (one[1].object_id, one[2], one[0].number))
     models = Path(os.path.relpath(options.models.resolve(), scene))

@@ -126,7 +126,7 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
 
 def _key(job: Job, settings: FitSettings) -> str:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
-    content: list[Any] = [[str(path), *_stamp(path)] for path in files]
+    content: list[Any] = [[str(path), *file_stamp(path)] for path in files]
     if job.start == LAST:
         content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
@@ -134,8 +134,8 @@ def _key(job: Job, settings: FitSettings) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
-def _stamp(path: Path) -> tuple[int, int]:
-    """Size and time of a file; zeros where there is none."""
+def file_stamp(path: Path) -> tuple[int, int]:
+    """Size and time of a file, by which a changed one is told; zeros where there is none."""
     try:
         state = path.stat()
     except (OSError, ValueError):
