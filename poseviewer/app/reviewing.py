@@ -90,13 +90,11 @@ class Reviewer:
         document = session.document
         if document is self._kept:
             return
+        undistortion = document.registration.photo.undistortion
         try:
             if self.mended(session):
-                undistortion = document.registration.photo.undistortion
-                save_pose(
-                    self._queue.draft(self.row),
-                    PoseRecord(document.pose, undistortion=undistortion),
-                )
+                record = PoseRecord(document.pose, undistortion=undistortion)
+                save_pose(self._queue.draft(self.row), record)
             else:
                 r.drop_draft(self._queue, self.row)
             self._kept = document
@@ -207,6 +205,12 @@ class Reviewer:
         """No row could be opened where one was wanted."""
         self._wanted = self._at
 
+    def open_first(self) -> Opened:
+        """Open the first row that can be opened; raises as ``open_row``."""
+        opened = next(self.open_row(0, 1))
+        self.opened(opened)
+        return opened
+
     def open_row(self, index: int, step: int) -> Iterator[Opened]:
         """Open a row; one whose files cannot be used is skipped, with a word.
 
@@ -250,13 +254,12 @@ class Reviewer:
             photo_path=photo,
             model_path=job.path(job.model),
         )
-        draft = self._queue.draft(row)
-        if draft.is_file():
-            shown = registration.photo
+        draft, shown = self._queue.draft(row), registration.photo
+        restored = draft.is_file()
+        if restored:
             pose = load_pose(draft, shown.width, shown.height).pose
             document = replace(document, pose=pose)
-        restored, warnings = draft.is_file(), registration.warnings
-        return Opened(document, warnings, row=job.key, restored=restored)
+        return Opened(document, registration.warnings, row=job.key, restored=restored)
 
     def _accepting(self, session: Session, record: PoseRecord, leave: bool) -> Task:
         """Draw and keep the pose at hand, away from the main loop."""

@@ -47,13 +47,10 @@ def run(options: Namespace) -> int:
     compile_kernels()
     in_background(compile_rasteriser)  # by now it only loads them, while the app is imported
     from poseviewer.app.serving import serve_app
+    from poseviewer.app.workers.opening import open_files
 
     serve_app(
-        photo,
-        model,
-        pose,
-        calibration_of(options),
-        options.others,
+        open_files(photo, model, pose, calibration_of(options), options.others),
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

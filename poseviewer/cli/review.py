@@ -16,10 +16,13 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
-    from poseviewer.app.serving import serve_review
+    from poseviewer.app.reviewing import Reviewer
+    from poseviewer.app.serving import serve_app
 
-    serve_review(
-        options.folder,
+    review = Reviewer(options.folder)
+    serve_app(
+        review.open_first(),
+        review,
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

@@ -290,7 +290,7 @@ def test_cameras_that_make_no_sense_are_refused_and_lose_nothing(running: Runnin
 
 
 def failure(page: SocketPage, since: int) -> str:
-    """What the first complaint after ``since`` notices says."""
+    """What the first error message after ``since`` notices says."""
     found = [text for title, text in page.shown.notices[since:] if title == "That did not work"]
     return found[0] if found else ""
 

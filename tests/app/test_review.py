@@ -46,8 +46,7 @@ def out(results: Path, tmp_path: Path) -> Path:
 @contextmanager
 def reviewing(out: Path) -> Iterator[tuple[App, SocketPage]]:
     review = Reviewer(out)
-    opened = next(review.open_row(0, 1))
-    review.opened(opened)
+    opened = review.open_first()
     guarded = serve("127.0.0.1", 0)
     app = App(guarded.server, opened, out.parent / "state", review)
     loop = threading.Thread(target=app.run, name="app")

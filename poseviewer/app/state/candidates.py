@@ -35,19 +35,15 @@ class Comparison:
     document: Document
     """What was at hand: photo, settings, and the pose that all start from."""
     models: tuple[CandidateModel, ...]
-    """In the order of ``news``' indices."""
+    """In the order of ``latest``'s indices."""
     running: bool = True
     latest: Identification | None = None
 
     @property
     def registrations(self) -> list[Registration]:
         """One for each model, in the frame that all share."""
-        photo = self.document.registration.photo
-        start = self.document.pose
-        return [
-            Registration(photo, m.mesh, m.name, m.sha256, m.keypoints, start, ())
-            for m in (candidate.model for candidate in self.models)
-        ]
+        own, start = self.document.registration, self.document.pose
+        return [_with_model(replace(own, start=start), one.model) for one in self.models]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,19 +141,22 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
     own, model = document.registration, candidate.model
     if own.mesh_sha256 == model.sha256:
         return replace(document, pose=pose)
-    registration = replace(
+    return replace(
+        document,
+        registration=_with_model(own, model),
+        pose=pose,
+        pins=(),
+        model_path=candidate.path,
+        marks=Marks(box=document.marks.box),
+    )
+
+
+def _with_model(own: Registration, model: LoadedModel) -> Registration:
+    return replace(
         own,
         mesh=model.mesh,
         mesh_name=model.name,
         mesh_sha256=model.sha256,
         keypoints=model.keypoints,
         warnings=(),
-    )
-    return replace(
-        document,
-        registration=registration,
-        pose=pose,
-        pins=(),
-        model_path=candidate.path,
-        marks=Marks(box=document.marks.box),
     )

@@ -259,7 +259,7 @@ class SetNumber(Command):
     def __call__(self, session: Session) -> Session:
         chart, parameters = session.document.chart, np.array(session.document.parameters)
         if self.name not in chart.names or not math.isfinite(self.value):
-            raise SettingsError(f"{self.name} = {self.value} is no number of the chart")
+            raise SettingsError(f"{self.name} = {self.value} is no parameter of the chart")
         index = chart.names.index(self.name)
         if float(parameters[index]) == self.value:
             return session
@@ -504,7 +504,7 @@ class ProposingFailed(Command):
 
 @dataclass(frozen=True, slots=True)
 class StepProposals(Command):
-    """Show another proposal: the one so many places on, round and round."""
+    """Show another proposal: ``by`` places on, round and round."""
 
     by: int = 1
 

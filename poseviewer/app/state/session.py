@@ -114,7 +114,7 @@ class LandscapeView:
     """How the maps are shown."""
 
     half_width: float = 0.2
-    """In spans of each number: 0.2 is the paper's 20 %."""
+    """Share of each parameter's scale: 0.2 is the paper's 20 %."""
     shared_scale: bool = False
     large: tuple[int, int] | None = None
     """The pair whose map is open large."""

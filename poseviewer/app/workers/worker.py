@@ -76,7 +76,7 @@ class Worker(Generic[T]):
     def __init__(
         self, name: str, notify: Callable[[], None] | None = None, low_priority: bool = False
     ) -> None:
-        """``ring`` is called at every item; a ``patient`` worker leaves the processor to others
+        """``notify`` is called at every item; with ``low_priority`` the processor is left to others
         where the system lets it.
         """
         self._notify = notify

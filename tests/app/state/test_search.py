@@ -1,4 +1,4 @@
-"""Searches and maps in the session, with real news; and any commands in any order."""
+"""Searches and maps in the session, with real updates; and any commands in any order."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from poseviewer.starts.registration import load_registration
 from tests.app.state.documents import PARALLEL, PERSPECTIVE, after, make_document, make_photo
 
 SETTINGS = FitSettings(limits=Limits(evaluations=60))
-NEWS = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
-"""They leave a complaint standing: it is about what the user did."""
+UPDATES = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
+"""They leave an error message standing: it is about what the user did."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def session(scene) -> Session:
 
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchUpdate]:
-    """All news of a short search from the start."""
+    """All updates of a short search from the start."""
     registration = session.document.registration
     renderer = SoftwareRenderer(registration.mesh)
     return list(search(registration, session.document.pose, SETTINGS, renderer))
@@ -53,7 +53,7 @@ def landscape(session) -> LandscapeUpdate:
 
 
 def searched(session: Session, updates, count: int) -> Session:
-    """After the start of a search and its first news."""
+    """After the start of a search and its first updates."""
     session = after(session, c.StartSearch())
     number = session.searches
     return after(session, *(c.SearchAdvanced(number, item) for item in updates[:count]))
@@ -87,7 +87,7 @@ def test_a_stopped_search_keeps_its_best(session, updates):
     stopped = after(running, c.StopSearch())
     assert not stopped.searching
     assert stopped.document is running.document
-    # News on their way come too late.
+    # Updates on their way come too late.
     assert after(stopped, c.SearchAdvanced(stopped.searches, updates[-1])) is stopped
     assert after(stopped, c.RevertSearch()).document is session.document
 
@@ -102,7 +102,7 @@ def test_back_in_the_midst_of_a_search_is_before_it(session, updates, back):
     assert after(reverted, c.Redo()).document is running.document
 
 
-def test_news_of_an_older_search_are_dropped(session, updates):
+def test_updates_of_an_older_search_are_dropped(session, updates):
     first = searched(session, updates, 10)
     second = after(first, c.StopSearch(), c.StartSearch())
     assert second.searches == first.searches + 1
@@ -233,7 +233,7 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
         before, now = now, update(now, command)
         assert now.error_message == "" or now.error_message.endswith((".", "!", "?"))
         assert np.isfinite(now.document.parameters).all()
-        if now.error_message and not isinstance(command, (c.SearchFailed, *NEWS)):
+        if now.error_message and not isinstance(command, (c.SearchFailed, *UPDATES)):
             assert now.document is before.document
     assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach
     while now.history.past:
@@ -248,6 +248,6 @@ def _request(session: Session) -> OverlayRequest:
     )
 
 
-def test_the_news_are_of_a_search_that_ended(updates):
+def test_the_updates_are_of_a_search_that_ended(updates):
     assert updates[-1].progress.status is Status.EVALUATIONS_SPENT
     assert all(item.progress.status is Status.RUNNING for item in updates[:-1])

@@ -62,7 +62,7 @@ def bell() -> Bell:
     return Bell()
 
 
-@pytest.fixture(params=[False, True], ids=["", "patient"])
+@pytest.fixture(params=[False, True], ids=["", "low priority"])
 def worker(bell, request) -> Iterator[Worker[object]]:
     made: Worker[object] = Worker("tested", bell, low_priority=request.param)
     yield made
@@ -76,7 +76,7 @@ def taken(worker: Worker[object]) -> JobUpdate[object]:
     return latest
 
 
-def test_each_item_is_news_once_and_the_last_is_told_as_such(worker, bell):
+def test_each_item_is_taken_once_and_the_last_is_told_as_such(worker, bell):
     job = Steps("ab")
     ticket = worker.start(job)
     assert worker.busy
@@ -104,7 +104,7 @@ def test_only_the_newest_item_is_kept(worker, bell):
     job.go()
 
 
-def test_a_new_job_displaces_the_old_one_whose_news_are_dropped(worker, bell):
+def test_a_new_job_displaces_the_old_one_whose_updates_are_dropped(worker, bell):
     old, new = Steps("abc"), Steps("x")
     first = worker.start(old)
     old.go()
@@ -189,7 +189,7 @@ def test_a_held_job_can_be_displaced_and_stopped(worker, bell):
     assert worker.take() is None
 
 
-def test_an_exception_is_news_and_the_next_job_runs(worker, bell):
+def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
     error = ValueError("no such thing")
     job, after = Steps("a", error), Steps("x")
     ticket = worker.start(job)
