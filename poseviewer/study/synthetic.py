@@ -83,18 +83,6 @@ def _direction(rng: np.random.Generator) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
-    """A plain square that the model stands on."""
-
-    up: tuple[float, float, float]
-    """Its normal in the model's frame; the model's lowest point along it touches it."""
-    reflectance: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    """RGB in [0, 1]."""
-    size: float = 3.0
-    """Length of a side, in diameters of the model."""
-
-
-@dataclass(frozen=True, slots=True)
 class PhotoQuality:
     """What a camera does to a picture."""
 
@@ -109,13 +97,10 @@ class PhotoQuality:
 class Photographer:
     """A model in a studio, to be photographed in many poses. One thread only, as ``opengl``."""
 
-    def __init__(
-        self, mesh: Mesh, shading: Shading = "diffuse", ground: Ground | None = None
-    ) -> None:
-        """Set up the model, and the ground if wanted; ``shading`` as ``gl_shading.Shading``."""
+    def __init__(self, mesh: Mesh, shading: Shading = "diffuse") -> None:
+        """``shading`` as ``render.opengl.shading.Shading``."""
         self.mesh = mesh
         self.shading: Shading = shading
-        self._ground = _ground_mesh(mesh, ground) if ground else None
         self._canvas: ShadedCanvas | None = None
 
     def cut_out(
@@ -165,18 +150,21 @@ class Photographer:
         from poseviewer.render.opengl import scene as gl_scene
         from poseviewer.render.opengl import shading as gl_shading
 
-        meshes = [self.mesh] if self._ground is None else [self.mesh, self._ground]
+        mesh = self.mesh
         if self._canvas is None:
-            self._canvas = gl_shading.ShadedCanvas(meshes, self.mesh.centre, self.shading)
-        depths = [pose.camera_from_model.apply(mesh.vertices)[:, 2] for mesh in meshes]
-        planes = gl_scene.depth_range(pose.camera, np.concatenate(depths), self.mesh.diameter)
+            self._canvas = gl_shading.ShadedCanvas([mesh], mesh.centre, self.shading)
+        depths = pose.camera_from_model.apply(mesh.vertices)[:, 2]
+        planes = gl_scene.depth_range(pose.camera, depths, mesh.diameter)
         if planes is None:
             return np.zeros((pose.camera.height, pose.camera.width, 4), np.uint8)
         model_from_camera = pose.camera_from_model.inverse()
+        eye = -FAR_EYE_PER_DIAMETER * mesh.diameter * model_from_camera.rotation[:, 2]
+        if isinstance(pose.camera, Perspective):
+            eye = model_from_camera.translation - mesh.centre
         return self._canvas.draw(
             (pose.camera.width, pose.camera.height),
-            gl_scene.clip_from_world(self.mesh, pose, *planes),
-            _eye(self.mesh, pose),
+            gl_scene.clip_from_world(mesh, pose, *planes),
+            eye,
             lighting.ambient,
             [(model_from_camera.rotation @ o.towards, o.intensity) for o in lighting.lights],
             shadows,
@@ -195,32 +183,6 @@ def as_photographed(
     return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
 
 
-def make_photo(
-    mesh: Mesh,
-    pose: Pose,
-    lighting: Lighting | None = None,
-    background: ArrayLike = (0.7, 0.7, 0.7),
-    quality: PhotoQuality | None = None,
-    shading: Shading = "diffuse",
-    seed: int = 0,
-) -> NDArray[np.uint8]:
-    """One photo (h, w, 3) RGB; ``lighting`` None: random, from ``seed``. See ``Photographer``."""
-    lighting = lighting or random_lighting(np.random.default_rng(seed))
-    photographer = Photographer(mesh, shading)
-    try:
-        return photographer.photograph(pose, lighting, background, quality, seed=seed)
-    finally:
-        photographer.close()
-
-
-def _eye(mesh: Mesh, pose: Pose) -> FloatArray:
-    """Where the camera is, in the model's frame, from the model's centre."""
-    model_from_camera = pose.camera_from_model.inverse()
-    if isinstance(pose.camera, Perspective):
-        return model_from_camera.translation - mesh.centre
-    return -FAR_EYE_PER_DIAMETER * mesh.diameter * model_from_camera.rotation[:, 2]
-
-
 def _background(background: ArrayLike, width: int, height: int) -> NDArray[np.float32]:
     picture = np.asarray(background)
     if picture.ndim == 1:
@@ -229,23 +191,3 @@ def _background(background: ArrayLike, width: int, height: int) -> NDArray[np.fl
     how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
     picture = picture.astype(np.float32) / np.float32(255.0)
     return np.asarray(cv2.resize(picture, (width, height), interpolation=how), np.float32)
-
-
-def _ground_mesh(mesh: Mesh, ground: Ground) -> Mesh:
-    """Two triangles under the model, counter-clockwise as seen from above."""
-    up = np.asarray(ground.up, dtype=float) / np.linalg.norm(ground.up)
-    lowest = (mesh.vertices @ up).min()
-    middle = mesh.centre + (lowest - mesh.centre @ up) * up
-    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    first *= 0.5 * ground.size * mesh.diameter / np.linalg.norm(first)
-    second = np.cross(up, first)
-    corners = np.array([-first - second, first - second, first + second, second - first])
-    return Mesh(
-        vertices=middle + corners,
-        faces=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-        normals=np.tile(up, (4, 1)),
-        colours=np.tile(np.asarray(ground.reflectance, np.float32), (4, 1)),
-        uvs=np.zeros((4, 2), np.float32),
-        face_texture=np.full(2, -1, np.int32),
-        face_part=np.zeros(2, np.int32),
-    )

@@ -24,7 +24,7 @@ from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
-from poseviewer.study.synthetic import PhotoQuality, make_photo
+from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from tests.meshes import make_mesh
 from tests.opengl import require_opengl
 
@@ -59,7 +59,10 @@ def fitted_from(start: Pose) -> FitProblem:
     """A photo of the can, drawn by OpenGL, and a start beside its pose."""
     require_opengl()
     quality = PhotoQuality(blur_px=0.7, noise=2.0)
-    pixels = make_photo(CAN, TRUTH, background=(0.45, 0.5, 0.4), quality=quality, seed=3)
+    lighting = random_lighting(np.random.default_rng(3))
+    photographer = Photographer(CAN)
+    pixels = photographer.photograph(TRUTH, lighting, (0.45, 0.5, 0.4), quality, seed=3)
+    photographer.close()
     photo = Photo(pixels, "can.png", "0" * 64)
     registration = Registration(photo, CAN, "", "", None, start, ())
     return make_problem(registration, FitSettings(chart="free-body"))[0]

@@ -163,7 +163,7 @@ def difference(before: Ending, now: Ending) -> str:
         old = getattr(before, name)
         if value == old or (value != value and old != old):  # nan is no change from nan
             continue
-        usual = f"{old:.9g} -> {value:.9g}" if isinstance(value, float) else f"{old} -> {value}"
+        usual = f"{value - old:+.3g}" if isinstance(value, float) else f"{old} -> {value}"
         said.append(f"{name} {amounts.get(name, usual)}")
     return ", ".join(said)
 

@@ -9,6 +9,7 @@ import pytest
 from tests.measure.found_wheels import Trial, run_trials, summary
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "guess"), [("bmw-6", False), ("bmw-7", True), ("car_audi_tts", True)]
 )
@@ -19,6 +20,7 @@ def test_wheels_place_the_car(shared_data: Path, case: str, guess: bool):
     assert trial.percent < 15.0
 
 
+@pytest.mark.slow
 def test_a_car_seen_from_behind_shows_no_two_wheels(shared_data: Path):
     (*_, trial) = run_trials(shared_data, "bmw-2")
     assert (trial.case, trial.found) == ("bmw-2", False)

@@ -67,6 +67,7 @@ def test_an_unknown_focal_length_comes_nearer_to_the_truth():
     assert errors[True] < 0.7 * errors[False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.75, 4.0 / 3.0])
 def test_on_the_demo_it_is_found_from_a_quarter_or_a_third_off(factor: float):
     free, held = run_trials([factor])
@@ -78,11 +79,13 @@ def test_on_the_demo_it_is_found_from_a_quarter_or_a_third_off(factor: float):
     assert held.error_px > 4.0
 
 
+@pytest.mark.slow
 def test_where_the_focal_length_stays_one_search_is_enough():
     (free, held) = run_trials([0.98])  # near the least loss, which lies beside the true length
     assert free.evaluations < 1.5 * held.evaluations
 
 
+@pytest.mark.slow
 def test_all_searches_together_keep_to_the_limit():
     case = demo_case()
     truth = load_pose(case.truth, 960, 720).pose

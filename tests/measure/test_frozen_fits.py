@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from tests.measure import frozen_fits
 
 
+@pytest.mark.slow
 def test_fits_made_again_are_equal_and_what_differs_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("POSEVIEWER_DATA", str(tmp_path))
     table = tmp_path / "table.json"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.fit.settings import FitSettings, Limits
@@ -16,6 +17,7 @@ from tests.measure.identification import (
 )
 
 
+@pytest.mark.slow
 def test_each_model_of_the_set_is_fitted(shared_data):
     settings = FitSettings(limits=Limits(evaluations=30))
     found = list(run_identifications(shared_data, settings, pattern="0000-light0-mustard"))

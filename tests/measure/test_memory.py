@@ -1,4 +1,4 @@
-"""Evaluations and fits leave nothing behind. The long run is ``measure_memory``."""
+"""Evaluations and fits leave nothing behind. The long run is ``python -m tests.measure.memory``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from poseviewer.bench.workload import load_demo, make_model, make_workload
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.measure.memory import evaluations, fits, growth
 
+pytestmark = pytest.mark.slow
 MOST_BYTES = 30_000
 """What caches of the interpreter may come to; a ``Moments`` kept has a thousand bytes."""
 EVALUATIONS = 300

@@ -32,6 +32,7 @@ def rows_of(out) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_every_start_is_fitted_and_both_methods_share_a_table(folder, tmp_path, capsys):
     assert run(folder, tmp_path) == 0
     assert run(folder, tmp_path, "--method", "paper", "--evaluations", 20_000) == 0
@@ -86,6 +87,7 @@ def test_a_folder_without_cases_or_starts_is_said(folder, tmp_path, capsys, name
     assert name in message
 
 
+@pytest.mark.slow
 def test_every_real_case_can_be_fitted(shared_data):
     settings = FitSettings(chart="free-body", limits=Limits(evaluations=40))
     tasks = real_tasks(shared_data, (5,), 1, "", settings)

@@ -10,11 +10,9 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl.renderer import OpenGLRenderer
 from poseviewer.study.synthetic import (
     DirectionalLight,
-    Ground,
     Lighting,
     Photographer,
     PhotoQuality,
-    make_photo,
     random_lighting,
 )
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
@@ -121,7 +119,14 @@ def test_shadow_falls_on_the_ground_away_from_the_light():
     lighting = Lighting(np.full(3, 0.3), (light,))
     camera = Perspective.from_field_of_view(50.0, 240, 180)
     tilt = RigidTransform.from_rotation_vector([0.5, 0.0, 0.0], [0.0, 0.0, 6.0])
-    photographer = Photographer(make_box((1.0, 1.0, 1.0)), ground=Ground((0.0, -1.0, 0.0)))
+    box, slab = make_box((1.0, 1.0, 1.0)), make_box((5.0, 0.02, 5.0))
+    both = make_mesh(
+        np.concatenate([box.vertices, slab.vertices + np.array([0.0, 0.51, 0.0])]),
+        np.concatenate([box.faces, slab.faces + len(box.vertices)]),
+        np.concatenate([box.normals, slab.normals]),
+        np.concatenate([box.colours, slab.colours]),
+    )
+    photographer = Photographer(both)
     lit, _ = photographer.cut_out(Pose(camera, tilt), lighting)
     shadowed, _ = photographer.cut_out(Pose(camera, tilt), lighting, shadows=True)
     darker = lit.sum(axis=-1) - shadowed.sum(axis=-1) > 0.2
@@ -157,7 +162,10 @@ def test_background_blur_and_noise():
 def test_same_seed_makes_the_same_photo():
     pose = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE)
     quality = PhotoQuality(noise=2.0, supersampling=2)
-    one, again, other = (make_photo(make_box(), pose, quality=quality, seed=s) for s in (3, 3, 4))
+    photographer = Photographer(make_box())
+    one, again, other = (
+        photographer.photograph(pose, LIGHTING, quality=quality, seed=s) for s in (3, 3, 4)
+    )
     assert (one == again).all()
     assert (one != other).any()
 

@@ -42,6 +42,7 @@ def make_scene(photographer, pose, behind, seed=0):
     return random_scene(pose, photographer.keypoints, behind, False, random)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parallel", [True, False])
 def test_blender_covers_the_pixels_that_the_rasteriser_covers(tmp_path, parallel):
     require_blender()
@@ -57,6 +58,7 @@ def test_blender_covers_the_pixels_that_the_rasteriser_covers(tmp_path, parallel
         assert abs(off) < 0.1
 
 
+@pytest.mark.slow
 def test_a_photo_has_the_ground_around_a_vehicle_with_its_shadow(tmp_path):
     require_blender()
     photographer, pose = make_view(tmp_path)
@@ -87,6 +89,7 @@ def test_fingerprints_tell_what_matters(tmp_path):
     assert len({kept, *others}) == 5
 
 
+@pytest.mark.slow
 def test_a_study_draws_its_photos_once(tmp_path, monkeypatch, capsys):
     require_blender()
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "state"))
