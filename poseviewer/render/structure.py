@@ -75,7 +75,7 @@ def make_structure(
     ``is_steep``: a pixel that a blurred edge runs through is of the class on its own side of it.
     The same photo and weights give the same structure.
     """
-    rows, columns = counted(weights)
+    rows, columns = bounding_slices(weights)
     seen = np.clip(channels[rows, columns], 0.0, 1.0)
     light = seen ** np.float32(LIGHTENING)
     sides = _steepened(seen) ** np.float32(LIGHTENING) if is_steep else light
@@ -200,7 +200,7 @@ def _classes(lab: NDArray[np.float32], counts: NDArray[np.bool_]) -> NDArray[np.
     return labels
 
 
-def counted(mask: NDArray, margin: int = 0) -> tuple[slice, slice]:
+def bounding_slices(mask: NDArray, margin: int = 0) -> tuple[slice, slice]:
     """Rows and columns that hold all of ``mask`` > 0, and a margin as far as the picture goes."""
     box = []
     for axis, size in ((1, mask.shape[0]), (0, mask.shape[1])):

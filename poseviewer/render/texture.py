@@ -84,6 +84,12 @@ def mip_levels(texel_areas: ArrayLike, pixel_areas: ArrayLike, count: int) -> ND
     return np.minimum(levels, count - 1).astype(np.int64)
 
 
+def doubled_areas(corners: FloatArray) -> FloatArray:
+    """(F,): twice the areas of flat triangles (F, 3, 2)."""
+    (x1, y1), (x2, y2) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
+    return np.abs(x1 * y2 - x2 * y1)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TexturePyramid:
     """The textures of a mesh, ready to be sampled at many points at once."""
@@ -102,9 +108,7 @@ class TexturePyramid:
         """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""
         areas = np.zeros(len(mesh.faces))
         textured = np.flatnonzero(mesh.face_texture >= 0)
-        corners = mesh.uvs[mesh.faces[textured]].astype(float)
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = np.abs(first[:, 0] * second[:, 1] - second[:, 0] * first[:, 1])
+        area = doubled_areas(mesh.uvs[mesh.faces[textured]].astype(float))
         size = self.table[mesh.face_texture[textured], 0, 1:]
         areas[textured] = area * size[:, 0] * size[:, 1]
         return areas

@@ -184,6 +184,10 @@ class AttributeImage:
         """(height, width): where the model is."""
         return self.face_ids >= 0
 
+    def at(self, pixels: tuple[NDArray[np.intp], ...]) -> AttributeImage:
+        """Arrays (N,) and (N, 3), of N ``pixels`` as ``np.nonzero`` gives them."""
+        return AttributeImage(self.face_ids[pixels], self.reflectance[pixels], self.normals[pixels])
+
 
 class Renderer(Protocol):
     """A mesh, ready to be seen from any pose; the picture's size is the camera's."""

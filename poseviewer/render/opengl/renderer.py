@@ -1,4 +1,4 @@
-"""OpenGL as a ``Renderer``: pyrender says which face is where, NumPy does the rest exactly."""
+"""OpenGL as a ``Renderer``: the second one, with which the software renderer is compared."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.interpolation import AttributeInterpolator
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl.context import opengl_unavailable_reason
+from poseviewer.render.overlay.window import model_window
 from poseviewer.render.pyramid.level_pose import level_pose
+from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
 
 if TYPE_CHECKING:
-    from poseviewer.render.opengl.scene import FaceIdCanvas
+    from poseviewer.render.opengl.scene import AttributeCanvas
 
 __all__ = ["OpenGLRenderer", "opengl_unavailable_reason"]
 
@@ -24,8 +26,8 @@ __all__ = ["OpenGLRenderer", "opengl_unavailable_reason"]
 class OpenGLRenderer:
     """A mesh drawn by OpenGL, off screen. To be used by one thread of the process, always the same.
 
-    The graphics card only decides visibility; attributes follow in double precision from the
-    visible faces, so that results differ between cards by single boundary pixels at most.
+    The graphics card interpolates normals, colours and texture coordinates in float32; textures
+    are sampled here.
     """
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
@@ -35,8 +37,9 @@ class OpenGLRenderer:
         """
         self.mesh = mesh
         self.two_sided = two_sided
-        self._interpolator = AttributeInterpolator(mesh)
-        self._canvas: FaceIdCanvas | None = None
+        self._textures = TexturePyramid.from_textures(mesh.textures)
+        self._texel_areas = self._textures.texel_areas(mesh)
+        self._canvas: AttributeCanvas | None = None
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre.
@@ -45,33 +48,49 @@ class OpenGLRenderer:
             RendererUnavailableError: no OpenGL on this machine; the message says what to install.
             RuntimeError: another thread made the process's OpenGL context.
         """
-        return self._interpolator.attributes(pose, self.face_ids(pose))
+        # Importing it makes the context, which must not happen before it is wanted.
+        from poseviewer.render.opengl import scene
+
+        if self._canvas is None:
+            self._canvas = scene.AttributeCanvas(self.mesh, self.two_sided)
+        size = pose.camera.width, pose.camera.height
+        depths = pose.camera_from_model.apply(hull_points(self.mesh))[:, 2]
+        planes = scene.depth_range(pose.camera, depths, self.mesh.diameter)
+        window = model_window(self.mesh, pose, margin=1)
+        if planes is None or window is None:
+            nothing = np.zeros((*size[::-1], 3), np.float32)
+            return AttributeImage(np.full(size[::-1], -1, np.int32), nothing, nothing)
+        matrix = scene.clip_from_world(self.mesh, pose, *planes)
+        rotation = pose.camera_from_model.rotation
+        seen, shaped, *v = self._canvas.draw(size, window.of_photo(*size), matrix, rotation)
+        face_ids = seen[..., 3].astype(np.int32) - 1
+        if v:
+            uv = np.stack([shaped[..., 3], v[0][..., 0]], axis=-1)
+            self._apply_textures(pose, face_ids, uv, seen)
+        return AttributeImage(face_ids, seen[..., :3], shaped[..., :3])
 
     def covers(self, pose: Pose) -> NDArray[np.bool_]:
         """(height, width): where the model is seen."""
-        return self.face_ids(pose) >= 0
+        return self.render(pose).mask
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments of the photo's and the model's attributes, from pictures of both."""
         return moments_of_images(self.render(level_pose(pose, photo.factor)), photo)
-
-    def face_ids(self, pose: Pose) -> NDArray[np.int32]:
-        """(height, width): the visible face of each pixel centre, -1 for none; raises as above."""
-        # Importing it makes the context, which must not happen before it is wanted.
-        from poseviewer.render.opengl import scene as gl_scene
-
-        if self._canvas is None:
-            self._canvas = gl_scene.FaceIdCanvas(self.mesh, self.two_sided)
-        camera = pose.camera
-        depths = pose.camera_from_model.apply(self.mesh.vertices)[:, 2]
-        planes = gl_scene.depth_range(camera, depths, self.mesh.diameter)
-        if planes is None:
-            return np.full((camera.height, camera.width), -1, np.int32)
-        matrix = gl_scene.clip_from_world(self.mesh, pose, *planes)
-        return self._canvas.draw(camera.width, camera.height, matrix)
 
     def close(self) -> None:
         """Free the graphics memory; the next picture takes it again."""
         if self._canvas is not None:
             self._canvas.delete()
             self._canvas = None
+
+    def _apply_textures(
+        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, seen: NDArray[np.float32]
+    ) -> None:
+        """Multiply the colours in ``seen`` (height, width, 4) by the textures at ``uv``."""
+        mesh = self.mesh
+        textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
+        faces = face_ids[textured]
+        pixel_areas = doubled_areas(pose.project(mesh.vertices)[mesh.faces])
+        levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
+        colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
+        seen[textured, :3] *= colours

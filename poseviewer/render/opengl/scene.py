@@ -7,8 +7,8 @@ it: far-off models and long lenses keep their sub-pixel and their depth accuracy
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from pyrender.shader_program import ShaderProgramCache  # noqa: E402
 
 SHADERS = Path(__file__).parent / "shaders"
 MOST_FACES = (1 << 24) - 1
-"""As many as an 8-bit RGB colour can number, and a float32 index of pyrender can address."""
+"""As many as a float32 can number."""
 NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
 
@@ -73,54 +73,114 @@ class SingleSampleRenderer(pyrender.Renderer):
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *self._main_fb_dims)
 
 
-class FaceIdRenderer(pyrender.Renderer):
-    """pyrender's segmentation pass (no multisampling), with face numbers for colours."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 1)
-        self._program_cache = ShaderProgramCache(str(SHADERS / "face_ids"))
-
-    def _bind_and_draw_primitive(self, primitive, pose, program, flags) -> None:
-        # The segmentation pass always culls; without its flag, the material says whether.
-        flags &= ~pyrender.RenderFlags.SEG
-        super()._bind_and_draw_primitive(primitive, pose, program, flags)
-
-
-class FaceIdCanvas:
-    """A mesh on the graphics card, to be drawn as the numbers of its faces."""
+class AttributeCanvas:
+    """A mesh on the graphics card, drawn without light as pictures of its attributes."""
 
     def __init__(self, mesh: Mesh, two_sided: bool) -> None:
         if len(mesh.faces) > MOST_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MOST_FACES}")
         make_current()
-        self._camera = PictureCamera()
-        self._scene = pyrender.Scene()
-        self._scene.add(self._camera)
-        node = self._scene.add(_bare_mesh(mesh, two_sided))
-        self._colours = {node: 0}  # the shader ignores it, but pyrender skips nodes without one
-        self._renderer = FaceIdRenderer()
+        self._two_sided = two_sided
+        self._corners = 3 * len(mesh.faces)
+        # Texture coordinates are read back only where they are needed.
+        self._targets = 3 if mesh.textures else 2
+        self._size = 0, 0
+        self._framebuffer = GL.glGenFramebuffers(1)
+        self._renderbuffers = GL.glGenRenderbuffers(self._targets + 1)
+        self._program = ShaderProgramCache(str(SHADERS / "attributes")).get_program(
+            "mesh.vert", "mesh.frag"
+        )
+        self._program._add_to_context()
+        columns = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
+        vertices = np.ascontiguousarray(np.column_stack(columns), np.float32)
+        self._vertex_array = GL.glGenVertexArrays(1)
+        self._buffers = GL.glGenBuffers(2)
+        GL.glBindVertexArray(self._vertex_array)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffers[0])
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, vertices.nbytes, vertices, GL.GL_STATIC_DRAW)
+        faces = np.ascontiguousarray(mesh.faces, np.uint32)
+        GL.glBindBuffer(GL.GL_ELEMENT_ARRAY_BUFFER, self._buffers[1])
+        GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, GL.GL_STATIC_DRAW)
+        for location, (size, offset) in enumerate(((3, 0), (3, 12), (3, 24), (2, 36))):
+            GL.glEnableVertexAttribArray(location)
+            pointer = ctypes.c_void_p(offset)
+            GL.glVertexAttribPointer(location, size, GL.GL_FLOAT, False, 44, pointer)
+        GL.glBindVertexArray(0)
 
-    def draw(self, width: int, height: int, clip_from_world: FloatArray) -> NDArray[np.int32]:
-        """(height, width): the visible face of each pixel centre, -1 for none."""
+    def draw(
+        self,
+        size: tuple[int, int],
+        part: tuple[slice, slice],
+        clip_from_world: FloatArray,
+        camera_from_world: FloatArray,
+    ) -> list[NDArray[np.float32]]:
+        """Pictures (height, width, 4) of the ``size`` (width, height), in float32; only the
+        ``part`` of these rows and columns is drawn, the rest is 0.
+
+        They hold the colours and the number of the visible face from 1, or 0 for none; the unit
+        normals on the side that is seen and u; and, where the mesh has textures, v. Normals are
+        turned by ``camera_from_world`` (3, 3).
+        """
         make_current()
-        self._camera.matrix = clip_from_world
-        self._renderer.viewport_width, self._renderer.viewport_height = width, height
-        flags = pyrender.RenderFlags
-        flags = flags.SEG | flags.OFFSCREEN | flags.RGBA
-        rgba = rendered(self._renderer, self._scene, flags, self._colours)
-        numbers = np.ascontiguousarray(rgba).view("<u4")[..., 0] & 0xFFFFFF
-        return numbers.astype(np.int32) - 1
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        attachments = [int(GL.GL_COLOR_ATTACHMENT0) + k for k in range(self._targets)]
+        if size != self._size:
+            kinds = [GL.GL_RGBA32F] * self._targets + [GL.GL_DEPTH_COMPONENT24]
+            places = [*attachments, GL.GL_DEPTH_ATTACHMENT]
+            for buffer, kind, place in zip(self._renderbuffers, kinds, places, strict=True):
+                GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+                GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
+                GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
+            GL.glDrawBuffers(self._targets, attachments)
+            self._size = size
+        rows, columns = part
+        box = columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start
+        GL.glViewport(0, 0, *size)
+        GL.glEnable(GL.GL_SCISSOR_TEST)
+        GL.glScissor(*box)
+        GL.glClearColor(0.0, 0.0, 0.0, 0.0)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glDepthMask(True)
+        GL.glDisable(GL.GL_BLEND)
+        (GL.glDisable if self._two_sided else GL.glEnable)(GL.GL_CULL_FACE)
+        GL.glCullFace(GL.GL_BACK)
+        GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
+        # OpenGL's first row is the lowest: it draws upside down, where faces wind the other way.
+        GL.glFrontFace(GL.GL_CW)
+        self._program._bind()
+        flip = np.diag([1.0, -1.0, 1.0, 1.0])
+        self._program.set_uniform("clip_from_world", flip @ clip_from_world)
+        turned = np.eye(4)  # pyrender gives matrices of 3 x 3 to the wrong function
+        turned[:3, :3] = camera_from_world
+        self._program.set_uniform("camera_from_world", turned)
+        GL.glBindVertexArray(self._vertex_array)
+        GL.glDrawElements(GL.GL_TRIANGLES, self._corners, GL.GL_UNSIGNED_INT, None)
+        GL.glBindVertexArray(0)
+        GL.glFrontFace(GL.GL_CCW)
+        GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, size[0])
+        GL.glPixelStorei(GL.GL_PACK_SKIP_ROWS, rows.start)
+        GL.glPixelStorei(GL.GL_PACK_SKIP_PIXELS, columns.start)
+        pictures = []
+        for attachment in attachments:
+            GL.glReadBuffer(attachment)
+            picture = np.zeros((size[1], size[0], 4), np.float32)
+            GL.glReadPixels(*box, GL.GL_RGBA, GL.GL_FLOAT, picture)
+            pictures.append(picture)
+        GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, 0)
+        GL.glPixelStorei(GL.GL_PACK_SKIP_ROWS, 0)
+        GL.glPixelStorei(GL.GL_PACK_SKIP_PIXELS, 0)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, 0)
+        return pictures
 
     def delete(self) -> None:
         """Free the graphics memory."""
         make_current()
-        self._renderer.delete()
-
-
-def rendered(renderer: pyrender.Renderer, scene: pyrender.Scene, *args: Any) -> NDArray[np.uint8]:
-    """(height, width, 4) RGBA: what ``renderer`` draws off screen, without its depth picture."""
-    picture: Any = renderer.render(scene, *args)
-    return picture[0]
+        GL.glDeleteFramebuffers(1, [self._framebuffer])
+        GL.glDeleteRenderbuffers(len(self._renderbuffers), self._renderbuffers)
+        GL.glDeleteVertexArrays(1, [self._vertex_array])
+        GL.glDeleteBuffers(2, self._buffers)
+        self._program.delete()
 
 
 def make_current() -> None:
@@ -175,10 +235,3 @@ def depth_range(camera: Camera, depths: FloatArray, diameter: float) -> tuple[fl
             return None
         near = max(near, limit)
     return near, far
-
-
-def _bare_mesh(mesh: Mesh, two_sided: bool) -> BoundedMesh:
-    """Nothing but positions and faces, in the mesh's own order."""
-    material = pyrender.MetallicRoughnessMaterial(doubleSided=two_sided)
-    positions = mesh.vertices - mesh.centre
-    return BoundedMesh([pyrender.Primitive(positions, indices=mesh.faces, material=material)])

@@ -7,7 +7,7 @@ are interpolated, textured, lit and shadowed on the graphics card.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from poseviewer.render.opengl.scene import (
     ShaderProgramCache,
     make_current,
     pyrender,
-    rendered,
 )
 
 Shading = Literal["diffuse", "phong", "physical"]
@@ -77,7 +76,8 @@ class ShadedCanvas:
         flags = pyrender.RenderFlags.RGBA | pyrender.RenderFlags.OFFSCREEN
         if shadows:
             flags |= pyrender.RenderFlags.SHADOWS_DIRECTIONAL
-        return rendered(self._renderer, scene, flags)
+        pictures: Any = self._renderer.render(scene, flags)
+        return pictures[0]
 
     def delete(self) -> None:
         """Free the graphics memory."""
