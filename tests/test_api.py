@@ -34,6 +34,7 @@ from poseviewer.starts.registration import Start, StartInputs, load_model
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
+@pytest.mark.slow
 def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch, capsys):
     case = demo_case()
     # At half its size: the same pose, and a test of seconds.

@@ -34,8 +34,8 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
-    options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
+        options = parse(sys.argv[1:] if arguments is None else arguments)
         return import_module(f"poseviewer.cli.{options.command}").run(options)
     except PoseViewerError as error:
         print(f"poseviewer: {error}", file=sys.stderr)
