@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poseviewer.api import Case
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import LandscapeUpdate, Session
 from poseviewer.app.workers.jobs import case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level, strides
-from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -26,9 +26,8 @@ SIZE = 41
 class MapJob:
     """Maps about a pose."""
 
-    registration: Registration
-    settings: FitSettings
-    centre: Pose
+    document: Document
+    """What is at hand: its pose is the maps' centre."""
     anchor: Pose
     case: Case | None
     """A search's; None: the one about ``anchor``."""
@@ -38,17 +37,10 @@ class MapJob:
     @classmethod
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
-        document, search = session.document, session.search
-        latest = None if search is None else search.latest
-        return cls(
-            document.registration,
-            document.settings,
-            document.pose,
-            session.anchor or document.pose,
-            None if latest is None else latest.case,
-            session.maps.half_width,
-            moving,
-        )
+        latest = None if session.search is None else session.search.latest
+        case = None if latest is None else latest.case
+        anchor = session.anchor or session.document.pose
+        return cls(session.document, anchor, case, session.maps.half_width, moving)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -56,15 +48,12 @@ class MapJob:
             return True
         if self.moving and other.moving and busy:
             return False  # coarse maps are soon done; a new start for every step shows none
-        return self.centre is not other.centre or (other.moving and not self.moving)
+        return self.document.pose is not other.document.pose or (other.moving and not self.moving)
 
     def _same_loss(self, other: MapJob) -> bool:
-        return (
-            self.registration.photo is other.registration.photo
-            and self.registration.mesh is other.registration.mesh
-            and self.settings == other.settings
-            and self.half_width == other.half_width
-        )
+        own, its = self.document, other.document
+        same_settings = own.settings == its.settings and self.half_width == other.half_width
+        return own.shows_same(its) and same_settings
 
 
 class MapMaker:
@@ -86,18 +75,19 @@ class MapMaker:
             PoseViewerError: there are none with these settings at this pose.
         """
         case = job.case or self._case_about(job)
-        quick, level = self._quick_case(case, job.centre)
+        centre, mesh = job.document.pose, job.document.registration.mesh
+        quick, level = self._quick_case(case, centre)
         shown: tuple[Slice, ...] = ()
         for size in QUICK_SIZES:
             before = shown
-            for latest in maps(quick, job.centre, level, job.half_width, size, before):
+            for latest in maps(quick, centre, level, job.half_width, size, before):
                 shown = latest.slices
                 yield replace(latest, case=case, known=0.0)
         if not job.moving:
-            if self._prepared is not job.registration.mesh:  # now, and not when it is waited for
-                self._prepared = job.registration.mesh
+            if self._prepared is not mesh:  # now, and not when it is waited for
+                self._prepared = mesh
                 case.prepare()
-            yield from maps(case, job.centre, self._fine, job.half_width, SIZE, shown)
+            yield from maps(case, centre, self._fine, job.half_width, SIZE, shown)
 
     def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
         """The case on a coarser level of the photo, and what draws it; made once."""
@@ -112,10 +102,11 @@ class MapMaker:
         return self._quick[1:]
 
     def _case_about(self, job: MapJob) -> Case:
-        same = job.anchor is self._anchor and job.settings == self._settings
+        own, settings = job.document.registration, job.document.settings
+        same = job.anchor is self._anchor and settings == self._settings
         if self._case is None or not same:
-            self._case = case_at(job.registration, job.anchor, job.settings, self._renderer)
-            self._anchor, self._settings = job.anchor, job.settings
+            self._case = case_at(own, job.anchor, settings, self._renderer)
+            self._anchor, self._settings = job.anchor, settings
         return self._case
 
 
