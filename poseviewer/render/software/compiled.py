@@ -22,7 +22,7 @@ from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 
 BY_US: tuple[Any, ...] = (rasterise.rasterise, shade.shade)
-BY_HELPER: tuple[Any, ...] = (sums.moments, sums.structure_moments)
+BY_HELPER: tuple[Any, ...] = (sums.moments, sums.structure_sums)
 SIDE = 16
 """Of the picture that kernels are compiled with, px."""
 

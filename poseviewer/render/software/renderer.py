@@ -119,22 +119,30 @@ class SoftwareRenderer:
         self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
     ) -> Moments:
         box, fixed = self._rasterise(pose), photo.fixed_part
-        pixels, mean, covariance, dot, square = sums.structure_moments(
+        workspace = self._structure_workspace(photo)
+        pixels, dot, square = sums.structure_sums(
             box,
             self._ids,
             self._of_faces,
             (self._of_model, self._camera, self._textures),
             (photo.planar, structure.labels, photo.weights),
-            (fixed.weight, fixed.mean, fixed.covariance),
             fixed.edges,
             pose.camera_from_model.rotation,
             MODEL_NOISE,
             BLUR_TAPS,
-            (self._of_row(0), *self._structure_workspace(photo)),
+            (self._of_row(0), *workspace),
         )
+        _, joint, second = workspace[1]
+        (n, m), share = joint.shape, 1.0 / fixed.weight if fixed.weight > 0.0 else 0.0
+        mean, covariance = np.empty(n + m), np.empty((n + m, n + m))
+        # The last attribute of M is 1 on the model, so its row of ``M M^T`` is the sum of M.
+        mean[:n], mean[n:] = fixed.mean, share * second[-1]
+        covariance[:n, :n] = fixed.covariance
+        covariance[:n, n:] = share * joint - np.multiply.outer(mean[:n], mean[n:])
+        covariance[n:, :n] = covariance[:n, n:].T
+        covariance[n:, n:] = share * second - np.multiply.outer(mean[n:], mean[n:])
         mean.flags.writeable = covariance.flags.writeable = False
         cosine = dot / square**0.5 if square > 0.0 else 0.0
-        n = len(fixed.mean)
         return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
 
     def _allocate(self) -> None:

@@ -4,7 +4,7 @@ Between calls a thread needs the interpreter's lock, and who waits for it is wok
 for each part of the work two threads were no quicker than one on coarse pyramid levels.
 
 ``moments`` adds up attributes row by row, while they are worked out; of no picture are they kept.
-``structure_moments`` compares a photo's classes and edges with the model's, from planes of
+``structure_sums`` compares a photo's classes and edges with the model's, from planes of
 attributes (unit normals, grey reflectance, coverage, and R, G, B) with a rim of one pixel of zeros,
 see ``shade.fill_planes``; ``spans`` (height, 2) are the columns of each row that the model is in.
 """
@@ -243,32 +243,23 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
 
 
 @_jit
-def structure_moments(
-    box, ids, of_faces, of_model, photo, fixed, target, rotation, noise, taps, workspace
-):
-    """Where classes and edges are compared: pixels, mean (n + m,), covariance, and the sums over P
-    of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
+def structure_sums(box, ids, of_faces, of_model, photo, target, rotation, noise, taps, workspace):
+    """Sums where classes and edges are compared: how many pixels count, and the sums over P of
+    ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
 
-    Args:
-        box: as for ``moments``, like the next three.
-        ids: .
-        of_faces: .
-        of_model: .
-        photo: (channels (n, height, width), labels of the classes, weights).
-        fixed: (weight, mean, covariance) of F, which no pose alters.
-        rotation: (3, 3), turns normals into the camera's frame.
-        target: (2, height, width), the photo's orientation field times its weights.
-        noise: gradients below it are no edges.
-        taps: (r + 1,), the right half of the blur.
-        workspace: that of ``shade``, and those of ``_class_sums`` and ``_edge_sums``.
+    ``joint`` and ``second`` of the workspace are set to the sums of ``F M^T`` and ``M M^T``. The
+    first four arguments and ``rotation`` are as for ``moments``; ``photo`` is (channels (n, height,
+    width), labels of the classes, weights), ``target`` (2, height, width) its orientation field
+    times the weights. Gradients below ``noise`` are no edges; ``taps`` (r + 1,) are the right half
+    of the blur. ``workspace`` is that of ``shade``, and those of ``fill_planes``, ``_class_sums``
+    and ``_edge_sums``.
     """
     of_row, (spans, planes), (run, joint, second), (rows, across) = workspace
     channels, labels, weights = photo
     fill_planes(box, ids, of_faces, of_model, of_row, spans, planes)
     pixels = _class_sums(spans, planes, weights, channels, labels, rotation, run, joint, second)
     dot, square = _edge_sums(spans, planes, noise, taps, weights, target, rows, across)
-    mean, covariance = _from_class_sums(fixed[0], fixed[1], fixed[2], joint, second)
-    return pixels, mean, covariance, dot, square
+    return pixels, dot, square
 
 
 @_jit
@@ -375,40 +366,12 @@ def _add_classes(labels, channels, size, run, joint):
 
 
 @_jit
-def _from_class_sums(weight, photo_mean, photo_covariance, joint, second):
-    """Mean (n + m,) and covariance (n + m, n + m), where F's are known.
-
-    ``joint`` (n, m) and ``second`` (m, m) are sums of ``F M^T`` and ``M M^T``; the last attribute
-    of M is 1 where it is summed, and so the last row of ``second`` is the sum of M.
-    """
-    n, m = joint.shape
-    mean, covariance = np.zeros(n + m), np.zeros((n + m, n + m))
-    if weight <= 0.0:
-        return mean, covariance
-    share = 1.0 / weight
-    for j in range(m):
-        mean[n + j] = share * second[m - 1, j]
-    for i in range(n):
-        mean[i] = photo_mean[i]
-        for j in range(n):
-            covariance[i, j] = photo_covariance[i, j]
-        for j in range(m):
-            covariance[i, n + j] = share * joint[i, j] - mean[i] * mean[n + j]
-            covariance[n + j, i] = covariance[i, n + j]
-    for i in range(m):
-        for j in range(m):
-            covariance[n + i, n + j] = share * second[i, j] - mean[n + i] * mean[n + j]
-    return mean, covariance
-
-
-@_jit
 def _edge_sums(spans, planes, noise, taps, weights, target, workspace, across):
     """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
 
-    ``target`` (2, height, width) is the photo's field times its weights. The blur is the
-    convolution along columns and rows with the symmetric kernel that ``taps`` (r + 1,) float32 are
-    the right half of. ``workspace`` (5, width + 2 r) and ``across`` (2, height, width)
-    are float32.
+    The blur is the convolution along columns and rows with the symmetric kernel that ``taps``
+    (r + 1,) float32 are the right half of. ``workspace`` (5, width + 2 r) and ``across`` (2,
+    height, width) are float32.
     """
     height, width = weights.shape
     reach = taps.shape[0] - 1
