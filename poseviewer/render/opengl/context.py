@@ -1,8 +1,7 @@
 """The process's one OpenGL context, without a window: EGL, or else OSMesa.
 
-PyOpenGL chooses its platform when first imported and cannot change it later. EGL is therefore
-tried beforehand by ctypes: a context is made and dropped on each EGL device in turn, and the first
-that can is the one. A PYOPENGL_PLATFORM in the environment is respected.
+PyOpenGL chooses its platform when first imported and cannot change it later: EGL where it lists a
+device, else OSMesa. A PYOPENGL_PLATFORM in the environment is respected.
 
 Mended here, as narrowly as can be (pyrender 0.1.45 pins PyOpenGL 3.1.0):
 
@@ -29,12 +28,6 @@ ADVICE = (
     "or use the software renderer"
 )
 
-_EGL_PLATFORM_DEVICE_EXT = 0x313F
-_EGL_OPENGL_API = 0x30A2
-_EGL_CONFIG = (0x3033, 0x1, 0x3040, 0x8, 0x3025, 24, 0x3038)
-"""A pbuffer surface, OpenGL, 24 bits of depth."""
-_EGL_CONTEXT = (0x3098, 4, 0x30FB, 1, 0x30FD, 0x1, 0x3038)
-"""OpenGL 4.1, core profile: what pyrender asks for."""
 _OSMESA_CONTEXT = (0x22, 0x1908, 0x30, 24, 0x33, 0x34, 0x36, 3, 0x37, 3, 0)
 """RGBA, 24 bits of depth, OpenGL 3.3, core profile."""
 _GL_UNSIGNED_BYTE = 0x1401
@@ -59,10 +52,10 @@ def current_context() -> Context:
     """
     global _context
     if _context is None:
-        platform, device = _choose_platform()
+        platform = _choose_platform()
         os.environ["PYOPENGL_PLATFORM"] = platform
         try:
-            _context = _OSMesaContext() if platform == "osmesa" else _egl_context(device)
+            _context = _OSMesaContext() if platform == "osmesa" else _egl_context()
             _context.make_current()
         except Exception as error:
             _context = None
@@ -109,98 +102,55 @@ def _quiet_import() -> ModuleType:
     return pyrender
 
 
-def _choose_platform() -> tuple[str, int]:
-    """The platform's name for PyOpenGL, and which EGL device."""
+def _choose_platform() -> str:
+    """The platform's name for PyOpenGL, which cannot change it once it is imported."""
     chosen = os.environ.get("PYOPENGL_PLATFORM", "")
     if chosen not in ("", "egl", "osmesa"):
         raise RendererUnavailableError(
             f"PYOPENGL_PLATFORM is {chosen!r}; poseviewer draws without a window and needs "
             "egl or osmesa: unset it or set one of the two."
         )
-    if not chosen and "OpenGL.platform" in sys.modules:
+    if chosen:
+        return chosen
+    if "OpenGL.platform" in sys.modules:
         raise RendererUnavailableError(
             "PyOpenGL was imported before poseviewer, for drawing into windows: "
             "set PYOPENGL_PLATFORM=egl (or osmesa) before the program starts."
         )
-    device = None if chosen == "osmesa" else _working_egl_device()
-    if device is not None:
-        return "egl", device
-    if chosen != "egl" and ctypes.util.find_library("OSMesa"):
-        return "osmesa", 0
-    wanted = chosen or "EGL and OSMesa"
-    raise RendererUnavailableError(f"no OpenGL context here ({wanted} tried); {ADVICE}.")
+    has = ctypes.util.find_library
+    if has("EGL") and has("GL") and _has_egl_device():
+        return "egl"
+    if has("OSMesa"):
+        return "osmesa"
+    raise RendererUnavailableError(f"no OpenGL context here (EGL and OSMesa tried); {ADVICE}.")
 
 
-def _working_egl_device() -> int | None:
-    """The first EGL device that gives a context (EGL_DEVICE_ID, if set, is the only one tried)."""
-    egl = _load_egl()
-    if egl is None:
-        return None
-    devices = _egl_devices(egl)
-    wanted = os.environ.get("EGL_DEVICE_ID", "")
-    numbers = [int(wanted)] if wanted.isdigit() else range(len(devices))
-    works = (n for n in numbers if n < len(devices) and _gives_context(egl, devices[n]))
-    return next(works, None)
-
-
-def _load_egl() -> Any:
-    """libEGL, if it and libGL (whose functions PyOpenGL calls) are here."""
-    if not ctypes.util.find_library("GL"):
-        return None
-    try:
-        egl = ctypes.CDLL(ctypes.util.find_library("EGL") or "libEGL.so.1")
-    except OSError:
-        return None
-    for name in ("eglGetProcAddress", "eglCreateContext"):
-        getattr(egl, name).restype = ctypes.c_void_p
-    return egl
-
-
-def _egl_devices(egl: Any) -> list[int]:
-    """Handles of the EGL devices; none where EGL cannot list them (pyrender needs that too)."""
-    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
-    if not address:
-        return []
+def _has_egl_device() -> bool:
+    """Whether EGL lists a device; pyrender needs that."""
+    egl = ctypes.CDLL(ctypes.util.find_library("EGL"))
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    address, count = egl.eglGetProcAddress(b"eglQueryDevicesEXT"), ctypes.c_int()
     query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-    handles, count = (ctypes.c_void_p * 64)(), ctypes.c_int()
-    if not query(address)(len(handles), handles, ctypes.byref(count)):
-        return []
-    return [handle for handle in handles[: count.value] if handle]
+    return bool(address and query(address)(0, None, ctypes.byref(count)) and count.value)
 
 
-def _gives_context(egl: Any, device: int) -> bool:
-    address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
-    get = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)
-    display = ctypes.c_void_p(get(address)(_EGL_PLATFORM_DEVICE_EXT, device, None))
-    if not display or not egl.eglInitialize(display, None, None):
-        return False
-    config, count = ctypes.c_void_p(), ctypes.c_int()
-    try:
-        wanted, attributes = _integers(_EGL_CONFIG), _integers(_EGL_CONTEXT)
-        egl.eglBindAPI(_EGL_OPENGL_API)
-        egl.eglChooseConfig(display, wanted, ctypes.byref(config), 1, ctypes.byref(count))
-        if count.value < 1:
-            return False
-        context = ctypes.c_void_p(egl.eglCreateContext(display, config, None, attributes))
-        if context:
-            egl.eglDestroyContext(display, context)
-        return bool(context)
-    finally:
-        egl.eglTerminate(display)
-
-
-def _integers(values: tuple[int, ...]) -> Any:
-    return (ctypes.c_int * len(values))(*values)
-
-
-def _egl_context(device: int) -> Context:
-    """Pyrender's own EGL context on a device; it needs no size, for framebuffers bring theirs."""
+def _egl_context() -> Context:
+    """An EGL context on the first device that gives one, or on ``EGL_DEVICE_ID``."""
     _quiet_import()
+    from OpenGL.error import Error
     from pyrender.platforms import egl
 
-    context = egl.EGLPlatform(1, 1, device=egl.get_device_by_index(device))
-    context.init_context()
-    return context
+    devices = egl.query_devices()
+    wanted = os.environ.get("EGL_DEVICE_ID", "")
+    failure: Exception = IndexError("EGL lists no such device")
+    for device in [devices[int(wanted)]] if wanted.isdigit() else devices:
+        context = egl.EGLPlatform(1, 1, device=device)  # framebuffers bring their own size
+        try:
+            context.init_context()
+            return context
+        except (AssertionError, Error) as error:
+            failure = error
+    raise failure
 
 
 class _OSMesaContext:
@@ -214,7 +164,7 @@ class _OSMesaContext:
         platform.PLATFORM.GetCurrentContext.restype = ctypes.c_void_p  # pyright: ignore
         self._mesa.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
         self._mesa.OSMesaMakeCurrent.restype = ctypes.c_ubyte
-        attributes = _integers(_OSMESA_CONTEXT)
+        attributes = (ctypes.c_int * len(_OSMESA_CONTEXT))(*_OSMESA_CONTEXT)
         self._handle = ctypes.c_void_p(self._mesa.OSMesaCreateContextAttribs(attributes, None))
         self._buffer = np.zeros((1, 1, 4), np.uint8)
 
