@@ -64,7 +64,7 @@ class PlainRenderer:
         self._reduced: dict[int, PlainRenderer] = {}
 
     def reduced(self, faces: int) -> PlainRenderer:
-        """The same path with the model simplified to so many ``faces``; kept for the next time."""
+        """The same path with the model simplified to ``faces`` triangles; kept for later."""
         if len(self._mesh.faces) <= faces:
             return self
         if faces not in self._reduced:

@@ -78,7 +78,10 @@ def make_bench_sheet(sheet: BenchSheet) -> Figure:
         axes = figure.add_axes((*place, PANEL_INCHES / height))
         _draw_panel(axes, panel, first=i == 0)
         figure.text(place[0], 0.2 / height, panel.note, fontsize=8.5, color="0.35", va="bottom")
-    _share_height(figure.axes[1:])
+    if panels:  # one scale of ms, so that they can be compared
+        limits = np.array([axes.get_ylim() for axes in figure.axes[1:]])
+        for axes in figure.axes[1:]:
+            axes.set_ylim(limits[:, 0].min(), limits[:, 1].max())
     return figure
 
 
@@ -87,17 +90,10 @@ def _draw_bars(axes: Axes, bars: Sequence[Bar]) -> None:
     colours = dict(zip(names, STAGE_COLOURS * len(names), strict=False))
     longest = max(sum(ms for _, ms in bar.stages) for bar in bars)
     for row, bar in enumerate(bars):
-        left = 0.0
+        left, alpha = 0.0, 0.35 if bar.elsewhere else 1.0
         for name, ms in bar.stages:
-            axes.barh(
-                row,
-                ms,
-                left=left,
-                height=0.62,
-                color=colours[name],
-                alpha=0.35 if bar.elsewhere else 1.0,
-                label="" if bar.elsewhere else name,
-            )
+            label = "" if bar.elsewhere else name
+            axes.barh(row, ms, 0.62, left, color=colours[name], alpha=alpha, label=label)
             left += ms
         axes.text(left + 0.008 * longest, row, bar.note, va="center", fontsize=9, color=INK)
     axes.set_yticks(range(len(bars)), [bar.label for bar in bars], fontsize=9.5, color=INK)
@@ -130,14 +126,6 @@ def _draw_panel(axes: Axes, panel: Panel, first: bool) -> None:
     if first:
         axes.set_ylabel("ms", fontsize=9.5, color=INK)
         axes.legend(fontsize=8.5, frameon=False)
-
-
-def _share_height(panels: Sequence[Axes]) -> None:
-    """One scale of ms for all panels, so that they can be compared."""
-    if panels:
-        limits = np.array([axes.get_ylim() for axes in panels])
-        for axes in panels:
-            axes.set_ylim(limits[:, 0].min(), limits[:, 1].max())
 
 
 def _tidy(axes: Axes) -> None:

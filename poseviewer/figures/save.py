@@ -15,20 +15,6 @@ DOTS_PER_INCH = 150
 KINDS = (".png", ".pdf", ".svg")
 
 
-def save_figure(path: str | Path, figure: Figure) -> None:
-    """Write a figure as .png (150 dpi), .pdf or .svg, whole or not at all.
-
-    Raises:
-        SettingsError: the format is unknown, or the folder missing or not to be written to.
-    """
-    path = Path(path)
-    try:
-        data = figure_bytes(figure, path.suffix[1:].lower() or "png")
-    except ValueError as error:
-        raise _unknown(path) from error
-    write_whole(path, data, SettingsError)
-
-
 def check_kind(path: str | Path) -> None:
     """See whether a figure can be written to a file of this name, before it is made.
 
@@ -37,13 +23,20 @@ def check_kind(path: str | Path) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in ("", *KINDS):
-        raise _unknown(path)
+        raise SettingsError(
+            f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
+        )
 
 
-def _unknown(path: Path) -> SettingsError:
-    return SettingsError(
-        f"{path.name}: figures cannot be written as {path.suffix!r}; use .png, .pdf or .svg."
-    )
+def save_figure(path: str | Path, figure: Figure) -> None:
+    """Write a figure as .png (150 dpi), .pdf or .svg, whole or not at all.
+
+    Raises:
+        SettingsError: the format is unknown, or the folder missing or not to be written to.
+    """
+    check_kind(path)
+    kind = Path(path).suffix[1:].lower() or "png"
+    write_whole(Path(path), figure_bytes(figure, kind), SettingsError)
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:

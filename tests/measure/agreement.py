@@ -55,7 +55,7 @@ class Agreement:
 
 
 def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator[Agreement]:
-    """One for each case that has two fits or more, of those from so many ``degrees`` (all).
+    """One for each case of two fits or more, of those from starts ``degrees`` off (default: all).
 
     Raises:
         PoseViewerError: there are no such fits, or the folder does not hold their cases and starts.

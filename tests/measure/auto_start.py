@@ -1,7 +1,7 @@
 """How often a start that is proposed is the right one, on real photos with known poses.
 
 ``python -m tests.measure.auto_start FOLDER`` takes the cases of a folder with
-``cases.json`` (as ``evaluation.study.real_cases``). For each it draws a rectangle as a careless
+``cases.json`` (see ``study.real_cases``). For each it draws a rectangle as a careless
 person would, each side up to a tenth of the object's size outside the true one, asks for proposals,
 and prints whether one of them is right: within 15 degrees, and within 15 per cent of the object's
 size in the photo. ``--fit`` also makes the short fits, and says whether the one that is taken is
@@ -157,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", default="", help="only those whose id matches")
     parser.add_argument("--half", choices=("tuned", "other"), help="only this half")
-    parser.add_argument("--every", type=whole, default=1, help="only each so-manieth")
+    parser.add_argument("--every", type=whole, default=1, metavar="N", help="only each N-th")
     parser.add_argument("--anywhere", action="store_true", help="without a rectangle")
     parser.add_argument("--fit", action="store_true", help="make the short fits, too")
     options = parser.parse_args(arguments)

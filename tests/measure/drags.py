@@ -115,7 +115,7 @@ def main() -> None:
                 _measure(page, case.photo, options.seconds)
             if options.soak > 0.0:
                 _soak(app, page, make_scene(folder), options.soak * 60.0)
-            _say(f"exit code {app.terminate()}", *app.lines[2:])
+            print(f"exit code {app.terminate()}", *app.lines[2:], sep="\n")
 
 
 def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
@@ -123,7 +123,7 @@ def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
     width, height = opened.width, opened.height
     unit = SIDE / max(width, height) * OUTLINE_DEPTH
     stops: list[float] = []
-    _say(f"{'drags at 30 Hz':34}{'median':>10}{'95 %':>10}{'drags':>8}{'lost':>6}")
+    print(f"{'drags at 30 Hz':34}{'median':>10}{'95 %':>10}{'drags':>8}{'lost':>6}", flush=True)
     loads: tuple[tuple[str, Callable[[], object]], ...] = (
         ("maps at rest", lambda: _quiet(page)),
         ("maps being drawn", lambda: None),
@@ -138,9 +138,9 @@ def _measure(page: SocketPage, photo: Path, seconds: float) -> None:
             way = -way
         times = np.array(drive.latencies) * 1e3
         median, high = np.percentile(times, [50, 95]) if len(times) else (np.nan, np.nan)
-        _say(f"{label:34}{median:7.1f} ms{high:7.1f} ms{len(times):8d}{drive.lost:6d}")
+        print(f"{label:34}{median:7.1f} ms{high:7.1f} ms{len(times):8d}{drive.lost:6d}", flush=True)
     if stops:
-        _say(
+        print(
             f"stop of a search to its last news: median {1e3 * np.median(stops):.0f} ms, "
             f"most {1e3 * max(stops):.0f} ms, {len(stops)} stops"
         )
@@ -183,14 +183,17 @@ def _soak(app: AppProcess, page: SocketPage, other: Scene, seconds: float) -> No
             next_sample += SAMPLE_S
             samples.append((now - begun, *_memory(app.pid)))
             seconds_in, size, threads = samples[-1]
-            _say(f"{seconds_in:6.0f} s {size:8.1f} MiB {threads:3d} threads, {actions} actions")
+            print(
+                f"{seconds_in:6.0f} s {size:8.1f} MiB {threads:3d} threads, {actions} actions",
+                flush=True,
+            )
         _act(page, chance, (other, (case.photo, case.model)))
         actions += 1
     _quiet(page, most_s=20.0)
     samples.append((time.monotonic() - begun, *_memory(app.pid)))
     warm = next(s for s in samples if s[0] >= WARM_SHARE * seconds)
     last = samples[-1]
-    _say(
+    print(
         f"{actions} actions in {last[0]:.0f} s; RSS {warm[1]:.1f} MiB at {warm[0]:.0f} s, "
         f"{last[1]:.1f} MiB at the end: {100.0 * (last[1] / warm[1] - 1.0):+.1f} %; "
         f"threads {samples[0][2]} at first, {last[2]} at the end"
@@ -255,10 +258,6 @@ def _memory(pid: int) -> tuple[float, int]:
 
 def _wait_until(moment: float) -> None:
     time.sleep(max(0.0, moment - time.perf_counter()))
-
-
-def _say(*lines: str) -> None:
-    print(*lines, sep="\n", flush=True)
 
 
 if __name__ == "__main__":

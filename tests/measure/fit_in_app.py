@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -50,7 +49,7 @@ def main() -> None:
     if times < 1:
         parser.error(f"--times {times}: at least 1 is wanted")
     files = demo_case()
-    _say(f"{processors()} processors, load {os.getloadavg()[0]:.1f} at the start")
+    print(f"{processors()} processors, load {os.getloadavg()[0]:.1f} at the start", flush=True)
     case = load(files.photo, files.model, files.start)
     _alone(case)
     alone = [_alone(case) for _ in range(times)]
@@ -59,12 +58,12 @@ def main() -> None:
         with AppProcess(Path(name), *arguments) as app, SocketPage(app.url) as page:
             inside = [_press(page) for _ in range(times + 1)]
     alone += [_alone(case) for _ in range(times)]
-    _say(f"first search in the app, to its pose: {inside[0].pose:.2f} s")
+    print(f"first search in the app, to its pose: {inside[0].pose:.2f} s", flush=True)
     for name in ("news", "verdict", "pose"):
         _line(f"in the app, to its {name}", [getattr(took, name) for took in inside[1:]])
     _line("alone", alone)
     ratio = np.median([took.pose for took in inside[1:]]) / np.median(alone)
-    _say(f"in the app / alone: {ratio:.2f}")
+    print(f"in the app / alone: {ratio:.2f}", flush=True)
 
 
 def _press(page: SocketPage) -> Took:
@@ -93,12 +92,7 @@ def _alone(case: Case) -> float:
 
 def _line(label: str, seconds: Sequence[float]) -> None:
     least, middle, most = np.min(seconds), np.median(seconds), np.max(seconds)
-    _say(f"{label:32}{middle:6.2f} s in the median, {least:.2f} to {most:.2f}")
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    print(f"{label:32}{middle:6.2f} s in the median, {least:.2f} to {most:.2f}", flush=True)
 
 
 if __name__ == "__main__":

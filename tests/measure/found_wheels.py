@@ -1,8 +1,8 @@
 """How often a car's wheels are found in a rectangle, on photos with known poses.
 
 ``python -m tests.measure.found_wheels FOLDER`` takes those cases of a folder with
-``cases.json`` (as ``evaluation.study.real_cases``) whose model has wheels, and the bundled demo's
-two photos. Each rectangle is a careless person's (``evaluation.auto_start.careless_box``); the
+``cases.json`` (see ``study.real_cases``) whose model has wheels, and the bundled demo's
+two photos. Each rectangle is a careless person's (``auto_start.careless_box``); the
 focal length is known (``--guess``: it is not). It prints how far the wheels' centres and the pose
 that they give are off.
 """

@@ -1,7 +1,7 @@
 """Which model is it, on real photos with known models: how often the right one comes first.
 
 ``python -m tests.measure.identification FOLDER`` takes the cases of a folder with
-``cases.json`` and ``starts.json`` (as ``evaluation.study.real_cases``), fits to each photo the
+``cases.json`` and ``starts.json`` (see ``study.real_cases``), fits to each photo the
 models of all cases of its set from the same start, and prints how often the photo's own model has
 the least loss. Each model is laid with its centre where the start puts the own model's, and is
 turned alike.
@@ -150,7 +150,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--degrees", type=int, default=10)
     parser.add_argument("--cases", default="", help="only those whose id matches")
-    parser.add_argument("--every", type=whole, default=1, help="only each so-manieth of a set")
+    parser.add_argument(
+        "--every", type=whole, default=1, metavar="N", help="only each N-th of a set"
+    )
     parser.add_argument("--sets", nargs="+", default=SETS)
     parser.add_argument("--evaluations", type=whole, default=Limits().evaluations)
     parser.add_argument("--grey", action="store_true")

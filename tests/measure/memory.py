@@ -86,9 +86,12 @@ def growth(
 
 def _watch(what: str, count: int, work: Iterator[float]) -> float:
     grown = growth(
-        work, count, resident_mb, lambda done, mb: _say(f"{done:8,} {what}: {mb:7.1f} MB")
+        work,
+        count,
+        resident_mb,
+        lambda done, mb: print(f"{done:8,} {what}: {mb:7.1f} MB", flush=True),
     )
-    _say(f"{what}: grown by {grown:+.2f} MB since the first tenth")
+    print(f"{what}: grown by {grown:+.2f} MB since the first tenth", flush=True)
     return grown
 
 
@@ -96,10 +99,6 @@ def resident_mb() -> float:
     """Resident memory of this process, in units of 10^6 bytes (Linux)."""
     status = Path("/proc/self/status").read_text()
     return int(status.split("VmRSS:")[1].split()[0]) * 1024 / 1e6
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 import urllib.request
@@ -25,7 +24,7 @@ def main() -> None:
     starts = parser.parse_args().starts
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package has its bytecode
     load = os.getloadavg()[0]
-    _say(f"{os.cpu_count()} processors, load {load:.1f} at the start")
+    print(f"{os.cpu_count()} processors, load {load:.1f} at the start", flush=True)
     with tempfile.TemporaryDirectory() as name:
         os.environ["NUMBA_CACHE_DIR"] = str(Path(name) / "kernels")
         for start in range(starts):
@@ -33,8 +32,11 @@ def main() -> None:
             folder.mkdir()
             times, said = measure(folder)
             kind = "first" if start == 0 else "again"
-            _say(f"{kind}: " + ", ".join(f"{name} {took:.1f} s" for name, took in times.items()))
-            _say("\n".join(f"    {line}" for line in said))
+            print(
+                f"{kind}: " + ", ".join(f"{name} {took:.1f} s" for name, took in times.items()),
+                flush=True,
+            )
+            print("\n".join(f"    {line}" for line in said), flush=True)
 
 
 def measure(folder: Path) -> tuple[dict[str, float], list[str]]:
@@ -58,11 +60,6 @@ def processor_seconds(pid: int) -> float:
     """What a process has used, all its threads together; Linux."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":
