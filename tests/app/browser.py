@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -33,6 +33,9 @@ READY = (
     "document.documentElement.dataset.poseviewerView"
 )
 
+TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+LOOK_AGAIN_MS = 50
+
 
 @contextmanager
 def open_browser() -> Iterator[Browser]:
@@ -59,6 +62,14 @@ class AppPage:
         self.page.set_default_timeout(PATIENCE_MS)
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
         self.page.goto(f"{url}?fixedDpr=1")
+        self._wait_until_ready()
+
+    def reload(self) -> None:
+        """Load the page anew."""
+        self.page.reload()
+        self._wait_until_ready()
+
+    def _wait_until_ready(self) -> None:
         self.page.wait_for_function(READY)
         # viser says that there is no GPU, over the photo's corner: once.
         notice = self.page.get_by_text("Software WebGL rendering detected")
@@ -117,25 +128,34 @@ class AppPage:
         for key in keys:
             self.page.keyboard.up(key)
 
-    def picture(self) -> np.ndarray:
-        """The window as it looks, (height, width, 3) RGB."""
-        image = Image.open(BytesIO(self.page.screenshot())).convert("RGB")
-        return np.asarray(image)
-
-    def photo_picture(self) -> np.ndarray:
-        """The window as it looks, black beside the photo's part of it."""
+    def photo_picture(
+        self, around: Sequence[float] | None = None, reach: float = 0.0
+    ) -> np.ndarray:
+        """(height, width, 3) RGB: the window as it looks, black beside the photo's part of it, and
+        farther than ``reach`` px from a place in the window.
+        """
+        size = self.page.viewport_size
+        assert size is not None
         left, top, width, height = (int(v) for v in self.view()["box"])
-        picture = np.zeros_like(whole := self.picture())
-        part = slice(top, top + height), slice(left + 1, left + width - 1)
-        picture[part] = whole[part]
+        left, right, bottom = left + 1, left + width - 1, top + height
+        if around is not None:
+            left, right = max(left, int(around[0] - reach)), min(right, int(around[0] + reach))
+            top, bottom = max(top, int(around[1] - reach)), min(bottom, int(around[1] + reach))
+        clip = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+        shot = Image.open(BytesIO(self.page.screenshot(clip=clip)))  # pyright: ignore
+        picture = np.zeros((size["height"], size["width"], 3), np.uint8)
+        picture[top:bottom, left:right] = np.asarray(shot.convert("RGB"))
         return picture
 
-    def settled_picture(self) -> np.ndarray:
+    def settled_picture(
+        self, around: Sequence[float] | None = None, reach: float = 0.0
+    ) -> np.ndarray:
         """The photo's part of the window once nothing moves in it any more."""
-        before = self.photo_picture()
-        for _ in range(40):
-            self.page.wait_for_timeout(150)
-            now = self.photo_picture()
+        self.page.evaluate(TWO_FRAMES)
+        before = self.photo_picture(around, reach)
+        for _ in range(60):
+            self.page.wait_for_timeout(100)
+            now = self.photo_picture(around, reach)
             if np.array_equal(now, before):
                 return now
             before = now
@@ -145,15 +165,26 @@ class AppPage:
         """Until the page says so."""
         self.page.get_by_text(text).first.wait_for()
 
+    def until(self, predicate: Callable[[], Any]) -> None:
+        """Until something is true, asked again and again."""
+        for _ in range(PATIENCE_MS // LOOK_AGAIN_MS):
+            if predicate():
+                return
+            self.page.wait_for_timeout(LOOK_AGAIN_MS)
+        raise AssertionError("in vain")
+
+    def choose_file(self, button: str, path: Path) -> None:
+        """Give a file to an upload button."""
+        with self.page.expect_file_chooser() as chooser:
+            self.page.get_by_role("button", name=button).click()
+        chooser.value.set_files(str(path))
+
     def saved_pose(self, path: Path) -> dict[str, Any]:
         """Press S, and read the pose file that appears."""
         before = path.stat().st_mtime_ns if path.exists() else 0
         self.page.keyboard.press("s")
-        for _ in range(600):
-            if path.exists() and path.stat().st_mtime_ns != before:
-                return json.loads(path.read_text())
-            self.page.wait_for_timeout(50)
-        raise AssertionError(f"{path.name} was not written")
+        self.until(lambda: path.exists() and path.stat().st_mtime_ns != before)
+        return json.loads(path.read_text())
 
 
 def keep_picture(tab: AppPage, name: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import urllib.error
 import urllib.request
 from http.cookiejar import CookieJar
@@ -23,11 +24,30 @@ from tests.scene import Scene, make_scene
 OFFER = "An earlier session ended without saving"
 SEED = 7
 
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """One of its own: poses are saved beside the photo."""
+    return make_scene(tmp_path_factory.mktemp("files"))
+
+
+@pytest.fixture(scope="module")
+def crashed(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an app that was killed in a search."""
+    folder = tmp_path_factory.mktemp("crashed")
+    crash_in_search(scene, folder)
+    return folder
+
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Scene:
-    (tmp_path / "files").mkdir()
-    return make_scene(tmp_path / "files")
+def left(crashed: Path, tmp_path: Path) -> AutosavedSession:
+    """What the crash left, on disk in ``tmp_path`` as well."""
+    shutil.copytree(crashed / "state", tmp_path / "state")
+    session = kept(tmp_path)
+    assert session is not None
+    return session
 
 
 def start(scene: Scene, tmp_path: Path) -> AppProcess:
@@ -40,8 +60,8 @@ def kept(tmp_path: Path) -> AutosavedSession | None:
     return load_autosave(found[0]) if found else None
 
 
-def crash_in_search(scene: Scene, tmp_path: Path) -> AutosavedSession:
-    """Change pose and settings, search, and kill the app; gives what it left on disk."""
+def crash_in_search(scene: Scene, tmp_path: Path) -> None:
+    """Change pose and settings, search, and kill the app."""
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
         settle(page)
         page.set("Seed", SEED)
@@ -54,13 +74,9 @@ def crash_in_search(scene: Scene, tmp_path: Path) -> AutosavedSession:
         page.wait_until(lambda: "Stop (space)" in page.labels() and page.text_with("evaluations"))
         app.kill()
         page.wait_until(lambda: page.closed)
-    left = kept(tmp_path)
-    assert left is not None
-    return left
 
 
-def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
-    left = crash_in_search(scene, tmp_path)
+def test_crash_loses_nothing(scene: Scene, tmp_path: Path, left: AutosavedSession) -> None:
     assert left.settings["seed"] == SEED
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
         page.wait_until(lambda: OFFER in page.shown.modals.values())
@@ -87,8 +103,9 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path) -> None:
         assert not page.shown.modals
 
 
-def test_restored_session_outlives_another_crash(scene: Scene, tmp_path: Path) -> None:
-    left = crash_in_search(scene, tmp_path)
+def test_restored_session_outlives_another_crash(
+    scene: Scene, tmp_path: Path, left: AutosavedSession
+) -> None:
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
         page.wait_until(lambda: OFFER in page.shown.modals.values())
         page.click("Open it again")
@@ -101,8 +118,8 @@ def test_restored_session_outlives_another_crash(scene: Scene, tmp_path: Path) -
     assert again.settings == left.settings
 
 
+@pytest.mark.usefixtures("left")
 def test_forgotten_session_is_not_offered_again(scene: Scene, tmp_path: Path) -> None:
-    crash_in_search(scene, tmp_path)
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
         page.wait_until(lambda: OFFER in page.shown.modals.values())
         page.click("Forget it")
@@ -112,8 +129,22 @@ def test_forgotten_session_is_not_offered_again(scene: Scene, tmp_path: Path) ->
         assert app.terminate() == 0
 
 
-def test_sigterm_in_a_search_ends_cleanly(scene: Scene, tmp_path: Path) -> None:
+def assert_refuses_pages_of_others(app: AppProcess) -> None:
+    address = app.url.replace("http://", "ws://")
+    for origin in ("http://example.org", "null", app.url.rstrip("/").replace("http", "ftp")):
+        with pytest.raises(InvalidStatus) as refused:
+            connect(address, subprotocols=[PROTOCOL], origin=Origin(origin))
+        assert refused.value.response.status_code == 403
+    own = Origin(app.url.rstrip("/"))
+    with connect(address, subprotocols=[PROTOCOL], origin=own, max_size=None) as welcome:
+        assert welcome.recv(timeout=60)
+
+
+def test_sigterm_in_a_search_ends_cleanly_and_others_are_refused(
+    scene: Scene, tmp_path: Path
+) -> None:
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        assert_refuses_pages_of_others(app)
         settle(page)
         page.key("Space")
         page.wait_until(lambda: page.text_with("evaluations"))
@@ -122,18 +153,6 @@ def test_sigterm_in_a_search_ends_cleanly(scene: Scene, tmp_path: Path) -> None:
     assert app.leaves_nothing()
     assert not [line for line in app.lines if "Traceback" in line or "Error" in line]
     assert kept(tmp_path) is not None  # found, and not saved: offered the next time
-
-
-def test_pages_of_others_are_refused(scene: Scene, tmp_path: Path) -> None:
-    with start(scene, tmp_path) as app:
-        address = app.url.replace("http://", "ws://")
-        for origin in ("http://example.org", "null", app.url.rstrip("/").replace("http", "ftp")):
-            with pytest.raises(InvalidStatus) as refused:
-                connect(address, subprotocols=[PROTOCOL], origin=Origin(origin))
-            assert refused.value.response.status_code == 403
-        own = Origin(app.url.rstrip("/"))
-        with connect(address, subprotocols=[PROTOCOL], origin=own, max_size=None) as welcome:
-            assert welcome.recv(timeout=60)
 
 
 class OpenPage:

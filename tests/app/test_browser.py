@@ -6,6 +6,7 @@ import json
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,8 @@ from poseviewer.starts.registration import load_registration
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 
+pytestmark = pytest.mark.slow
+
 DEMO_PHOTO = (960, 720)
 EVALUATIONS = 300
 """Of the demo's search in the browser: a browser without a GPU leaves little time for it."""
@@ -33,12 +36,20 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
         assert app.interrupt() == 0
 
 
+@pytest.fixture(scope="module")
+def tab(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
+    opened = AppPage(browser, demo.url)
+    yield opened
+    opened.page.close()
+
+
 @pytest.fixture
-def page(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
-    tab = AppPage(browser, demo.url)
+def page(tab: AppPage) -> Iterator[AppPage]:
+    """One tab for all tests, each with the whole photo in view."""
+    tab.page.evaluate("window.poseviewer.showAll()")
     yield tab
     assert tab.errors == []
-    tab.page.close()
+    tab.errors.clear()
 
 
 def test_the_page_opens_on_the_demo(page: AppPage):
@@ -99,7 +110,6 @@ def test_each_pin_is_its_two_numbers(page: AppPage, demo: AppProcess):
         before = page.saved_pose(path)["chart"]["numbers"]
         pins = demo_pins(before)
         page.drag(pins[pin], pins[pin] + np.array(shift), DEMO_PHOTO)
-        page.page.wait_for_timeout(300)
         after = page.saved_pose(path)["chart"]["numbers"]
         moved = demo_pins(after)
         others = [i for i in range(3) if i != pin]
@@ -128,14 +138,12 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     page.page.wait_for_function("document.querySelector('.pv-dim') === null")
     x, y, width, height = page.page.wait_for_function(FIRST_CELL).json_value()
     page.page.mouse.click(x + 0.75 * width, y + 0.25 * height)
-    page.page.wait_for_timeout(500)
     after = page.saved_pose(path)["chart"]["numbers"]
     changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
     assert list(changed) == [0, 1]
     assert after[0] > before[0]
     assert after[1] > before[1]  # upwards on the map is more
     page.page.keyboard.press("z")
-    page.page.wait_for_timeout(300)
     assert page.saved_pose(path)["chart"]["numbers"] == before
 
 
@@ -147,17 +155,15 @@ def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: AppProcess, t
     kept = tmp_path / "kept.json"
     kept.write_text(json.dumps(saved))
     page.page.keyboard.press("ArrowDown")
-    page.page.wait_for_timeout(200)
     assert page.saved_pose(path)["camera_from_model"] != saved["camera_from_model"]
-    page.page.reload()
-    page.page.wait_for_function("window.poseviewer")
-    with page.page.expect_file_chooser() as chooser:
-        page.page.get_by_role("button", name="Pose file ...").click()
-    chooser.value.set_files(str(kept))
-    page.page.wait_for_timeout(1500)
-    again = page.saved_pose(path)
-    assert again["camera_from_model"] == saved["camera_from_model"]
-    assert again["camera"] == saved["camera"]
+    page.reload()
+    page.choose_file("Pose file ...", kept)
+    page.until(lambda: same_pose(page.saved_pose(path), saved))
+
+
+def same_pose(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two pose files have the same pose, to the last digit."""
+    return all(one[key] == other[key] for key in ("camera_from_model", "camera"))
 
 
 DROP = """(files) => {
@@ -179,17 +185,14 @@ def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
     dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
     assert page.page.evaluate(DROP, dropped) == [False, False]
     page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
-    page.page.wait_for_timeout(1000)
-    assert page.saved_pose(path)["camera_from_model"] == saved["camera_from_model"]
+    page.until(lambda: same_pose(page.saved_pose(path), saved))
 
 
 def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):
     huge = tmp_path / "huge.ply"
     with huge.open("wb") as file:
         file.truncate(200_000_001)
-    with page.page.expect_file_chooser() as chooser:
-        page.page.get_by_role("button", name="Model ...").click()
-    chooser.value.set_files(str(huge))
+    page.choose_file("Model ...", huge)
     page.wait_for_text("huge.ply: 200,000,001 bytes; up to 200,000,000 can be uploaded")
     assert page.page.get_by_text("Uploading").count() == 0
 
@@ -205,38 +208,35 @@ def test_the_help_has_the_keys_until_it_is_closed(page: AppPage):
 
 
 def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
+    def shown(tab: AppPage) -> list[str]:
+        return [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
+
     other = AppPage(browser, demo.url)
     try:
         for tab in (page, other):
             tab.page.get_by_text("Numbers", exact=True).click()
+        before = shown(page)
+        assert len(before) >= 6
         page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
-        page.page.wait_for_timeout(1500)
-        shown = [
-            [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
-            for tab in (page, other)
-        ]
-        assert shown[0] == shown[1]
-        assert len(shown[0]) >= 6
+        page.until(lambda: before != shown(page) == shown(other))
         page.page.keyboard.press("z")
     finally:
         other.page.close()
 
 
 def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProcess):
-    with page.page.expect_file_chooser() as chooser:  # another test may have set the start
-        page.page.get_by_role("button", name="Pose file ...").click()
-    chooser.value.set_files(str(demo_case("perspective").start))
-    page.page.wait_for_timeout(1500)
+    path, case = demo.folder / "demo_photo.pose.json", demo_case("perspective")
+    start = json.loads(case.start.read_text())
+    page.choose_file("Pose file ...", case.start)  # another test may have set the start
+    page.until(lambda: same_pose(page.saved_pose(path), start))
     page.page.get_by_text("Settings", exact=True).click()
     limit = page.page.get_by_label("Most evaluations")
     limit.fill(str(EVALUATIONS))
     limit.press("Enter")
-    page.page.wait_for_timeout(500)
     page.page.evaluate("document.activeElement.blur()")
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped at the limit of evaluations")
-    found = page.saved_pose(demo.folder / "demo_photo.pose.json")
-    case = demo_case("perspective")
+    found = page.saved_pose(path)
     registration = load_registration(case.photo, case.model, case.start)
     problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
     (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)

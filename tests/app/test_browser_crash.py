@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
@@ -27,20 +28,8 @@ def change_and_crash(tab: AppPage, app: AppProcess) -> None:
     app.kill()
 
 
-def test_a_session_that_was_killed_is_offered_again(browser: Browser, tmp_path: Path, scene: Scene):
-    files = (scene.photo, scene.model, "--pose", scene.start)
-    with AppProcess(tmp_path, *files) as app:
-        tab = AppPage(browser, app.url)
-        change_and_crash(tab, app)
-        tab.page.close()
-    with AppProcess(tmp_path, *files) as again:
-        tab = AppPage(browser, again.url)
-        tab.page.get_by_role("button", name="Open it again").click()
-        tab.wait_for_text("unsaved changes")
-        tab.page.close()
-
-
-def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path, scene: Scene):
+@pytest.mark.slow
+def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Path, scene: Scene):
     files = (scene.photo, scene.model, "--pose", scene.start)
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
@@ -52,17 +41,16 @@ def test_a_server_restart_brings_the_page_back(browser: Browser, tmp_path: Path,
     with AppProcess(tmp_path, *files, port=port) as again:
         assert again.url == app.url
         tab.page.get_by_text(OFFER).wait_for()
-        tab.page.get_by_role("button", name="Forget it").click()
-        tab.page.get_by_text(OFFER).wait_for(state="hidden")
-        tab.wait_for_text("at this pose")
-        # The new server's page: what is done on it comes through, and it draws what comes back.
         tab.page.get_by_text("no unsaved changes").wait_for()
+        tab.page.get_by_role("button", name="Open it again").click()
+        tab.page.get_by_text(OFFER).wait_for(state="hidden")
+        tab.page.get_by_text("● unsaved changes").wait_for()
+        tab.wait_for_text("at this pose")
         now = tab.view()
         assert (now["zoom"], now["centre"]) == (view["zoom"], view["centre"])
+        # The new server's page: what is done on it comes through, and it draws what comes back.
         picture = tab.settled_picture()
-        tab.page.keyboard.press("ArrowRight")
-        tab.page.get_by_text("● unsaved changes").wait_for()
-        tab.page.wait_for_timeout(500)
-        assert not np.array_equal(tab.settled_picture(), picture)
+        tab.page.keyboard.press("Control+ArrowRight")
+        tab.until(lambda: not np.array_equal(tab.photo_picture(), picture))
         assert tab.errors == []
         tab.page.close()

@@ -60,6 +60,7 @@ def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) 
     return found[:2] / 2.0 + near
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera",
     [
@@ -90,11 +91,10 @@ def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
         left, top = tab.view()["box"][:2]
         # What lies under the cursor stays there: only points inside the window can be looked at.
         tab.page.evaluate(f"window.poseviewer.zoomAt({x - left}, {y - top}, {zoom})")
-        picture = tab.settled_picture().astype(int)
-        wanted = tab.on_screen(point, PHOTO)
+        wanted, scale = tab.on_screen(point, PHOTO), tab.view()["scale"]
+        picture = tab.settled_picture(wanted, 18.0 * scale + 10.0).astype(int)
         np.testing.assert_allclose(wanted, (x, y), atol=1e-6)
         red, blue = picture[..., 0], picture[..., 2]
-        scale = tab.view()["scale"]
         # The dot is white on grey, the outline around it cyan.
         dot = centre_of(np.clip(red - 90, 0, None), wanted, 6.5 * scale)
         outline = circle_centre(np.clip(blue - red - 20, 0, None), wanted, 18.0 * scale)

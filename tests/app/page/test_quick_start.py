@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +20,8 @@ from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.wheel_pose import wheel_rims
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
+
+pytestmark = pytest.mark.slow
 
 PHOTO = (960, 720)
 TYRE_RADIUS = 0.31
@@ -39,27 +40,37 @@ def truth() -> Pose:
     return load_pose(demo_case().truth, *PHOTO).pose
 
 
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[AppProcess]:
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
     """Without a start pose: the model in the middle, seen from a corner."""
     case = demo_case()
-    with AppProcess(tmp_path, case.photo, case.model) as process:
+    with AppProcess(tmp_path_factory.mktemp("demo"), case.photo, case.model) as process:
         yield process
 
 
+@pytest.fixture(scope="module")
+def tab(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
+    opened = AppPage(browser, app.url)
+    opened.wait_for_text("at this pose")
+    opened.page.get_by_text("Quick start", exact=True).click()
+    yield opened
+    opened.page.close()
+
+
 @pytest.fixture
-def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
-    tab = AppPage(browser, app.url)
-    tab.wait_for_text("at this pose")
-    tab.page.get_by_text("Quick start", exact=True).click()
+def page(tab: AppPage) -> Iterator[AppPage]:
+    """One tab for all tests; each begins at the start pose, without marks."""
     yield tab
     assert tab.errors == []
-    tab.page.close()
+    tab.page.get_by_role("button", name="Point pairs").click()
+    tab.page.get_by_role("button", name="Clear marks").click()
+    tab.page.get_by_role("button", name="Done (Esc)").click()
+    tab.wait_for_text("roll, scale")
+    tab.page.keyboard.press("r")
 
 
 def click(tab: AppPage, point) -> None:
     tab.page.mouse.click(*tab.on_screen(point, PHOTO))
-    tab.page.wait_for_timeout(250)
 
 
 def saved(tab: AppPage, app: AppProcess) -> Pose:
@@ -100,10 +111,8 @@ def test_four_point_pairs_place_the_model(
     assert pose_error(registration.mesh, found, truth).percent < 3.0
     # A mark that is dragged takes the pose along; undo brings both back.
     page.drag(SPOTS[0], (SPOTS[0][0], SPOTS[0][1] + 40.0), PHOTO)
-    page.page.wait_for_timeout(500)
     assert pose_error(registration.mesh, saved(page, app), found).percent > 0.5
     page.page.keyboard.press("z")
-    page.page.wait_for_timeout(500)
     again = saved(page, app)
     np.testing.assert_array_equal(again.project([0, 0, 0]), found.project([0, 0, 0]))
     page.page.get_by_role("button", name="Remove last mark").click()
@@ -146,7 +155,6 @@ def test_wheels_are_found_in_the_region_that_is_drawn(
     page.wait_for_text("No two wheels were found")
     page.page.get_by_role("button", name="Draw another region").click()
     page.drag(*CAR, PHOTO)
-    page.page.wait_for_timeout(500)
     button.click()
     page.wait_for_text("Looking for wheels")
     keep_picture(page, "looking")
