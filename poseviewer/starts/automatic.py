@@ -35,7 +35,7 @@ from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, sketch_level
+from poseviewer.render.pyramid.levels import Level, simplified_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.registration import Start, StartCamera, StartInputs
@@ -230,7 +230,7 @@ class _ViewSearch:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""
         area = self.rectangle.area / self.photo.factor**2
         factor = max(1, round(area**0.5 / side_px))
-        return sketch_level(self.photo, self.renderer, factor, COVERED * area)
+        return simplified_level(self.photo, self.renderer, factor, COVERED * area)
 
     def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
         def score(own: Renderer, pose: Pose) -> Proposal:
@@ -356,7 +356,7 @@ def _likeliest_squares(
     squares = squares_over(width, height)
     factor = max(1, round(max(photo.weights.shape) / PHOTO_PX))
     area = float(np.median([square.area for square in squares])) / photo.factor**2
-    level = sketch_level(photo, renderer, factor, area)
+    level = simplified_level(photo, renderer, factor, area)
 
     def score(own: Renderer, pose: Pose) -> float:
         return registration_loss(own.moments(pose, level.photo))

@@ -22,7 +22,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pyramid.level_pose import level_pose, reduced_size
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.render.structure import make_structure
+from poseviewer.render.structure import bounding_slices, make_structure
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 LARGEST_FACTOR = 16
@@ -64,7 +64,9 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
     return Level(factor, small, LevelRenderer(reduced(renderer, pixels / factor**2), factor))
 
 
-def sketch_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
+def simplified_level(
+    photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float
+) -> Level:
     """The same with a simplified model even where the ``factor`` is 1: for a quick look."""
     if factor > 1:
         return make_level(photo, renderer, factor, pixels)
@@ -116,13 +118,13 @@ def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     weights = np.zeros((rows, columns), np.float32)
     channels = np.zeros((rows, columns, n), np.float32)
     # What does not count costs nothing: only the box of the pixels that do is looked at.
-    box = _box(photo.weights, factor)
-    counts = photo.weights[box.pixels]
-    seen = np.where(counts[..., None] > 0.0, photo.channels[box.pixels], np.float32(0.0))
-    mean = weights[box.level] = _averaged(counts, factor)
+    pixels, small = _boxes(photo.weights, factor)
+    counts = photo.weights[pixels]
+    seen = np.where(counts[..., None] > 0.0, photo.channels[pixels], np.float32(0.0))
+    mean = weights[small] = _averaged(counts, factor)
     sums = _averaged(seen * counts[..., None], factor)
     known = mean[..., None] > 0.0
-    channels[box.level] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
+    channels[small] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
     structure = None if photo.structure is None else make_structure(channels, weights)
     return replace(photo, channels=channels, weights=weights, structure=structure)
 
@@ -195,23 +197,16 @@ def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
     return SoftwareRenderer(simplify(mesh, faces), two_sided)
 
 
-@dataclass(frozen=True, slots=True)
-class _Box:
-    """Rows and columns of the photo, and those of the level that they go to."""
-
-    pixels: tuple[slice, slice]
-    level: tuple[slice, slice]
-
-
-def _box(weights: NDArray[np.float32], factor: int) -> _Box:
-    """About the pixels (height, width) that count, from and to borders of the level's pixels."""
-    level, pixels = [], []
-    for axis in (1, 0):
-        places = np.flatnonzero((weights > 0.0).any(axis=axis))
-        first, last = (places[0], places[-1]) if len(places) else (0, 0)
-        level.append(slice(int(first) // factor, int(last) // factor + 1))
-        pixels.append(slice(level[-1].start * factor, level[-1].stop * factor))
-    return _Box((pixels[0], pixels[1]), (level[0], level[1]))
+def _boxes(
+    weights: NDArray[np.float32], factor: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Rows and columns of the pixels that count, out to the level's pixels, and those of these."""
+    level = tuple(
+        slice(box.start // factor, max(box.stop - 1, 0) // factor + 1)
+        for box in bounding_slices(weights)
+    )
+    rows, columns = (slice(box.start * factor, box.stop * factor) for box in level)
+    return (rows, columns), (level[0], level[1])
 
 
 def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
