@@ -160,7 +160,8 @@ def shade(box, ids, of_faces, of_model, rotation, workspace, reflectance, normal
     normals turned by ``rotation`` (3, 3).
     """
     left, top, right, bottom = box
-    (nx, ny, nz), run, _ = workspace
+    of_row, run, _ = workspace
+    nx, ny, nz = of_row[0], of_row[1], of_row[2]
     for row in range(top, bottom):
         begin, end = span(ids, row, left, right)
         faces = ids[row, begin:end]
@@ -186,7 +187,8 @@ def fill_row(row, first, faces, of_faces, of_model, count, workspace, at):
     ``at``, ``at`` + 4 and ``at`` + 8.
     """
     planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
-    (nx, ny, nz), run, _ = workspace
+    normals, run, _ = workspace
+    nx, ny, nz = normals[0], normals[1], normals[2]
     size, none, down = faces.shape[0], np.int64(planes.shape[0] - 1), np.float32(row)
     grey = run[at]
     for k in range(size):
@@ -211,7 +213,8 @@ def _fill_varied(row, first, faces, of_faces, of_model, count, workspace, at):
     face's kind there, negative.
     """
     planes, _, _, paints, levels = of_faces
-    _, run, (x, y, z) = workspace
+    _, run, paint_row = workspace
+    x, y, z = paint_row[0], paint_row[1], paint_row[2]
     size, kinds, least = faces.shape[0], run[at], _ZERO
     for k in range(size):
         least = min(least, kinds[k])
@@ -250,7 +253,8 @@ def fill_planes(box, ids, of_faces, of_model, workspace, spans, out):
     G, B; zeros elsewhere. ``spans`` (height, 2) are the columns of each row that hold all of it,
     ends excluded; they and ``out`` are given as the last call left them.
     """
-    (nx, ny, nz), run, _ = workspace
+    normals, run, _ = workspace
+    nx, ny, nz = normals[0], normals[1], normals[2]
     left, top, right, bottom = box
     for row in range(spans.shape[0]):
         begin, end = spans[row, 0], spans[row, 1]
@@ -260,13 +264,14 @@ def fill_planes(box, ids, of_faces, of_model, workspace, spans, out):
         if begin < end:
             faces = ids[row, begin:end]
             fill_row(row, begin, faces, of_faces, of_model, 3, workspace, 0)
-            _write_planes(faces, nx, ny, nz, run, out[:, row + 1, begin + 1 : end + 1])
+            _write_planes(row + 1, begin + 1, faces, nx, ny, nz, run, out)
 
 
 @_jit_sums
-def _write_planes(faces, x, y, z, run, out):
-    size, none = faces.shape[0], np.float32(0.0)
-    nx, ny, nz, grey, covered = out[0], out[1], out[2], out[3], out[4]
+def _write_planes(row, begin, faces, x, y, z, run, out):
+    size, none, end = faces.shape[0], np.float32(0.0), begin + faces.shape[0]
+    nx, ny, nz = out[0, row, begin:end], out[1, row, begin:end], out[2, row, begin:end]
+    grey, covered = out[3, row, begin:end], out[4, row, begin:end]
     for p in range(size):
         square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
         scale = np.float32(1.0) / math.sqrt(max(square, TINY))
@@ -276,6 +281,6 @@ def _write_planes(faces, x, y, z, run, out):
     for p in range(size):
         grey[p] = _RED * r[p] + _GREEN * g[p] + _BLUE * b[p] if faces[p] >= 0 else none
     for colour in range(3):
-        channel, value = out[5 + colour], run[4 * colour]
+        channel, value = out[5 + colour, row, begin:end], run[4 * colour]
         for p in range(size):
             channel[p] = value[p] if faces[p] >= 0 else none
