@@ -39,18 +39,12 @@ from poseviewer.files.pose.file import (
 )
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.problem import (
-    FitProblem,
-    FitProgress,
-    Status,
-    make_problem,
-    pose_loss,
-    shown_attributes,
-    stages_of,
-)
+from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, shown_attributes
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import LoadedModel, Registration
-from poseviewer.fit.search import judged_fit, with_verdict
+from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings, Limits, settings_as_json
+from poseviewer.fit.stages import make_stages
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -193,14 +187,14 @@ class Case:
         """Make the coarser models that a search begins with, so that the first search of the model
         does not have to: a second or two.
         """
-        stages_of(self.problem, self.renderer, self.registration.start)
+        make_stages(self.problem, self.renderer)
 
     def search(self, *, threads: int = 1) -> Iterator[FitProgress]:
         """The search from the start as it goes: the best pose so far after every evaluation, and
         at last the end with the verdict. To stop it, stop asking. More ``threads`` give the same
         poses in less time.
         """
-        return judged_fit(self.problem, self.registration.mesh, self.renderer, judge_end, threads)
+        return search(self.problem, self.registration.mesh, self.renderer, judge_end, threads)
 
     def fit(
         self,
@@ -232,7 +226,8 @@ class Case:
                 raise
             stopped = replace(progress, status=Status.STOPPED)
             mesh = self.registration.mesh
-            progress = with_verdict(stopped, problem, mesh, self.renderer, judge_end, threads)
+            verdict = judge_end(stopped, problem, mesh, self.renderer, threads)
+            progress = replace(stopped, verdict=verdict)
         assert progress is not None  # a fit yields at least once
         return FitResult(self, progress.pose, progress)
 

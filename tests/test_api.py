@@ -20,7 +20,8 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo.load import load_photo, save_image
 from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
-from poseviewer.fit.problem import FitProgress, Status, pose_loss
+from poseviewer.fit.problem import pose_loss
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh

@@ -12,15 +12,10 @@ import numpy as np
 
 from poseviewer.bench.workload import Demo, Workload, lit_problem
 from poseviewer.fit.landscape import QUICK_SIZES, Pair, free_pairs, landscape, quick_level
-from poseviewer.fit.problem import (
-    FitProblem,
-    FitProgress,
-    Status,
-    fit_pose,
-    make_problem,
-    stages_of,
-)
+from poseviewer.fit.problem import FitProblem, make_problem
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import FitSettings, Limits, Method
+from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.levels import Level
@@ -139,7 +134,7 @@ def _time_fit(
     start = problem.chart.to_pose(problem.start)
     renderer.moments(start, problem.photo)
     began = perf_counter()
-    stages = stages_of(problem, renderer, start)  # simplifies the model, which is then kept
+    stages = make_stages(problem, renderer)  # simplifies the model, which is then kept
     model_s = perf_counter() - began
     for stage in stages:
         stage.level.renderer.moments(start, stage.level.photo)

@@ -12,7 +12,7 @@ from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.state.folder import last_pose
-from poseviewer.fit.problem import FitProgress
+from poseviewer.fit.progress import FitProgress
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.point_pairs import start_from_pairs

@@ -16,7 +16,7 @@ from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
     from poseviewer.confidence.identify import Ranked
-    from poseviewer.fit.problem import FitProgress
+    from poseviewer.fit.progress import FitProgress
 
 
 def add_options(parser: ArgumentParser) -> None:

@@ -137,7 +137,7 @@ def add_fields(
         option(group, usage, *texts, dest=name, **choices)
 
 
-def made(of: Callable[..., T], options: Namespace, **more: Any) -> T:
+def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
     """The dataclass of what was typed; the other fields have their defaults."""
     given = {field.name: getattr(options, field.name, None) for field in fields(of)}  # pyright: ignore[reportArgumentType]
     return of(**{name: value for name, value in given.items() if value is not None} | more)
@@ -160,7 +160,7 @@ def settings_of(options: Namespace) -> FitSettings:
         FitSettings,
         options,
         mask=options.mask.name if options.mask else None,
-        rules=made(RestartOptions, options),
+        options=made(RestartOptions, options),
         limits=made(Limits, options),
     )
 

@@ -1,191 +1,140 @@
-"""Gathers the evidence about a pose: a few hundred evaluations on a coarse level."""
+"""Features of a pose that tell right from wrong: a few hundred evaluations on a coarse level."""
 
 from __future__ import annotations
 
 import math
 from contextlib import closing
-from dataclasses import dataclass, replace
+from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.confidence.outline_support import outline_support
-from poseviewer.confidence.weak_directions import curvature, weak_directions
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.loss import EDGE_WEIGHT
-from poseviewer.fit.probing import Cost, Descent, Probe, compared_photo, probe_about
-from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.turns import turning_steps
-from poseviewer.fit.verdict import Features
+from poseviewer.fit.probing import Descent, Probe, compared_photo
+from poseviewer.fit.problem import FitProblem, shown_attributes
+from poseviewer.fit.verdict import Features, WeakDirection
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes, moments_of_images
 from poseviewer.render.pyramid.level_pose import level_pose
+from poseviewer.render.structure import LIGHTENING, PHOTO_NOISE, SMOOTHING_PX
 from poseviewer.render.types import PhotoAttributes, Renderer
 
-WRONG = 48
-"""So many wrong poses are tried, ..."""
+FEWEST_PIXELS = 50
+"""Of the model, below which it counts as unseen."""
+WRONG_POSES = 48
 WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = (15.0, 45.0), 0.2, 0.1
-"""... turned by so much, and off by so much: standard deviations, in radii, and of a logarithm."""
-RIVALS, RIVAL_STEP, RIVAL_EVALUATIONS = 2, 0.12, 60
-"""From so many of the best of them descents are sent."""
-RETURNS, RETURN_WAY, RETURN_STEP, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
-"""So many descents start near by: so far off, 8 degrees or that share of the radius."""
-MINIMUM_STEP, MINIMUM_EVALUATIONS = 0.03, 50
-"""Of the descent from the pose itself: a coarse level's minimum is a little beside the photo's."""
-BACK = 0.03
-"""A descent has come back, or two are one place, within this share of the size."""
-ELSEWHERE = 0.05
+"""Wrong poses are turned by so much; standard deviations of their shift, in radii, and of the
+logarithm of their size."""
+RIVALS, RIVAL_EDGE, RIVAL_EVALUATIONS = 2, 0.12, 60
+"""Descents from the best wrong poses."""
+RETURNS, RETURN_DISTANCE, RETURN_EDGE, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
+"""Descents from near by: 8 degrees away, or that share of the radius."""
+MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50
+"""Descent from the pose itself: a coarse level's minimum is a little beside the photo's."""
+SAME_PLACE, OTHER_PLACE = 0.03, 0.05
+"""Shares of the size: descents that end nearer have come back, farther ones found a rival."""
 EXPLAINED = 0.5
-"""A pixel is explained where light leaves less than so many standard deviations of the photo."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Around:
-    """What descents found around a pose."""
-
-    minimum: FloatArray
-    """(k,): the step to the coarse level's minimum near the pose; the rest is seen from there."""
-    least: float
-    rival: float
-    """Loss of the best other place, less that of the minimum."""
-    rival_way: float
-    agreement: float
-    spread: float
-    drift: float
+"""Standard deviations of the photo that light may leave of a pixel that it explains."""
+EDGE_PX = 1
+"""An edge so near to the outline lies on it."""
+EDGE_SHARE = 0.5
+"""Share of the photo's gradient across the outline from which a point of it has an edge."""
+CURVATURE_STEP = 0.06
+"""Of the differences that curvature is taken from: 3 % of the model's size at its rim."""
+WEAK_REACHES = (0.1, 0.2, 0.4)
+"""How far along a direction the loss is looked at."""
+WEAK_SHARE = 0.15
+"""A direction is weak where the loss rises by less than this share of a wrong pose's rise."""
+NAMED_SHARE = 0.35
+"""A part of a motion is named from this share of the greatest part."""
 
 
 def gather_features(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> Features | None:
-    """The evidence about a pose of the problem; the same each time, on any number of threads.
+    """The features of a pose of the problem; the same each time, on any number of threads.
 
-    None where there is none to be had: the model is not in sight, or in part behind the camera.
+    None where there are none: the model is not in sight, or in part behind the camera.
 
     Raises:
-        PoseViewerError: the pose has no numbers in the problem's chart.
+        PoseViewerError: the pose has no parameters in the problem's chart.
     """
     photo = compared_photo(problem, mesh, pose)
     covered = renderer.covers(level_pose(pose, photo.factor))
-    if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST:
+    if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST_PIXELS:
         return None
-    with closing(probe_about(problem, photo, mesh, renderer, pose, threads)) as probe:
-        return _evidence(probe, mesh, photo, renderer, pose, covered)
+    with closing(Probe(problem, photo, mesh, renderer, pose, threads)) as probe:
+        here = float(probe.losses([np.zeros(len(probe.motions))])[0])
+        if not math.isfinite(here):
+            return None
+        wrong = _wrong_steps(probe)
+        losses = probe.losses(wrong)
+        wrong, losses = wrong[np.isfinite(losses)], losses[np.isfinite(losses)]
+        typical = float(np.median(losses))
+        scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
+        contrast = max(typical - here, 0.0)
+        (minimum, least), ends = _descend(probe, wrong[np.argsort(losses)[:RIVALS]])
+        away = [probe.distance(minimum, end) for end, _ in ends]
+        others = [(e[1], d) for e, d in zip(ends, away, strict=True) if d > OTHER_PLACE]
+        # Where all descents come back, the nearest rival is as bad as nothing is known to be.
+        rival, rival_away = min(others, default=(math.inf, 0.0))
+        turned = probe.losses(probe.turns()) - here
+        turn = float(np.min(turned[np.isfinite(turned)], initial=np.inf))
+        return Features(
+            loss_margin=(typical - here) / scale,
+            turn_margin=(turn if math.isfinite(turn) else contrast) / scale,
+            rival_margin=min(rival - least, contrast) / scale,
+            rival_percent=100.0 * rival_away,
+            agreement=float(np.mean(np.array(away[:RETURNS]) < SAME_PLACE)),
+            spread_percent=100.0 * float(np.median(away[:RETURNS])),
+            explained=_explained(photo, renderer, pose),
+            outline=outline_support(photo.channels, photo.weights, covered),
+            seen=float(np.mean(photo.weights[covered] > 0.0)),
+            pixels=math.log10(np.count_nonzero(covered)),
+            weak=_weak_directions(probe, minimum, least, contrast),
+        )
 
 
-def _evidence(
-    probe: Probe,
-    mesh: Mesh,
-    photo: PhotoAttributes,
-    renderer: Renderer,
-    pose: Pose,
-    covered: NDArray[np.bool_],
-) -> Features | None:
-    (here,) = probe.costs([np.zeros(len(probe.motions))])
-    if here is None:
-        return None
-    wrong, costs = _wrong_poses(probe)
-    losses = np.array([cost.loss for cost in costs])
-    cosines = np.array([cost.edge_cosine for cost in costs])
-    light = losses - EDGE_WEIGHT * (1.0 - cosines)
-    scale = _spread(losses)
-    around = _look_around(probe, wrong[np.argsort(losses)[:RIVALS]])
-    directions = curvature(probe, around.minimum, around.least)
-    contrast = max(float(np.median(losses)) - here.loss, 0.0)
-    turned = probe.losses(list(turning_steps(probe, mesh))) - here.loss
-    turn = float(np.min(turned[np.isfinite(turned)], initial=np.inf))
-    outline = outline_support(photo.channels, photo.weights, covered)
-    size = math.sqrt(np.count_nonzero(covered))
-    explained, share = _explained(photo, renderer, pose)
-    return Features(
-        loss_margin=(float(np.median(losses)) - here.loss) / scale,
-        edge_margin=(here.edge_cosine - float(np.median(cosines))) / _spread(cosines),
-        light_margin=(float(np.median(light)) - _light(here)) / _spread(light),
-        turn_margin=(turn if math.isfinite(turn) else contrast) / scale,
-        rival_margin=min(around.rival, contrast) / scale,
-        rival_percent=100.0 * around.rival_way,
-        agreement=around.agreement,
-        spread_percent=100.0 * around.spread,
-        drift_percent=100.0 * around.drift,
-        edges=here.edge_cosine,
-        explained=explained,
-        light=share,
-        outline=outline.share,
-        outline_excess=outline.excess,
-        outline_shift_percent=100.0 * outline.shift_px / size,
-        seen=float(np.mean(photo.weights[covered] > 0.0)),
-        pixels=math.log10(np.count_nonzero(covered)),
-        weak=weak_directions(probe, around.minimum, directions, contrast),
-    )
-
-
-FEWEST = 50
-"""Pixels of the model, below which nothing is said."""
-
-
-def _wrong_poses(probe: Probe) -> tuple[FloatArray, list[Cost]]:
-    """Steps (w, k) to wrong poses about the pose, and what they cost."""
+def _wrong_steps(probe: Probe) -> FloatArray:
+    """(w, k): steps to wrong poses."""
     random = np.random.default_rng(0)
     size = probe.motions.shape[1]
-    axes = random.normal(size=(WRONG, 3))
+    axes = random.normal(size=(WRONG_POSES, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    angles = np.radians(random.uniform(*WRONG_DEG, (WRONG, 1)))
-    rest = random.normal(size=(WRONG, 3)) * [WRONG_SHIFT, WRONG_SHIFT, WRONG_SIZE]
-    motions = np.hstack([axes * angles, rest, np.zeros((WRONG, size - 6))])
-    steps = motions @ probe.motions.T
-    costs = probe.costs(list(steps))
-    kept = [index for index, cost in enumerate(costs) if cost is not None]
-    return steps[kept], [cost for cost in costs if cost is not None]
+    angles = np.radians(random.uniform(*WRONG_DEG, (WRONG_POSES, 1)))
+    rest = random.normal(size=(WRONG_POSES, 3)) * [WRONG_SHIFT, WRONG_SHIFT, WRONG_SIZE]
+    motions = np.hstack([axes * angles, rest, np.zeros((WRONG_POSES, size - 6))])
+    return motions @ probe.motions.T
 
 
-def _look_around(probe: Probe, best_wrong: FloatArray) -> _Around:
-    """Descents from the pose itself, from near by and from the best wrong poses."""
+End = tuple[FloatArray, float]
+
+
+def _descend(probe: Probe, best_wrong: FloatArray) -> tuple[End, list[End]]:
+    """Step and loss of the coarse minimum at the pose; and of where descents from near by and from
+    the best wrong poses end.
+    """
     size = len(probe.motions)
-    origin = np.zeros(size)
     random = np.random.default_rng(1)
-    ways = random.normal(size=(RETURNS, size))
-    ways *= RETURN_WAY / np.linalg.norm(ways, axis=1, keepdims=True) * math.sqrt(size / 3.0)
-    (minimum, least), *ends = probe.descend(
+    near = random.normal(size=(RETURNS, size))
+    near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
+    minimum, *ends = probe.descend(
         [
-            Descent(origin, MINIMUM_STEP, MINIMUM_EVALUATIONS),
-            *(Descent(way, RETURN_STEP, RETURN_EVALUATIONS) for way in ways),
-            *(Descent(step, RIVAL_STEP, RIVAL_EVALUATIONS) for step in best_wrong),
+            Descent(np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS),
+            *(Descent(step, RETURN_EDGE, RETURN_EVALUATIONS) for step in near),
+            *(Descent(step, RIVAL_EDGE, RIVAL_EVALUATIONS) for step in best_wrong),
         ]
     )
-    apart = np.array([probe.distance(minimum, end) for end, _ in ends[:RETURNS]])
-    others = [
-        (loss, probe.distance(minimum, end))
-        for end, loss in ends
-        if probe.distance(minimum, end) > ELSEWHERE
-    ]
-    # Where all descents come back, the nearest rival is as bad as nothing is known to be.
-    rival, way = min(others, default=(math.inf, 0.0))
-    return _Around(
-        minimum,
-        least,
-        rival - least if others else math.inf,
-        way,
-        float(np.mean(apart < BACK)),
-        float(np.median(apart)),
-        probe.distance(origin, minimum),
-    )
+    return minimum, ends
 
 
-def _light(cost: Cost) -> float:
-    return cost.loss - EDGE_WEIGHT * (1.0 - cost.edge_cosine)
-
-
-def _spread(values: FloatArray) -> float:
-    """Robust standard deviation: of the median absolute deviation."""
-    return max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-6)
-
-
-def _explained(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> tuple[float, float]:
-    """Shares of the model's pixels, and of the photo's variance on it, that light explains."""
-    coloured = photo.channels.shape[2] == 3
-    clipped = replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
+def _explained(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
+    """The share of the model's pixels that light explains."""
+    clipped = shown_attributes(photo)
     image = renderer.render(level_pose(pose, photo.factor))
     seen = image.mask & (photo.weights > 0.0)
     lighting = recover_lighting(moments_of_images(image, clipped))
@@ -193,7 +142,134 @@ def _explained(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> tuple[
     left = colours - lighting.apply(model_attributes(image, clipped)[seen])
     counted = photo.channels[photo.weights > 0.0].astype(float)
     white = whiten(np.cov(counted.T).reshape(colours.shape[1], -1), counted.mean(axis=0))
-    lengths = np.sqrt(np.mean((left @ white.T) ** 2, axis=1))
-    before = np.mean(((colours - colours.mean(axis=0)) @ white.T) ** 2)
-    share = 1.0 - float(np.mean(lengths**2)) / max(float(before), 1e-12)
-    return float(np.mean(lengths < EXPLAINED)), min(max(share, 0.0), 1.0)
+    return float(np.mean(np.sqrt(np.mean((left @ white.T) ** 2, axis=1)) < EXPLAINED))
+
+
+def outline_support(
+    channels: NDArray[np.float32], weights: NDArray[np.float32], covered: NDArray[np.bool_]
+) -> float:
+    """The share, in [0, 1], of the outline's points with an edge of its direction in the photo.
+
+    Of a model that is seen where ``covered`` (height, width) on a photo (height, width, n); of
+    points within the picture whose pixel counts (``weights`` > 0).
+    """
+    places, normals = _outline(covered, weights)
+    if not len(places):
+        return 0.0
+    light = np.clip(channels, 0.0, 1.0) ** np.float32(LIGHTENING)
+    smooth = np.asarray(cv2.GaussianBlur(light, (0, 0), SMOOTHING_PX)).reshape(light.shape)
+    tensor = np.zeros((3, *light.shape[:2]), np.float32)
+    for channel in np.moveaxis(smooth, 2, 0):
+        du = cv2.Sobel(channel, cv2.CV_32F, 1, 0, scale=0.125)
+        dv = cv2.Sobel(channel, cv2.CV_32F, 0, 1, scale=0.125)
+        tensor += np.stack([du * du, du * dv, dv * dv])
+    steps = np.arange(-EDGE_PX, EDGE_PX + 1)
+    u, v = (places[:, None, :] + steps[None, :, None] * normals[:, None, :]).transpose(2, 0, 1)
+    here = u.astype(np.float32), v.astype(np.float32)
+    xx, xy, yy = (
+        np.asarray(cv2.remap(np.asarray(part), *here, cv2.INTER_LINEAR)) for part in tensor
+    )
+    n_u, n_v = normals[:, :1], normals[:, 1:]
+    along = n_u * n_u * xx + 2.0 * n_u * n_v * xy + n_v * n_v * yy
+    across = along / (xx + yy + PHOTO_NOISE**2)
+    return float(np.mean(across.max(axis=1) > EDGE_SHARE))
+
+
+def _outline(
+    covered: NDArray[np.bool_], weights: NDArray[np.float32]
+) -> tuple[FloatArray, FloatArray]:
+    """Points (k, 2) of the outline as column, row, and its outward normals (k, 2)."""
+    soft = np.asarray(cv2.GaussianBlur(covered.astype(np.float32), (0, 0), 1.5))
+    rim = covered & (cv2.erode(covered.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    rim &= weights > 0.0
+    rim[:2], rim[-2:], rim[:, :2], rim[:, -2:] = False, False, False, False
+    rows, columns = np.nonzero(rim)
+    gradient = np.stack(
+        [-cv2.Sobel(soft, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1))], axis=1
+    )
+    length = np.linalg.norm(gradient, axis=1)
+    kept = length > 1e-3
+    normals = gradient[kept] / length[kept, None]
+    return np.stack([columns, rows], axis=1)[kept].astype(float), normals.astype(float)
+
+
+def _weak_directions(
+    probe: Probe, place: FloatArray, least: float, contrast: float
+) -> tuple[WeakDirection, ...]:
+    """The directions of least curvature at a ``place`` (k,), of loss ``least``, along which the
+    loss hardly rises; ``contrast`` is what a typical wrong pose costs more.
+    """
+    found = []
+    limit = float(probe.losses([place])[0]) + WEAK_SHARE * contrast
+    for direction in _principal_directions(probe, place, least):
+        reach = 0.0
+        for wanted in WEAK_REACHES:
+            step = wanted * direction
+            if np.any(probe.losses([place + step, place - step]) > limit):
+                break
+            reach = wanted
+        if reach > 0.0:
+            found.append(_described(probe, direction @ probe.motions, reach))
+    return tuple(found)
+
+
+def _principal_directions(probe: Probe, place: FloatArray, centre: float) -> FloatArray:
+    """(k, k): a row each, the least curved first, by the second derivatives of the loss at a
+    ``place`` (k,), where it is ``centre``.
+    """
+    size = len(place)
+    axes = CURVATURE_STEP * np.eye(size)
+    pairs = list(combinations(range(size), 2))
+    ways = np.array([*axes, *(axes[i] + axes[j] for i, j in pairs)])
+    # (w,): the losses on both sides together.
+    both = probe.losses([*(place + ways), *(place - ways)]).reshape(2, -1).sum(axis=0)
+    hessian = np.diag((both[:size] - 2.0 * centre) / CURVATURE_STEP**2)
+    for (i, j), mixed in zip(pairs, both[size:], strict=True):
+        bend = mixed - both[i] - both[j] + 2.0 * centre
+        hessian[i, j] = hessian[j, i] = bend / (2.0 * CURVATURE_STEP**2)
+    if not np.all(np.isfinite(hessian)):
+        return np.eye(size)
+    return np.linalg.eigh(hessian)[1].T
+
+
+def _described(probe: Probe, motion: FloatArray, reach: float) -> WeakDirection:
+    """The parts of a unit motion (d,) that matter, each with how far it can go."""
+    is_parallel = isinstance(probe.chart.start.camera, Parallel)
+    depth = "changing the scale" if is_parallel else "changing the distance"
+    sizes = {
+        "changing the focal length": abs(float(motion[6])) if len(motion) > 6 else 0.0,
+        "turning": float(np.linalg.norm(motion[:3])),
+        "shifting in the picture": float(np.linalg.norm(motion[3:5])),
+        depth: abs(float(motion[5])),
+    }
+    degrees, percents, words = 0.0, [0.0], []
+    for name, size in sizes.items():
+        if size < NAMED_SHARE * max(sizes.values()):
+            continue
+        away = reach * size
+        if name == "turning":
+            degrees = math.degrees(away)
+            words.append(f"turning {_axis(motion[:3])} by {degrees:.0f}°")
+            continue
+        if name == "shifting in the picture":  # of two radii
+            percent = 50.0 * away
+        else:
+            gain = probe.chart.focal_gain if name == "changing the focal length" else 1.0
+            percent = 100.0 * (math.exp(min(away * gain, 5.0)) - 1.0)
+        percents.append(percent)
+        words.append(f"{name} by {percent:.0f} %")
+    return WeakDirection(
+        " with ".join(words), degrees, max(percents), tuple(float(x) for x in motion)
+    )
+
+
+def _axis(turn: FloatArray) -> str:
+    """An axis (3,) of the camera frame in words."""
+    share = np.abs(turn) / np.linalg.norm(turn)
+    names = ("the picture's horizontal", "the picture's vertical", "the line of sight")
+    nearest = int(np.argmax(share))
+    if share[nearest] > 0.9:
+        return f"about {names[nearest]}"
+    if nearest == 2 or share[2] > 0.5:
+        return f"about a slanted axis near {names[nearest]}"
+    return "about an axis in the picture's plane"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import pairwise, zip_longest
 from typing import Any
 
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.near import box_near
-from poseviewer.fit.problem import FitProgress, fit_pose, make_problem
+from poseviewer.fit.problem import box_near, make_problem
+from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
@@ -22,7 +24,6 @@ from poseviewer.render.pool import processors
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 
-Box = tuple[int, int, int, int]
 Watch = Callable[[str, FitProgress], Any]
 
 
@@ -131,17 +132,13 @@ def shared_settings(registrations: Sequence[Registration], settings: FitSettings
     if settings.pixels == "whole":
         return settings
     box = union_box([(found.mesh, found.start) for found in registrations])
-    region = box if settings.region is None else _intersection(box, settings.region)
-    return replace(settings, pixels="whole", region=Rectangle(*region))
+    region = box if settings.region is None else box.intersection(settings.region)
+    return replace(settings, pixels="whole", region=region)
 
 
-def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Box:
-    """Left, top, width and height in px of the box about all models, with the margin of a fit."""
-    boxes = np.array([box_near(mesh, pose) for mesh, pose in placed])
-    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    left, top = (int(value) for value in low)
-    width, height = (int(value) for value in high - low)
-    return left, top, width, height
+def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Rectangle:
+    """The box about all models, with the margin of a fit, px."""
+    return reduce(Rectangle.union, (box_near(mesh, pose) for mesh, pose in placed))
 
 
 def rank(candidates: Iterable[Candidate]) -> tuple[Ranked, ...]:
@@ -163,10 +160,3 @@ def _fitted(index: int, name: str, progress: FitProgress) -> Candidate:
         progress.evaluations,
         progress.seconds,
     )
-
-
-def _intersection(one: Box, other: Box) -> Box:
-    left, top = max(one[0], other[0]), max(one[1], other[1])
-    right = min(one[0] + one[2], other[0] + other[2])
-    bottom = min(one[1] + one[3], other[1] + other[3])
-    return left, top, max(right - left, 0), max(bottom - top, 0)

@@ -9,14 +9,14 @@ from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.reasons import reasons_for
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.problem import FitProblem, FitProgress, Status
+from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.verdict import Features, Verdict, Word
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.types import Renderer
 
 LARGEST_SCORE = 4.0
-"""So many standard deviations from the mean of the trials it was made from, a number says no more
-than that."""
+"""Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 
 
 def judge_end(
@@ -31,27 +31,24 @@ def judge_end(
 
 
 def judge(features: Features | None) -> Verdict:
-    """The verdict that the evidence comes to; None: the model is not to be seen at the pose."""
+    """The verdict by the features; None: the model is not to be seen at the pose."""
     if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
     probability = probability_of(features)
-    word: Word = "doubtful"
-    if probability >= FOUND_FROM:
-        word = "found"
-    elif probability < LOST_BELOW:
-        word = "lost"
+    is_lost = probability < LOST_BELOW
+    word: Word = "found" if probability >= FOUND_FROM else "lost" if is_lost else "doubtful"
     return Verdict(word, probability, reasons_for(features), features)
 
 
 def probability_of(features: Features) -> float:
-    """By logistic regression on the evidence's numbers."""
+    """By logistic regression on the features."""
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
-        away = (tamed(name, getattr(features, name)) - mean) / deviation
+        away = (scaled(name, getattr(features, name)) - mean) / deviation
         score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
     return 1.0 / (1.0 + math.exp(-score))
 
 
-def tamed(name: str, value: float) -> float:
-    """What has no bounds, by the inverse hyperbolic sine: a logarithm that can be 0 or less."""
+def scaled(name: str, value: float) -> float:
+    """Unbounded features by the inverse hyperbolic sine: a logarithm that takes 0 and less."""
     return math.asinh(value) if name.endswith(("_margin", "_percent")) else value

@@ -1,4 +1,4 @@
-"""The evidence about a pose in sentences."""
+"""The features of a pose in sentences."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from poseviewer.fit.verdict import Features
 
 MOST_WEAK = 3
 """Directions that are named."""
-HARDLY_BETTER = 2.0
-"""Standard deviations below what wrong poses cost."""
-HARDLY_TURNED = 0.3
-"""The same, above which turned ones must be: of 293 fits on real photos 30 had less, two right."""
+LOW_MARGIN = 2.0
+"""Loss margin, in standard deviations, that wrong poses often reach."""
+LOW_TURN_MARGIN = 0.3
+"""Turn margin that right poses seldom have."""
 GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 """Shares of the outline."""
 FEW_PIXELS = 1000
@@ -17,29 +17,19 @@ FEW_PIXELS = 1000
 
 def reasons_for(features: Features) -> tuple[str, ...]:
     """What speaks for and against the pose, a sentence each."""
-    found = [
-        _loss(features),
-        _restarts(features),
-        _rival(features),
-        _turned(features),
-        _outline(features),
-        _explained(features),
-        _hidden(features),
-        *(
-            f"The photo does not tell {weak.words}."
-            if index == 0
-            else f"Nor does it tell {weak.words}."
-            for index, weak in enumerate(features.weak[:MOST_WEAK])
-        ),
+    parts = (_loss, _restarts, _rival, _turned, _outline, _explained, _hidden)
+    weak = [
+        f"{'Nor does it tell' if index else 'The photo does not tell'} {direction.words}."
+        for index, direction in enumerate(features.weak[:MOST_WEAK])
     ]
-    return tuple(sentence for sentence in found if sentence)
+    return tuple(sentence for part in parts if (sentence := part(features))) + tuple(weak)
 
 
 def _loss(features: Features) -> str:
     margin = features.loss_margin
     if margin <= 0.0:
         return "Wrong poses of this model cost no more on this photo."
-    how = "no more than " if margin < HARDLY_BETTER else ""
+    how = "no more than " if margin < LOW_MARGIN else ""
     return (
         f"Its loss is {how}{margin:.1f} standard deviations below that of wrong poses of this "
         "model on this photo."
@@ -72,7 +62,7 @@ def _rival(features: Features) -> str:
 def _turned(features: Features) -> str:
     if features.turn_margin < 0.0:
         return "Turned about one of its own axes the model costs less on the coarse photo."
-    if features.turn_margin < HARDLY_TURNED:
+    if features.turn_margin < LOW_TURN_MARGIN:
         return "Turned about one of its own axes the model costs hardly more: it may be turned."
     return ""
 

@@ -1,4 +1,4 @@
-"""How much each number of the evidence weighs; written by
+"""The weight of each feature; written by
 ``python -m tests.measure.calibrate_verdict --write`` from 156 trials, 123 of them right.
 """
 
@@ -7,7 +7,7 @@ FEATURES: dict[str, tuple[float, float, float]] = {
     "spread_percent": (1.679, 0.544, -0.9448),
     "outline": (0.8347, 0.1425, 0.9164),
 }
-"""Of each number: mean and standard deviation among the trials, and its weight."""
+"""Of each feature: mean and standard deviation among the trials, and its weight."""
 OFFSET = 2.63
 FOUND_FROM, LOST_BELOW = 0.81, 0.5
-"""Probabilities from which on, and below which, the verdict is ``found`` and ``lost``."""
+"""Probabilities from which the verdict is ``found``, and below which it is ``lost``."""

@@ -1,40 +1,52 @@
-"""Looking around a pose: what it and others cost on a coarse level, by comparable small motions."""
+"""The loss around a pose, on a coarse level, by comparable small motions; and symmetric turns.
+
+A can turned about its axis keeps its outline, and so, nearly, do bottles, cups and many a machine.
+What is printed on it tells, but only a few degrees far: a search from farther away ends beside the
+right turn, with all else right.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 
 import numpy as np
 
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.loss import registration_loss
-from poseviewer.fit.near import box_near, inside, working_factor
-from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.problem import FitProblem, box_near, working_factor
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.hull import hull_points
+from poseviewer.geometry.hull import hull_points, principal_axes
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 FOCAL = ("log_focal", "focal")
-"""What charts call the number of the focal length."""
+"""What charts call the parameter of the focal length."""
 SMALL_STEP = 1e-4
-"""For the derivative of one chart's numbers by another's, in units of their spans."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """What a pose costs: the loss, and the agreement of the edges that is a part of it."""
-
-    loss: float
-    edge_cosine: float
+"""For the derivative of one chart's parameters by another's, in units of their scales."""
+TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
+"""Of descents."""
+TURNS_DEG = (15.0, 30.0, 45.0)
+"""To each side: a descent finds the right turn from half of the way to the next one."""
+FREE_SHARE = 0.9
+"""A turn counts where this share of it is left of what the search was free to change."""
+TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
+"""Of the descents from turned poses."""
+TURN_GAIN = 0.02
+"""Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
+OUTLINE_OVERLAP = 0.75
+"""Intersection over union of two poses' pictures from which their outlines count as the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,21 +61,30 @@ class Descent:
 class Probe:
     """The surroundings of a pose, as steps (k,) along the motions that its search was free in.
 
-    What is asked for together is done side by side; close it in the end.
+    What is asked for together is evaluated in parallel; close it in the end.
     """
 
     def __init__(
         self,
+        problem: FitProblem,
         photo: PhotoAttributes,
         mesh: Mesh,
         renderer: Renderer,
-        chart: FreeBodyChart,
-        motions: FloatArray,
+        pose: Pose,
         threads: int = 1,
     ) -> None:
-        """``motions`` (k, d), orthonormal, of the free-body chart about the pose."""
-        self.chart, self.motions, self._points = chart, motions, hull_points(mesh)
-        self.level: Level = coarsest_level(photo, renderer, chart.start, FEWEST_OF_STRUCTURE)
+        """``photo``: the ``compared_photo`` of problem and pose.
+
+        Raises:
+            PoseViewerError: the pose has no parameters in the problem's chart, or in any.
+        """
+        is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
+        has_focal = not isinstance(pose.camera, Parallel)
+        self.chart = FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
+        self.motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
+        """(k, d): orthonormal, of the free-body chart about the pose."""
+        self.level: Level = coarsest_level(photo, renderer, self.chart.start, FEWEST_OF_STRUCTURE)
+        self._mesh, self._points = mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
 
     def close(self) -> None:
@@ -78,39 +99,40 @@ class Probe:
         """
         return self.chart.to_pose(step @ self.motions)
 
-    def costs(self, steps: Sequence[FloatArray]) -> list[Cost | None]:
-        """What each step costs; None where it leads to no pose."""
-        return list(self._pool.map(self._cost, steps))
-
-    def losses(self, steps: Sequence[FloatArray]) -> FloatArray:
+    def losses(self, steps: Sequence[FloatArray] | FloatArray) -> FloatArray:
         """(s,): infinite where a step leads to no pose."""
-        return np.array([np.inf if cost is None else cost.loss for cost in self.costs(steps)])
+        return np.array(list(self._pool.map(self._loss, list(steps))))
 
     def descend(self, descents: Sequence[Descent]) -> list[tuple[FloatArray, float]]:
-        """Where each comes to, and what that costs."""
+        """Where each comes to, and the loss there."""
         return list(self._pool.map(self._descend, descents, at_a_time=1))
 
-    def _cost(self, renderer: Renderer, step: FloatArray) -> Cost | None:
+    def _loss(self, renderer: Renderer, step: FloatArray) -> float:
         try:
             pose = self.pose(step)
         except OutsideChartError:
-            return None
-        moments = renderer.moments(pose, self.level.photo)
-        return Cost(registration_loss(moments), moments.edge_cosine or 0.0)
+            return np.inf
+        return registration_loss(renderer.moments(pose, self.level.photo))
 
     def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
-        def loss(step: FloatArray) -> float:
-            cost = self._cost(renderer, step)
-            return np.inf if cost is None else cost.loss
+        edges = descent.edge * np.eye(len(descent.step))
+        states = nelder_mead.minimise(
+            lambda steps: map(partial(self._loss, renderer), steps), descent.step, edges, TOLERANCES
+        )
+        *_, last = islice(states, descent.evaluations + 1)
+        return last.best, last.value
 
-        simplex = axis_simplex(descent.step, np.full(len(descent.step), descent.edge))
-        states = downhill_simplex(loss, simplex, x_tolerance=2e-3, f_tolerance=1e-3)
-        best, value = descent.step, np.inf
-        for count, state in enumerate(states):
-            best, value = state.vertices[0], float(state.values[0])
-            if count >= descent.evaluations:
-                break
-        return best, value
+    def turns(self) -> FloatArray:
+        """(t, k): steps that turn the model about its principal axes, as far as its search was free
+        to; t is 0 where it was not.
+        """
+        axes = principal_axes(self._mesh) @ self.chart.start.camera_from_model.rotation.T
+        angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
+        turns = np.zeros((3 * len(angles), self.motions.shape[1]))
+        turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)
+        steps = turns @ self.motions.T
+        kept = np.linalg.norm(steps, axis=1) >= FREE_SHARE * np.linalg.norm(turns, axis=1)
+        return steps[kept]
 
     def distance(self, one: FloatArray, other: FloatArray) -> float:
         """Mean distance of the model's outer points in the photo, as a share of its diagonal."""
@@ -131,32 +153,36 @@ class Probe:
         return np.count_nonzero(masks[0] & masks[1]) / either if either else 0.0
 
 
-def probe_about(
-    problem: FitProblem,
-    photo: PhotoAttributes,
-    mesh: Mesh,
-    renderer: Renderer,
-    pose: Pose,
-    threads: int = 1,
-) -> Probe:
-    """The surroundings of a pose of the problem, on the ``compared_photo`` of both.
-
-    Raises:
-        PoseViewerError: the pose has no numbers in the problem's chart, or in any.
+def better_turn(
+    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
+) -> FloatArray | None:
+    """The problem's parameters (d,) of the best pose of the same outline that descents from turned
+    ones come to on a coarse level; None where that is no better than what the pose itself comes to.
     """
-    is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
-    has_focal = not isinstance(pose.camera, Parallel)
-    chart = FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
-    motions = free_motions(problem, problem.chart.from_pose(pose), chart)
-    return Probe(photo, mesh, renderer, chart, motions, threads)
+    photo = compared_photo(problem, mesh, pose)
+    with (
+        suppress(PoseViewerError),
+        closing(Probe(problem, photo, mesh, renderer, pose, threads)) as probe,
+    ):
+        starts = [np.zeros(len(probe.motions)), *probe.turns()]
+        (_, own), *ends = probe.descend(
+            [Descent(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
+        )
+        for step, loss in sorted(ends, key=lambda end: end[1]):
+            if loss > own - TURN_GAIN:
+                break
+            if probe.overlap(starts[0], step) >= OUTLINE_OVERLAP:
+                parameters = problem.chart.from_pose(probe.pose(step))
+                return problem.complete(parameters[problem.free_indices])
+    return None
 
 
 def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttributes:
-    """What the pose is judged on: classes and edges near it, whatever its search has looked at."""
+    """Classes and edges near the pose, whatever its search has compared."""
     photo = problem.photo
     if photo.structure is not None:
         return photo
-    near = photo.weights * inside(photo.weights.shape, box_near(mesh, pose))
+    near = photo.weights * box_near(mesh, pose).mask(*photo.weights.shape)
     plain = replace(photo, weights=near, clipped=False)
     return structured(plain, working_factor(mesh, pose))
 
@@ -177,7 +203,7 @@ def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyCha
 def _motion(
     problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
 ) -> FloatArray | None:
-    """What a number's change does, per span; forwards or, at the border of the problem's chart,
+    """What a parameter's change does, per scale; forwards or, at the border of the problem's chart,
     backwards. None where neither leads to a pose.
     """
     step = SMALL_STEP * problem.chart.scales(parameters)[index]

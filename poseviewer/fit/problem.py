@@ -1,66 +1,42 @@
-"""A fit: numbers of a chart to a pose, to moments, to a loss; and the search over them."""
+"""The registration problem: photo, chart and start; its loss; and how it is made from settings."""
 
 from __future__ import annotations
 
 import enum
-import time
-from collections.abc import Callable, Iterator, Sequence
+import math
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.errors import SettingsError
-from poseviewer.fit.chart_choice import choose_chart
+from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.loss import fewest_pixels, registration_loss, worst_registration_loss
-from poseviewer.fit.near import FINEST_PIXELS, box_near, inside, working_factor
-from poseviewer.fit.paper import paper_loss, paper_stages
+from poseviewer.fit.paper import paper_loss
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings, Limits, Method
-from poseviewer.fit.stages import Scope, Stage, make_stages
-from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.optimise.cma_es import CloudState, CmaOptions, evolve
-from poseviewer.optimise.nelder_mead import SimplexState
-from poseviewer.optimise.quadratic import QuadraticOptions, quadratic_descent
-from poseviewer.optimise.restarts import RestartOptions, SearchState, restarted_simplex
-from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, smaller, structured, with_structure
+from poseviewer.optimise.restarts import RestartOptions
+from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
-
-OfMany = Callable[[Sequence[FloatArray]], Iterator[float]]
-Clouds = Iterator[CloudState]
-
-JUDGED_EVERY = 32
-"""After so many evaluations on a sketch, the best of them is judged on the photo."""
-ASTRAY = 1.0
-"""A search on a finer photo that ends where the loss on the photo is so much greater has left the
-valley. On drawn photos the two ends differ by a tenth of it."""
+from poseviewer.vehicle.chart import VehicleChart
+from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 
-class Status(enum.Enum):
-    """How a search stands; the value is a sentence for the user, with what to try."""
+class Strategy(enum.Enum):
+    """Where a search begins and how far it looks: the first one, and those that may follow."""
 
-    RUNNING = "Searching."
-    CONVERGED = "Converged: restarting the search at its minimum no longer improves it."
-    EVALUATIONS_SPENT = (
-        "Stopped at the limit of evaluations: the best pose so far is kept; "
-        "fit again from it, or raise --evaluations."
-    )
-    SECONDS_SPENT = (
-        "Stopped at the time limit: the best pose so far is kept; "
-        "fit again from it, or raise --seconds."
-    )
-    STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
-    NOTHING_SEEN = (
-        "No pose near the start shows enough of the model in the region: "
-        "bring the start closer, or widen the region."
-    )
+    FIRST = "from the user's start"
+    CONTINUE = "from where the search before ended, nearby"
+    SYMMETRIC = "from there with the model turned about an axis of its own, nearby"
+    GLOBAL = "from the user's start, farther about it"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,78 +46,50 @@ class FitProblem:
     photo: PhotoAttributes
     chart: Chart
     start: FloatArray
-    """(d,): the chart's numbers of the start pose."""
+    """(d,): the chart's parameters of the start pose."""
     free: tuple[bool, ...] = ()
-    """(d,): which numbers the search may change; empty: all."""
-    rules: RestartOptions = field(default_factory=RestartOptions)
+    """(d,): which parameters the search may change; empty: all."""
+    options: RestartOptions = field(default_factory=RestartOptions)
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     method: Method = "default"
-    """How poses are judged and searched for: ours, or as in ``fit.paper``."""
-    finer: PhotoAttributes | None = None
-    """The photo made less small, without structure: a search ends on it. None: on ``photo``."""
-    scope: Scope = "usual"
-    """How far about the start to look."""
+    """Ours, or that of ``fit.paper``."""
+    fine_photo: PhotoAttributes | None = None
+    """A finer pyramid level, without structure, on which a search is refined. None: there is none.
+    """
+    strategy: Strategy = Strategy.FIRST
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
-    """The indices of the free numbers."""
+    """The indices of the free parameters."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", frozen_array(self.start, (len(self.chart.names),)))
         if not self.free:
             object.__setattr__(self, "free", (True,) * len(self.start))
         if len(self.free) != len(self.start) or not any(self.free):
-            raise ValueError("`free` must name each number of the chart, and free one at least")
+            raise ValueError("`free` must name each parameter, and free one at least")
         object.__setattr__(self, "free_indices", np.flatnonzero(self.free))
 
     @property
     def worst_loss(self) -> float:
-        """What numbers cost that show nothing of the model, or stand for no pose."""
+        """The loss of parameters that show nothing of the model, or stand for no pose."""
         return worst_registration_loss(self.photo)
 
-    def complete(self, free_numbers: FloatArray) -> FloatArray:
-        """(..., d): the start's numbers with the free ones replaced by (..., k)."""
-        parameters = np.empty((*free_numbers.shape[:-1], len(self.start)))
+    def complete(self, free_parameters: FloatArray) -> FloatArray:
+        """(..., d): the start's parameters with the free ones replaced by (..., k)."""
+        parameters = np.empty((*free_parameters.shape[:-1], len(self.start)))
         parameters[...] = self.start
-        parameters[..., self.free_indices] = free_numbers
+        parameters[..., self.free_indices] = free_parameters
         return parameters
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FitProgress:
-    """A search after one more evaluation: the best so far, and where it is looking.
-
-    ``numbers``, ``pose`` and the losses are judged on the photo itself, whatever the level that
-    the simplex is on.
-    """
-
-    parameters: FloatArray
-    """(d,): the best numbers, in the problem's chart."""
-    pose: Pose
-    loss: float
-    start_loss: float
-    simplex: FloatArray
-    """(k + 1, d): the corners of the simplex, the best first."""
-    simplex_losses: FloatArray
-    """(k + 1,): on the simplex's level; infinite for corners not yet evaluated."""
-    evaluations: int
-    """On all levels."""
-    restart: int
-    seconds: float
-    status: Status
-    factor: int = 1
-    """How many times smaller the photo is that the simplex is on."""
-    verdict: Verdict | None = None
-    """Of the last one of a ``judged_fit``: whether the pose is right."""
-
-
-def pose_loss(problem: FitProblem, renderer: Renderer, parameters: FloatArray) -> float:
-    """The loss at the chart's ``numbers`` (d,); numbers that stand for no pose cost the most."""
-    return _loss(problem, problem.photo, renderer, parameters)
-
-
-def _loss(
-    problem: FitProblem, photo: PhotoAttributes, renderer: Renderer, parameters: FloatArray
+def pose_loss(
+    problem: FitProblem,
+    renderer: Renderer,
+    parameters: FloatArray,
+    photo: PhotoAttributes | None = None,
 ) -> float:
+    """The loss at ``parameters`` (d,), on the problem's photo or another level of it."""
+    photo = problem.photo if photo is None else photo
     try:
         pose = problem.chart.to_pose(parameters)
     except OutsideChartError:
@@ -152,177 +100,88 @@ def _loss(
     return registration_loss(moments)
 
 
-def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Iterator[FitProgress]:
-    """Search from the problem's start, coarse to fine; yields after every evaluation, the outcome
-    last.
-
-    To stop it, stop asking. Deterministic but for ``Limits.seconds``: also, poses that are judged
-    on several ``threads`` at a time, where the search knows several, are the same ones.
-    """
-    for progress in _Search(problem, renderer, threads).run():
-        yield progress
-        if progress.status is not Status.RUNNING:
-            return
-
-
-def stages_of(problem: FitProblem, renderer: Renderer, start: Pose) -> tuple[Stage, ...]:
-    """The stages that a search from ``start`` goes through."""
-    if problem.method == "paper":
-        return paper_stages(problem.photo, renderer, problem.rules)
-    photo, rules = problem.photo, problem.rules
-    return make_stages(photo, renderer, start, rules, problem.finer, problem.scope)
-
-
-class _Search:
-    """A search under way: what has been spent, and the best pose on the photo itself."""
-
-    def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
-        self._problem, self._threads = problem, threads
-        self._photo = Level(1, problem.photo, renderer)
-        self._began = time.perf_counter()
-        self._evaluations, self._restart = 0, 0
-        self._start_loss, self._loss = np.inf, np.inf
-        self._best = problem.start[problem.free_indices]
-        self._spans = problem.chart.scales(problem.start)[problem.free_indices]
-        self._units = np.diag(self._spans)
-        self._numbers, self._pose = problem.start, problem.chart.to_pose(problem.start)
-
-    def run(self) -> Iterator[FitProgress]:
-        """Progress after every evaluation, and once more at the end of every descent."""
-        problem = self._problem
-        renderer = self._photo.renderer
-        stages = stages_of(problem, renderer, self._pose)
-        for stage in stages:
-            if stage.on == "a finer photo":
-                yield from self._closer(stage)
-            elif stage.on == "the photo":
-                yield from self._on_the_photo(stage, stage is stages[-1])
-            else:
-                yield from self._coarsely(stage)
-            self._restart += 1
-
-    def _on_the_photo(self, stage: Stage, is_last: bool) -> Iterator[FitProgress]:
-        for state in self._states(stage):
-            self._consider(state.best, state.value)
-            ends = is_last or self._loss >= self._problem.worst_loss
-            yield self._progress(state.simplex, 1, state.finished and ends)
-
-    def _coarsely(self, stage: Stage) -> Iterator[FitProgress]:
-        """Losses of two levels cannot be compared: the best pose of this one is judged on the
-        photo every now and then.
-        """
-        factor, judge = stage.level.factor, self._objective(self._photo)
-        corners = np.tile(self._best, (len(self._best) + 1, 1))
-        simplex = SimplexState(corners, np.full(len(corners), np.inf))
-        judged, due = self._best, JUDGED_EVERY
-        self._consider(judged, judge(judged))
-        yield self._progress(simplex, factor)
-        for state in self._states(stage):
-            yield self._progress(state.simplex, factor)
-            is_due = state.simplex.converged or self._evaluations >= due
-            if is_due and not np.array_equal(state.best, judged):
-                judged, due = state.best, self._evaluations + JUDGED_EVERY
-                self._consider(judged, judge(judged))
-                yield self._progress(state.simplex, factor)
-
-    def _closer(self, stage: Stage) -> Iterator[FitProgress]:
-        """On a finer photo, whose word counts: its least loss is taken, though on the photo it
-        costs a little more. Where it costs much more the search has gone astray, and is forgotten.
-        """
-        # Only now, as most searches of a short limit never come here.
-        level = replace(stage.level, photo=with_structure(stage.level.photo, is_steep=True))
-        for state in self._states(replace(stage, level=level)):
-            if state.finished:
-                loss = self._objective(self._photo)(state.best)
-                if loss <= self._loss + ASTRAY:
-                    self._loss = np.inf
-                    self._consider(state.best, loss)
-            yield self._progress(state.simplex, 1, state.finished)
-
-    def _states(self, stage: Stage) -> Iterator[SearchState]:
-        problem, before, rules = self._problem, self._restart, stage.rules
-        if not isinstance(rules, RestartOptions):
-            with RendererPool(stage.level.renderer, self._threads) as pool:
-                objective = self._of_many(stage.level.photo, pool)
-                for cloud in self._clouds(rules, objective):
-                    self._units = cloud.axes
-                    best, value = cloud.vertices[0], float(cloud.values[0])
-                    yield SearchState(best, value, cloud, before, cloud.converged)
-            return
-        search = self._best, self._units, rules, problem.seed
-        for state in restarted_simplex(self._objective(stage.level), *search):
-            self._restart = before + state.restart
-            yield state
-
-    def _clouds(self, rules: CmaOptions | QuadraticOptions, objective: OfMany) -> Clouds:
-        best, seed = self._best, self._problem.seed
-        if isinstance(rules, CmaOptions):
-            return evolve(objective, best, self._spans, rules, seed)
-        return quadratic_descent(objective, best, self._units, rules, seed)
-
-    def _objective(self, level: Level) -> Callable[[FloatArray], float]:
-        problem = self._problem
-
-        def objective(free_numbers: FloatArray) -> float:
-            self._evaluations += 1
-            parameters = problem.complete(free_numbers)
-            return _loss(problem, level.photo, level.renderer, parameters)
-
-        return objective
-
-    def _of_many(self, photo: PhotoAttributes, pool: RendererPool) -> OfMany:
-        problem = self._problem
-
-        def loss(renderer: Renderer, parameters: FloatArray) -> float:
-            return _loss(problem, photo, renderer, parameters)
-
-        def objective(points: Sequence[FloatArray]) -> Iterator[float]:
-            for found in pool.map(loss, [problem.complete(point) for point in points]):
-                self._evaluations += 1
-                yield found
-
-        return objective
-
-    def _consider(self, free_numbers: FloatArray, loss: float) -> None:
-        """Keep the numbers if there is nothing better; ``loss`` is on the photo."""
-        if self._start_loss == np.inf:
-            self._start_loss = loss
-        if loss < self._loss:
-            self._best, self._loss = free_numbers, loss
-            self._numbers = self._problem.complete(free_numbers)
-            self._pose = self._problem.chart.to_pose(self._numbers)
-
-    def _progress(self, simplex: SimplexState, factor: int, finished: bool = False) -> FitProgress:
-        seconds = time.perf_counter() - self._began
-        return FitProgress(
-            parameters=self._numbers,
-            pose=self._pose,
-            loss=self._loss,
-            start_loss=self._start_loss,
-            simplex=self._problem.complete(simplex.vertices),
-            simplex_losses=simplex.values,
-            evaluations=self._evaluations,
-            restart=self._restart,
-            seconds=seconds,
-            status=self._status(seconds, finished),
-            factor=factor,
-        )
-
-    def _status(self, seconds: float, finished: bool) -> Status:
-        problem = self._problem
-        if finished:
-            seen = self._loss < problem.worst_loss
-            return Status.CONVERGED if seen else Status.NOTHING_SEEN
-        if self._evaluations >= problem.limits.evaluations:
-            return Status.EVALUATIONS_SPENT
-        if seconds >= problem.limits.seconds:
-            return Status.SECONDS_SPENT
-        return Status.RUNNING
-
-
 LEAST_COLOUR = 0.02
-"""Standard deviation, across the photo's own main line of colour, from which on it has colours:
-5 grey levels of 255. Sensor noise has 1 or 2; the real photos we know have 10 and more."""
+"""Standard deviation across the main line of a photo's colours, of 1, from which it has colours: 5
+grey levels of 255, above a sensor's noise."""
+NEAR_MARGIN = 0.25
+"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
+WORKING_PIXELS = 20_000
+"""Of the model's convex outline at the start: a photo that shows more is reduced. Half a pixel of
+these is less than a hundredth of the model's size."""
+FINE_PIXELS = 150_000
+"""The same for the photo that a search is refined on: there the minimum is nearer to the truth."""
+
+
+def make_problem(
+    registration: Registration, settings: FitSettings, mask: NDArray[np.float32] | None = None
+) -> tuple[FitProblem, str]:
+    """The problem of fitting from the start pose, and a note on the chart ("" if none is due).
+
+    Raises:
+        SettingsError: the settings do not go with the photo or the model.
+        SingularChartError: the wanted chart has no parameters at the start pose.
+    """
+    mesh, pose = registration.mesh, registration.start
+    chart, note = choose_chart(
+        settings.chart, mesh, registration.keypoints, pose, settings.free_focal
+    )
+    unknown = set(settings.lock) - set(chart.names)
+    if unknown:
+        raise SettingsError(
+            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
+            f"it has {', '.join(chart.names)}"
+        )
+    free = tuple(name not in settings.lock for name in chart.names)
+    if not any(free):
+        raise SettingsError("--lock holds every number of the chart; leave one free at least")
+    plain = _plain_attributes(registration.photo, mesh, pose, settings, mask)
+    photo = _compared(plain, registration.photo.name, mesh, pose, settings)
+    fine_factor = working_factor(mesh, pose, FINE_PIXELS)
+    is_coarser = photo.structure is not None and fine_factor < working_factor(mesh, pose)
+    problem = FitProblem(
+        photo,
+        chart,
+        chart.from_pose(pose),
+        free,
+        settings.options,
+        settings.limits,
+        settings.seed,
+        settings.method,
+        smaller(plain, fine_factor) if is_coarser else None,
+    )
+    return problem, note
+
+
+def choose_chart(
+    wanted: ChartName,
+    mesh: Mesh,
+    keypoints: VehicleKeypoints | None,
+    pose: Pose,
+    free_focal: bool = False,
+) -> tuple[Chart, str]:
+    """The chart about ``pose``, and why it is not the vehicle chart where it is not (or "").
+
+    ``auto`` takes the vehicle chart where the model has key points and the pose is regular.
+
+    Raises:
+        SettingsError: the vehicle chart is wanted of a model without key points.
+        SingularChartError: the wanted chart has no parameters at the pose.
+    """
+    reason = "the model has no wheels that poseviewer knows of"
+    if wanted != "free-body" and keypoints is not None:
+        try:
+            return VehicleChart.near(keypoints, pose, free_focal), ""
+        except SingularChartError as error:
+            if wanted == "vehicle":
+                raise SingularChartError(f"{error}; use --chart free-body") from error
+            reason = str(error)
+    elif wanted == "vehicle":
+        raise SettingsError(
+            f"{reason}; the vehicle chart needs MODEL.keypoints.json beside the model, or parts "
+            f"named like wheels; or use --chart free-body"
+        )
+    chart = FreeBodyChart.near(mesh, pose, free_focal)
+    return chart, "" if wanted == "free-body" else reason
 
 
 def make_photo_attributes(
@@ -339,34 +198,13 @@ def make_photo_attributes(
             than a fit needs.
     """
     plain = _plain_attributes(photo, mesh, start, settings, mask)
-    return _as_compared(plain, photo.name, mesh, start, settings)
+    return _compared(plain, photo.name, mesh, start, settings)
 
 
-def _as_compared(
-    plain: PhotoAttributes, name: str, mesh: Mesh, start: Pose, settings: FitSettings
-) -> PhotoAttributes:
-    found = plain
-    if not plain.clipped and settings.method == "default":
-        found = structured(plain, working_factor(mesh, start))
-    wanted = fewest_pixels(found.photo_channels + found.model_channels)
-    if np.count_nonzero(plain.weights) < wanted:
-        raise SettingsError(
-            f"{name}: {np.count_nonzero(plain.weights)} pixels count, and a fit needs at least "
-            f"{wanted}; use a larger photo or region"
-        )
-    return found
-
-
-def _finer(
-    plain: PhotoAttributes, mesh: Mesh, start: Pose, settings: FitSettings
-) -> PhotoAttributes | None:
-    """What a search ends on, if that is finer than what it goes through."""
-    if plain.clipped or settings.method == "paper":
-        return None
-    factor = working_factor(mesh, start, FINEST_PIXELS)
-    if factor >= working_factor(mesh, start):
-        return None
-    return smaller(plain, factor)
+def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
+    """The attributes that a pose is shown relit by: the model's own pixels, and all its colours."""
+    coloured = photo.channels.shape[2] == 3
+    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
 
 
 def _plain_attributes(
@@ -374,79 +212,55 @@ def _plain_attributes(
     mesh: Mesh,
     start: Pose,
     settings: FitSettings,
-    mask: NDArray[np.float32] | None = None,
+    mask: NDArray[np.float32] | None,
 ) -> PhotoAttributes:
-    """F and P before the photo is made smaller and told apart."""
+    """F and P at the photo's own size, without structure."""
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
     if photo.covered is not None:
         weights = weights * photo.covered
     if settings.region is not None:
-        weights = weights * _rectangle(photo, settings.region)
+        region = settings.region.mask(photo.height, photo.width)
+        if not region.any():
+            left, top, width, height = settings.region
+            raise SettingsError(
+                f"--region {left},{top},{width},{height} has no pixel in the photo of "
+                f"{photo.width}x{photo.height} px; give left,top,width,height in px"
+            )
+        weights = weights * region
     if settings.pixels == "near" and np.any(weights > 0.0):
-        weights = weights * inside((photo.height, photo.width), box_near(mesh, start))
+        weights = weights * box_near(mesh, start).mask(photo.height, photo.width)
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
                 "and the region, or use --pixels whole"
             )
-    clipped = settings.pixels == "clip"
     coloured = not settings.grey and _has_colour(photo, weights)
     channels = photo.as_float() if coloured else photo.grey()[..., None]
-    return PhotoAttributes(channels, weights, clipped, settings.colour_reflectance)
+    is_clipped = settings.pixels == "clip"
+    return PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
 
 
-def make_problem(
-    registration: Registration, settings: FitSettings, mask: NDArray[np.float32] | None = None
-) -> tuple[FitProblem, str]:
-    """The problem of fitting from the start pose, and a note on the chart ("" if none is due).
-
-    Raises:
-        SettingsError: the settings do not go with the photo or the model.
-        SingularChartError: the wanted chart has no numbers at the start pose.
-    """
-    pose = registration.start
-    chart, note = choose_chart(
-        settings.chart, registration.mesh, registration.keypoints, pose, settings.free_focal
-    )
-    unknown = set(settings.lock) - set(chart.names)
-    if unknown:
+def _compared(
+    plain: PhotoAttributes, name: str, mesh: Mesh, start: Pose, settings: FitSettings
+) -> PhotoAttributes:
+    """The level that poses are compared on, with its structure where that is used."""
+    photo = plain
+    if not plain.clipped and settings.method == "default":
+        photo = structured(plain, working_factor(mesh, start))
+    fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
+    if np.count_nonzero(plain.weights) < fewest:
         raise SettingsError(
-            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
-            f"it has {', '.join(chart.names)}"
+            f"{name}: {np.count_nonzero(plain.weights)} pixels count, and a fit needs at least "
+            f"{fewest}; use a larger photo or region"
         )
-    free = tuple(name not in settings.lock for name in chart.names)
-    if not any(free):
-        raise SettingsError("--lock holds every number of the chart; leave one free at least")
-    mesh = registration.mesh
-    plain = _plain_attributes(registration.photo, mesh, pose, settings, mask)
-    problem = FitProblem(
-        _as_compared(plain, registration.photo.name, mesh, pose, settings),
-        chart,
-        chart.from_pose(pose),
-        free,
-        settings.rules,
-        settings.limits,
-        settings.seed,
-        settings.method,
-        _finer(plain, mesh, pose, settings),
-    )
-    return problem, note
-
-
-def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
-    """The attributes by which a pose is shown relit: the model's own pixels, and all its colours.
-
-    The search may look at less, or at more, than what the light on the model is best judged by.
-    """
-    coloured = photo.channels.shape[2] == 3
-    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
+    return photo
 
 
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
     """Whether the colours of the pixels that count leave a line in RGB by more than noise.
 
-    The loss takes every channel for as good as any other, whatever its range: beside a grey scene
-    it would weigh the noise of its colours.
+    The loss takes every channel for as good as any other, whatever its range: in a grey scene it
+    would weigh the noise of the colours.
     """
     if photo.pixels.shape[2] == 1:
         return False
@@ -457,12 +271,25 @@ def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
     return bool(variances[1] > LEAST_COLOUR**2)
 
 
-def _rectangle(photo: Photo, region: Rectangle) -> NDArray[np.float32]:
-    left, top, width, height = region
-    found = inside((photo.height, photo.width), (left, top, left + width, top + height))
-    if not found.any():
-        raise SettingsError(
-            f"--region {left},{top},{width},{height} has no pixel in the photo of "
-            f"{photo.width}x{photo.height} px; give left,top,width,height in px"
-        )
-    return found
+def box_near(mesh: Mesh, start: Pose) -> Rectangle:
+    """The box of the model at the start, with a margin around it, px."""
+    size = np.array([start.camera.width, start.camera.height])
+    seen = start.project(hull_points(mesh))
+    seen = seen[np.all(np.isfinite(seen), axis=1)]
+    if not len(seen):
+        return Rectangle(0.0, 0.0, 0.0, 0.0)
+    # Where the start fills the photo and more, the photo is all there is to look at.
+    low, high = np.clip([seen.min(axis=0), seen.max(axis=0)], -size, 2 * size)
+    margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
+    return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))
+
+
+def working_factor(mesh: Mesh, start: Pose, most: float = WORKING_PIXELS) -> int:
+    """How many times a photo is reduced: the model about the start then has ``most`` pixels."""
+    seen = start.project(hull_points(mesh))
+    seen = seen[np.all(np.isfinite(seen), axis=1)].astype(np.float32)
+    if len(seen) < 3:
+        return 1
+    whole = float(start.camera.width * start.camera.height)
+    area = min(float(cv2.contourArea(cv2.convexHull(seen))), whole)
+    return max(1, math.ceil(math.sqrt(area / most)))

@@ -60,7 +60,8 @@ class FitSettings:
     mask: str | None = None
     """File name of the mask, for the record."""
     renderer: RendererName = "software"
-    rules: RestartOptions = field(default_factory=RestartOptions)
+    options: RestartOptions = field(default_factory=RestartOptions)
+    """Of the restarted simplex; in files it is called ``rules``."""
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
 
@@ -81,23 +82,42 @@ class FitSettings:
                 object.__setattr__(self, "pixels", "clip")
 
 
+_JSON_NAMES = {
+    "options": "rules",
+    "multi_starts": "scouts",
+    "multi_start_x_tolerance": "scout_x_tolerance",
+    "multi_start_f_tolerance": "scout_f_tolerance",
+}
+"""What files call some fields."""
+
+
 def settings_as_json(settings: FitSettings) -> dict[str, Any]:
     """The settings as JSON holds them; what is not set is left out."""
-    return {key: value for key, value in asdict(settings).items() if value is not None}
+    return asdict(
+        settings,
+        dict_factory=lambda pairs: {
+            _JSON_NAMES.get(key, key): value for key, value in pairs if value is not None
+        },
+    )
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
     """The settings from ``settings_as_json``; what is not known, or makes no sense, is left out."""
-    known = {field.name for field in fields(FitSettings)}
-    given = {key: value for key, value in data.items() if key in known}
+    given = {f.name: data[key] for f in fields(FitSettings) if (key := _json_name(f.name)) in data}
+    known = {_json_name(f.name): f.name for f in fields(RestartOptions)}
     try:
-        if "rules" in given:
-            given["rules"] = RestartOptions(**given["rules"])
+        if "options" in given:
+            options = {str(known.get(key, key)): x for key, x in given["options"].items()}
+            given["options"] = RestartOptions(**options)
         if "limits" in given:
             given["limits"] = Limits(**given["limits"])
         for key in ("lock", "region"):
             if key in given:
                 given[key] = tuple(given[key])
         return FitSettings(**given)
-    except TypeError:
+    except (TypeError, AttributeError):
         return FitSettings()
+
+
+def _json_name(field_name: str) -> str:
+    return _JSON_NAMES.get(field_name, field_name)

@@ -1,130 +1,253 @@
-"""Coarse to fine: the levels of the photo that a search goes through, and how it searches each.
+"""The stages of a search, coarse to fine, and running them.
 
-Most of a search is spent on finding the right valley, and a coarse level shows the same valleys:
-its minimum lies within one of its pixels of the full photo's. So the wide part of the search runs
-where an evaluation costs a fraction. Where all poses are judged on the same pixels that part is an
-evolving cloud; a second, smaller one goes on upon the full photo, and quadratic models of the loss
-end the search, if there is one on a still finer photo. Where each is judged on the pixels that it
-covers, scouts and a restarted simplex are the wide part, and a simplex of the size of the level's
-pixels is left to go downhill on the full photo, until restarts no longer improve it.
+A coarse pyramid level shows the same valleys at a fraction of the cost: its minimum lies within one
+of its pixels of the photo's. Where all poses are compared on the same pixels, CMA-ES goes first, on
+the coarsest level and then on the photo itself with a lighter model, and quadratic models of the
+loss end the search, on the finest level there is. Where each pose is compared on the pixels that it
+covers, a restarted simplex searches the coarse level from several starts, and then the photo.
 """
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any
 
-from poseviewer.geometry.camera import Pose
+import numpy as np
+
+from poseviewer.fit.paper import paper_options
+from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
+from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.optimise import cma_es, quadratic, restarts
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restarts import RestartOptions
-from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.optimise.state import State
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
+from poseviewer.render.types import Renderer
 
 FEWEST_PIXELS = 5000
-"""The coarsest level still shows the model at the start in so many pixels: 70 along each side.
-With a fourth of it the side valleys reach up to the start: on the demo half as many scouts end in
-the right one."""
+"""That the model covers at the start on the coarsest level, 70 along each side: on a coarser one
+side valleys reach up to the start."""
 FEWEST_OF_STRUCTURE = 2000
-"""The same where classes and edges are compared: they reach farther than shades do. With a fourth
-of it the least loss of the demo is 10 per cent away from the truth."""
-COARSE_SCOUTS, COARSE_STEP = 1.5, 2.0
-"""Scouts cost little on a coarse level: how many times more are sent there, and how much wider."""
-COARSE_TOLERANCE = 8.0
-"""How many times less exactly a coarse level is searched than the photo itself."""
-COARSE_CLOUD = CmaOptions(least_width=0.04)
-"""Narrower than this a coarse level tells little: its minimum
-is up to 5 per cent beside the photo's, on cars whose paint is not the model's."""
-WIDE_CLOUD = replace(COARSE_CLOUD, width=0.2, nearness=1.0)
-"""For another search, where the first ones ended in a pose that is not ``found``."""
-FINE_CLOUD = CmaOptions(width=0.06, generations=24, least_width=2e-3)
-"""On the photo itself, as wide as the coarse one can be wrong, and pulled to where that ended:
-without it, one in ten runs away to where the model fills the photo. Along a flat valley, a black
-car in front of black, it is still on its way after 16 generations: there 75 per cent of 40
-starts found the pose, with 24 it is 97 of 60, and no more with 32."""
+"""The same where classes and edges are compared: they reach farther than shades do."""
+COARSE_POPULATION = CmaOptions(least_sigma=0.04)
+"""Ends early: the coarse minimum is up to 5 % beside the photo's."""
+GLOBAL_POPULATION = replace(COARSE_POPULATION, sigma=0.2, nearness=1.0)
+FINE_POPULATION = CmaOptions(sigma=0.06, generations=24, least_sigma=2e-3)
+"""On the photo itself: as wide as the coarse level can be wrong."""
+LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
+"""In standard deviations of the population before. The loss is some 40 in all: a gain of less than
+0.02 moves the model by less than a twentieth of a pixel."""
+REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
+"""On the fine photo, in the reach of the models before: its minimum is a pixel away at most."""
+WITHOUT_STRUCTURE = 1 / 30
+"""A difference in loss without structure as a share of one with it, where logarithms are summed."""
+COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
+"""Number of starts, edge of the simplex and tolerances on a coarse level, times the options'."""
 FINE_STEP = 0.3
-"""Edge of a simplex on the full photo after a coarse search, as a share of the rules' step: a
-pixel of the coarsest level, which is 1 to 2 per cent of the model's size, whatever the photo's."""
-LAST_STEPS = QuadraticOptions(reach=2.0, rise=0.6)
-"""After a cloud, in units of its standard deviations. The loss is a sum of logarithms there, some
-40 in all: what gains less than 0.02 moves the model by less than a twentieth of a pixel."""
-CLOSER_STEPS = QuadraticOptions(reach=1.0, rise=0.3)
-"""On the finer photo, whose least loss is a pixel of the photo away at most; in units of the reach
-of the models before."""
-
-
-PLAIN = 1 / 30
-"""What a difference in loss is worth without classes and edges, of one with them: shares of the
-variance are added up then, not their logarithms."""
-
-
-Scope = Literal["near", "usual", "wide"]
-"""How far about the start a search with evolving clouds looks: near, it leaves out the first cloud.
-"""
-
-On = Literal["a sketch", "the photo", "a finer photo"]
-"""What a stage minimises the loss on: a sketch is of fewer pixels or triangles, or something else
-is minimised beside; a finer photo has no structure yet."""
+"""Edge of the simplex on the photo after a coarse level, times the options': one coarse pixel."""
+RESCORE_EVERY = 32
+"""Number of evaluations after which the best point of a coarse level is scored on the photo."""
+REFINE_TOLERANCE = 1.0
+"""A refined pose whose loss on the photo is higher by more than this has left the valley; on
+synthetic photos the two minima differ by a tenth of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """A part of a search."""
+    """A pyramid level, and the minimiser that searches it."""
 
     level: Level
-    rules: RestartOptions | CmaOptions | QuadraticOptions
-    on: On = "the photo"
-
-
-def make_stages(
-    photo: PhotoAttributes,
-    renderer: Renderer,
-    start: Pose,
-    rules: RestartOptions,
-    finer: PhotoAttributes | None = None,
-    scope: Scope = "usual",
-) -> tuple[Stage, ...]:
-    """The stages of a search from ``start``, the last one on the photo itself, or on a ``finer``
-    one (without structure). ``scope``: how far to look, where evolving clouds go first.
-
-    With the surroundings compared, side valleys are many: there an evolving cloud goes first, on
-    whatever level is the coarsest, a narrower one on the photo follows. Clipped to the model, one
-    that covers too few pixels for a coarser level is searched on the photo alone.
+    minimise: Callable[..., Iterator[State]]
+    """As in ``poseviewer.optimise``."""
+    options: Any
+    """The minimiser's own."""
+    along_axes: bool = False
+    """Lengths are measured along the axes that the stage before found; else in the chart's scales.
     """
+    rescore_every: float = 0.0
+    """Number of evaluations after which the best point is scored on the photo, where losses of this
+    level are other ones; infinite: at the end. 0: the level is the photo itself."""
+    tolerance: float = 0.0
+    """A scored point is kept if it costs less than this more than the best so far."""
+
+
+def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
+    """The stages of a search from the problem's start.
+
+    Clipped to the model, one that covers too few pixels for a coarser level is searched on the
+    photo alone. Searches that continue another one leave out the coarsest level.
+    """
+    photo, options = problem.photo, problem.options
     full = Level(1, photo, renderer)
+    if problem.method == "paper":
+        return (Stage(full, restarts.minimise, paper_options(options, photo.clipped)),)
+    start = problem.chart.to_pose(problem.start)
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = coarsest_level(photo, renderer, start, fewest)
-    if not photo.clipped:
-        lighter = lighter_level(photo, renderer, start)
-        first = WIDE_CLOUD if scope == "wide" else COARSE_CLOUD
-        second, last = FINE_CLOUD, LAST_STEPS
-        if photo.structure is None:
-            first, second = (replace(c, nearness=PLAIN * c.nearness) for c in (first, second))
-            last = replace(last, rise=PLAIN * last.rise, least_gain=PLAIN * last.least_gain)
-        clouds = Stage(coarse, first, "a sketch"), Stage(lighter, second, "a sketch")
-        clouds = clouds[1:] if scope == "near" else clouds
-        if finer is None:
-            return *clouds, Stage(full, last)
-        closer = Stage(Level(1, finer, renderer), CLOSER_STEPS, "a finer photo")
-        return *clouds, Stage(lighter, LAST_STEPS, "a sketch"), closer
-    if coarse.factor == 1:
-        return (Stage(full, rules),)
-    return Stage(coarse, coarse_rules(rules), "a sketch"), Stage(full, fine_rules(rules))
-
-
-def coarse_rules(rules: RestartOptions) -> RestartOptions:
-    """How to search a coarse level: widely, and less exactly than the photo."""
-    return replace(
-        rules,
-        scouts=round(COARSE_SCOUTS * rules.scouts),
-        step=COARSE_STEP * rules.step,
-        patience=1,
-        x_tolerance=COARSE_TOLERANCE * rules.x_tolerance,
-        f_tolerance=COARSE_TOLERANCE * rules.f_tolerance,
-        least_gain=COARSE_TOLERANCE * rules.least_gain,
+    every = RESCORE_EVERY
+    if photo.clipped:
+        if coarse.factor == 1:
+            return (Stage(full, restarts.minimise, options),)
+        return (
+            Stage(coarse, restarts.minimise, coarse_options(options), rescore_every=every),
+            Stage(full, restarts.minimise, fine_options(options)),
+        )
+    light = lighter_level(photo, renderer, start)
+    is_global = problem.strategy is Strategy.GLOBAL
+    first = GLOBAL_POPULATION if is_global else COARSE_POPULATION
+    second, last = FINE_POPULATION, LAST_MODELS
+    if photo.structure is None:
+        share = WITHOUT_STRUCTURE
+        first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
+        last = replace(last, rise=share * last.rise, least_gain=share * last.least_gain)
+    stages = (Stage(light, cma_es.minimise, second, rescore_every=every),)
+    if problem.strategy in (Strategy.FIRST, Strategy.GLOBAL):
+        stages = (Stage(coarse, cma_es.minimise, first, rescore_every=every), *stages)
+    if problem.fine_photo is None:
+        return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
+    fine = Level(1, problem.fine_photo, renderer)
+    return (
+        *stages,
+        Stage(light, quadratic.minimise, LAST_MODELS, True, every),
+        Stage(fine, quadratic.minimise, REFINING_MODELS, True, math.inf, REFINE_TOLERANCE),
     )
 
 
-def fine_rules(rules: RestartOptions) -> RestartOptions:
+def coarse_options(options: RestartOptions) -> RestartOptions:
+    """How to search a coarse level: widely, and less exactly than the photo."""
+    return replace(
+        options,
+        multi_starts=round(COARSE_STARTS * options.multi_starts),
+        step=COARSE_STEP * options.step,
+        patience=1,
+        x_tolerance=COARSE_TOLERANCE * options.x_tolerance,
+        f_tolerance=COARSE_TOLERANCE * options.f_tolerance,
+        least_gain=COARSE_TOLERANCE * options.least_gain,
+    )
+
+
+def fine_options(options: RestartOptions) -> RestartOptions:
     """How to search the photo from where a coarse level led: at once, and nearby."""
-    return replace(rules, scouts=0, step=FINE_STEP * rules.step, patience=1)
+    return replace(options, multi_starts=0, step=FINE_STEP * options.step, patience=1)
+
+
+def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Iterator[FitProgress]:
+    """Run the stages from the problem's start; yields after every evaluation, the outcome last.
+
+    To stop it, stop asking. Deterministic but for ``Limits.seconds``, on any number of ``threads``:
+    poses that a minimiser asks for together are evaluated in parallel.
+    """
+    for progress in _Run(problem, renderer, threads).run():
+        yield progress
+        if progress.status is not Status.RUNNING:
+            return
+
+
+class _Run:
+    """What has been spent so far, and the best pose on the photo itself."""
+
+    def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
+        self._problem, self._renderer, self._threads = problem, renderer, threads
+        self._began = time.perf_counter()
+        self._evaluations, self._restart = 0, 0
+        self._start_loss, self._loss = np.inf, np.inf
+        self._best = problem.start[problem.free_indices]
+        self._scale = np.diag(problem.chart.scales(problem.start)[problem.free_indices])
+        self._axes = self._scale
+        self._parameters, self._pose = problem.start, problem.chart.to_pose(problem.start)
+
+    def run(self) -> Iterator[FitProgress]:
+        """Progress after every evaluation, and once more at the end of every stage."""
+        stages = make_stages(self._problem, self._renderer)
+        for stage in stages:
+            yield from self._run_stage(stage, stage is stages[-1])
+            self._restart += 1
+
+    def _run_stage(self, stage: Stage, is_last: bool) -> Iterator[FitProgress]:
+        factor, scored, due = stage.level.factor, None, stage.rescore_every
+        if 0.0 < due < math.inf:
+            scored = self._best
+            self._keep(scored, self._score(scored))
+            unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
+            yield self._progress(unknown, factor)
+        for state in self._states(stage):
+            if not stage.rescore_every:
+                self._keep(state.best, state.value)
+                ends = is_last or self._loss >= self._problem.worst_loss
+                yield self._progress(state, factor, state.converged and ends)
+                continue
+            yield self._progress(state, factor)
+            is_due = state.converged or self._evaluations >= due
+            if is_due and (scored is None or not np.array_equal(state.best, scored)):
+                scored, due = state.best, self._evaluations + stage.rescore_every
+                self._keep(scored, self._score(scored), stage.tolerance)
+                yield self._progress(state, factor, state.converged and is_last)
+
+    def _states(self, stage: Stage) -> Iterator[State]:
+        """The minimiser's, from the best point so far."""
+        problem, before, photo = self._problem, self._restart, stage.level.photo
+        if photo.structure is None and problem.photo.structure is not None:
+            # The fine photo's is made only now, as searches of a short limit do not come here.
+            photo = with_structure(photo, is_steep=True)
+
+        def loss(renderer: Renderer, parameters: FloatArray) -> float:
+            return pose_loss(problem, renderer, parameters, photo)
+
+        def objective(points: Sequence[FloatArray]) -> Iterator[float]:
+            wanted = [problem.complete(point) for point in points]
+            single = stage.level.renderer if len(wanted) == 1 else None
+            losses = pool.map(loss, wanted) if single is None else [loss(single, wanted[0])]
+            for found in losses:
+                self._evaluations += 1
+                yield found
+
+        scale = self._axes if stage.along_axes else self._scale
+        with RendererPool(stage.level.renderer, self._threads) as pool:
+            for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):
+                self._restart = before + state.restart
+                self._axes = self._axes if state.axes is None else state.axes
+                yield state
+
+    def _score(self, point: FloatArray) -> float:
+        """The loss on the photo itself."""
+        self._evaluations += 1
+        return pose_loss(self._problem, self._renderer, self._problem.complete(point))
+
+    def _keep(self, point: FloatArray, loss: float, tolerance: float = 0.0) -> None:
+        """Take the point if there is nothing better; ``loss`` is on the photo."""
+        if self._start_loss == np.inf:
+            self._start_loss = loss
+        if loss < self._loss + tolerance:
+            self._best, self._loss = point, loss
+            self._parameters = self._problem.complete(point)
+            self._pose = self._problem.chart.to_pose(self._parameters)
+
+    def _progress(self, state: State, factor: int, finished: bool = False) -> FitProgress:
+        problem, seconds = self._problem, time.perf_counter() - self._began
+        status = Status.RUNNING
+        if finished:
+            seen = self._loss < problem.worst_loss
+            status = Status.CONVERGED if seen else Status.NOTHING_SEEN
+        elif self._evaluations >= problem.limits.evaluations:
+            status = Status.EVALUATIONS_SPENT
+        elif seconds >= problem.limits.seconds:
+            status = Status.SECONDS_SPENT
+        return FitProgress(
+            parameters=self._parameters,
+            pose=self._pose,
+            loss=self._loss,
+            start_loss=self._start_loss,
+            candidates=problem.complete(state.candidates),
+            candidate_losses=state.candidate_losses,
+            evaluations=self._evaluations,
+            restart=self._restart,
+            seconds=seconds,
+            status=status,
+            factor=factor,
+        )

@@ -1,106 +1,80 @@
-"""Covariance matrix adaptation: a search that finds its way among many side valleys.
+"""Covariance matrix adaptation, for landscapes of many side valleys.
 
-Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its default parameters: a
-cloud of points is drawn from a normal distribution, whose mean and covariance then follow the
-better half of them. A simplex sees what is around it; the cloud sees the shape of the landscape.
+Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its default parameters and
+positive weights: a population is drawn from a normal distribution, whose mean and covariance adapt
+to the better half of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.nelder_mead import SimplexState
+from poseviewer.optimise.state import Objective, State, best_so_far
 
 
 @dataclass(frozen=True, slots=True)
 class CmaOptions:
-    """How wide the cloud is at first, how many points it has, and when it is done."""
+    """Spread and size of the population, and when it is done. Lengths are in units of the scale."""
 
-    width: float = 0.12
-    """Standard deviation at the start, in units of each number's span."""
-    points: int = 32
-    """Of a generation."""
+    sigma: float = 0.12
+    """Standard deviation of the first population."""
+    population: int = 32
     generations: int = 60
     nearness: float = 3.0
-    """What the square of the distance from the start costs, in the same units, while the cloud
-    moves: of two places that look alike the nearer one is meant."""
-    least_width: float = 3e-3
-    """The search is done when the cloud is this narrow in every direction, in the same units."""
+    """Cost of the squared distance from the start, added to the loss: of two places that look alike
+    the nearer one is meant."""
+    least_sigma: float = 3e-3
+    """The search ends when the greatest standard deviation is below this."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CloudState(SimplexState):
-    """The search after one more evaluation: the d + 1 best points of the generation so far, the
-    best of all first.
+def minimise(
+    objective: Objective, x0: FloatArray, scale: FloatArray, options: CmaOptions, seed: int = 0
+) -> Iterator[State]:
+    """Search about ``x0``; a whole generation is asked for at once. Values include the cost of the
+    distance; ``axes`` are the distribution's, each as long as its standard deviation.
     """
-
-    axes: FloatArray = field(kw_only=True)
-    """(d, d): the columns are the principal axes of the cloud that the points are drawn from, each
-    as long as its standard deviation, in the numbers' own units. A cloud that has settled has the
-    shape of the valley it lies in."""
+    return best_so_far(_generations(objective, x0, scale, options, seed))
 
 
-def evolve(
-    objective: Callable[[Sequence[FloatArray]], Iterator[float]],
-    start: FloatArray,
-    scales: FloatArray,
-    rules: CmaOptions,
-    seed: int,
-) -> Iterator[CloudState]:
-    """Search from ``start`` (d,); yields after every evaluation, and once more at the end
-    (``converged``).
-
-    ``objective`` gives the losses of points, in their order: a whole generation is asked for at
-    once, so that several can be judged at a time. The same arguments give the same search.
-    """
-    size = len(start)
-    cloud = _Cloud(size, rules, np.random.default_rng(seed))
-
-    def judged(offsets: FloatArray) -> Iterator[float]:
-        losses = objective([start + scales * offset for offset in offsets])
-        for offset, loss in zip(offsets, losses, strict=True):
-            yield loss + rules.nearness * float(offset @ offset)
-
-    (value,) = judged(np.zeros((1, size)))
-    best = start
-    corners = np.tile(start, (size + 1, 1))
-    values = np.full(size + 1, np.inf)
-    values[0] = value
-    axes = scales[:, None] * cloud.axes
-    yield CloudState(corners.copy(), values.copy(), axes=axes)
-    for _ in range(rules.generations):
-        offsets = cloud.draw()
-        losses = np.full(len(offsets), np.inf)
-        for index, loss in enumerate(judged(offsets)):
-            losses[index] = loss
-            if loss < value:
-                best, value = start + scales * offsets[index], loss
-            order = np.argsort(losses)[:size]
-            corners[0], corners[1:] = best, start + scales * offsets[order]
-            values[0], values[1:] = value, losses[order]
-            yield CloudState(corners.copy(), values.copy(), axes=axes)
-        cloud.follow(offsets[np.argsort(losses)])
-        axes = scales[:, None] * cloud.axes
-        if cloud.width < rules.least_width:
-            break
-    yield CloudState(corners.copy(), values.copy(), converged=True, axes=axes)
+def _generations(
+    objective: Objective, x0: FloatArray, scale: FloatArray, options: CmaOptions, seed: int
+) -> Iterator[State]:
+    """As ``minimise``, with the best of each generation alone."""
+    distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
+    state = None
+    for generation in range(options.generations + 1):
+        offsets = distribution.ask() if generation else np.zeros((1, len(x0)))
+        points = np.array([x0 + scale @ offset for offset in offsets])
+        losses, axes = np.full(len(points), np.inf), scale @ distribution.axes
+        for i, loss in enumerate(objective(list(points))):
+            losses[i] = loss + options.nearness * float(offsets[i] @ offsets[i])
+            order = np.argsort(losses)[: len(x0) + 1]
+            best = order[0]
+            state = State(points[best], float(losses[best]), points[order], losses[order], axes)
+            yield state
+        if generation:
+            distribution.tell(offsets[np.argsort(losses)])
+            if distribution.sigma < options.least_sigma:
+                break
+    assert state is not None  # the start was evaluated
+    yield replace(state, axes=scale @ distribution.axes, converged=True)
 
 
-class _Cloud:
-    """The normal distribution: N(mean, width^2 C), in units of the spans about the start."""
+class _Distribution:
+    """N(mean, sigma^2 C), in units of the scale about the start."""
 
-    def __init__(self, size: int, rules: CmaOptions, random: np.random.Generator) -> None:
-        self._random, self._points, self._size = random, rules.points, size
+    def __init__(self, size: int, options: CmaOptions, random: np.random.Generator) -> None:
+        self._random, self._population, self._size = random, options.population, size
         self._mean, self._covariance = np.zeros(size), np.eye(size)
-        self._step = rules.width
+        self._step = options.sigma
         self._path, self._step_path = np.zeros(size), np.zeros(size)
         self._axes, self._lengths = np.eye(size), np.ones(size)
         self._generation = 0
-        better = rules.points // 2
+        better = options.population // 2
         weights = np.log(better + 0.5) - np.log(np.arange(1, better + 1))
         self._weights = weights / weights.sum()
         mass = self._mass = 1.0 / float(np.sum(self._weights**2))
@@ -116,7 +90,7 @@ class _Cloud:
         self._expected = np.sqrt(size) * (1 - 1 / (4 * size) + 1 / (21 * size**2))
 
     @property
-    def width(self) -> float:
+    def sigma(self) -> float:
         """The greatest standard deviation."""
         return float(self._step * self._lengths.max())
 
@@ -125,13 +99,13 @@ class _Cloud:
         """(d, d): the columns are the principal axes, each as long as its standard deviation."""
         return self._step * self._axes * self._lengths
 
-    def draw(self) -> FloatArray:
-        """(points, d)."""
-        standard = self._random.normal(size=(self._points, self._size))
+    def ask(self) -> FloatArray:
+        """A population (n, d)."""
+        standard = self._random.normal(size=(self._population, self._size))
         return self._mean + self._step * (standard * self._lengths) @ self._axes.T
 
-    def follow(self, ranked: FloatArray) -> None:
-        """Adapt to a generation (points, d), the best first."""
+    def tell(self, ranked: FloatArray) -> None:
+        """Adapt to a population (n, d), the best first."""
         self._generation += 1
         steps = (ranked[: len(self._weights)] - self._mean) / self._step
         mean_step = self._weights @ steps
@@ -143,11 +117,11 @@ class _Cloud:
         length = float(np.linalg.norm(self._step_path))
         fresh = np.sqrt(1 - (1 - rate) ** (2 * self._generation))
         steady = float(length / fresh < (1.4 + 2 / (self._size + 1)) * self._expected)
-        self._learn(steps, mean_step, steady)
+        self._adapt_covariance(steps, mean_step, steady)
         self._step *= float(np.exp(rate / self._damping * (length / self._expected - 1)))
 
-    def _learn(self, steps: FloatArray, mean_step: FloatArray, steady: float) -> None:
-        """The covariance, by the path of the mean (rank one) and by the better half (rank mu)."""
+    def _adapt_covariance(self, steps: FloatArray, mean_step: FloatArray, steady: float) -> None:
+        """By the path of the mean (rank one) and by the better half (rank mu)."""
         rate, one, many = self._path_rate, self._one_rate, self._many_rate
         self._path = (1 - rate) * self._path
         self._path = self._path + steady * np.sqrt(rate * (2 - rate) * self._mass) * mean_step

@@ -1,108 +1,83 @@
-"""The downhill simplex of Nelder and Mead (1965), as a generator that can be stopped anywhere.
+"""The downhill simplex of Nelder and Mead (1965).
 
 Moves and their order are scipy's (``minimize(method="Nelder-Mead")``, not adaptive): from the same
-simplex both visit the same points. Ours yields after every evaluation.
+simplex both visit the same points. Ours can be stopped after any evaluation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.optimise.state import Objective, State
 
 REFLECTION, EXPANSION, CONTRACTION, SHRINKAGE = 1.0, 2.0, 0.5, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SimplexState:
-    """The search after one more evaluation."""
+class NelderMeadOptions:
+    """It has converged when all vertices are this near to the best one."""
 
-    vertices: FloatArray
-    """(d + 1, d), the best first."""
-    values: FloatArray
-    """(d + 1,), ascending; infinite where not yet evaluated."""
-    converged: bool = False
+    x_tolerance: FloatArray | float
+    """In each coordinate, or one for all."""
+    f_tolerance: float
 
 
-def axis_simplex(start: FloatArray, steps: FloatArray) -> FloatArray:
-    """(d + 1, d): ``start`` (d,) and its neighbours at ``steps`` (d,), signed, along each axis."""
-    return np.vstack([start, start + np.diag(steps)])
+def minimise(
+    objective: Objective, x0: FloatArray, scale: FloatArray, options: NelderMeadOptions
+) -> Iterator[State]:
+    """Descend from the simplex of ``x0`` (d,) and its d edges, the columns of ``scale`` (d, d)."""
+    simplex = np.vstack([x0, x0 + scale.T])
+    losses = np.full(len(simplex), np.inf)
+    for i, loss in enumerate(objective(list(simplex))):
+        losses[i] = loss
+        yield _state(simplex, losses)
+    while True:
+        order = np.argsort(losses, kind="stable")
+        simplex, losses = simplex[order], losses[order]
+        near = np.all(np.abs(simplex[1:] - simplex[0]) <= options.x_tolerance)
+        if near and np.max(np.abs(losses[1:] - losses[0])) <= options.f_tolerance:
+            yield _state(simplex, losses, converged=True)
+            return
+        for _ in _move(objective, simplex, losses):
+            yield _state(simplex, losses)
 
 
-def downhill_simplex(
-    objective: Callable[[FloatArray], float],
-    vertices: FloatArray,
-    *,
-    x_tolerance: FloatArray | float,
-    f_tolerance: float,
-) -> Iterator[SimplexState]:
-    """Minimise ``objective`` from the simplex ``vertices`` (d + 1, d).
-
-    Yields after every evaluation. The last state is ``converged``: all corners are within
-    ``x_tolerance`` (for each number, or one for all) and ``f_tolerance`` of the best one.
-    """
-    simplex = np.array(vertices, dtype=float)
-    values = np.full(len(simplex), np.inf)
-    for i, corner in enumerate(simplex):
-        values[i] = objective(corner)
-        yield _sorted_state(simplex, values)
-    order = np.argsort(values, kind="stable")
-    simplex, values = simplex[order], values[order]
-    while not _has_converged(simplex, values, x_tolerance, f_tolerance):
-        for _ in _one_move(objective, simplex, values):
-            yield _sorted_state(simplex, values)
-        order = np.argsort(values, kind="stable")
-        simplex, values = simplex[order], values[order]
-    yield SimplexState(simplex.copy(), values.copy(), converged=True)
-
-
-def _one_move(
-    objective: Callable[[FloatArray], float], simplex: FloatArray, values: FloatArray
-) -> Iterator[None]:
-    """Replace the worst corner, or shrink, in place; yields after every evaluation."""
+def _move(objective: Objective, simplex: FloatArray, losses: FloatArray) -> Iterator[None]:
+    """Replace the worst vertex, or shrink, in place; yields after every evaluation."""
     centre = simplex[:-1].sum(axis=0) / (len(simplex) - 1)
 
     def try_at(factor: float) -> tuple[FloatArray, float]:
         point = (1.0 + factor) * centre - factor * simplex[-1]
-        return point, objective(point)
+        (loss,) = objective([point])
+        return point, loss
 
-    point, value = reflected, reflected_value = try_at(REFLECTION)
+    point, loss = reflected, reflected_loss = try_at(REFLECTION)
     yield
-    if value < values[0]:
-        point, value = try_at(REFLECTION * EXPANSION)
+    if loss < losses[0]:
+        point, loss = try_at(REFLECTION * EXPANSION)
         yield
-        if value >= reflected_value:
-            point, value = reflected, reflected_value
-    elif value >= values[-2]:
-        outside = value < values[-1]
-        limit = reflected_value if outside else values[-1]
-        point, value = try_at(CONTRACTION * REFLECTION if outside else -CONTRACTION)
+        if loss >= reflected_loss:
+            point, loss = reflected, reflected_loss
+    elif loss >= losses[-2]:
+        outside = loss < losses[-1]
+        limit = reflected_loss if outside else losses[-1]
+        point, loss = try_at(CONTRACTION * REFLECTION if outside else -CONTRACTION)
         yield
-        if value > limit or (value == limit and not outside):
-            yield from _shrink(objective, simplex, values)
+        if loss > limit or (loss == limit and not outside):
+            simplex[1:] = simplex[0] + SHRINKAGE * (simplex[1:] - simplex[0])
+            losses[1:] = np.inf
+            for i, shrunk in enumerate(objective(list(simplex[1:])), start=1):
+                losses[i] = shrunk
+                yield
             return
-    simplex[-1], values[-1] = point, value
+    simplex[-1], losses[-1] = point, loss
 
 
-def _shrink(
-    objective: Callable[[FloatArray], float], simplex: FloatArray, values: FloatArray
-) -> Iterator[None]:
-    for i in range(1, len(simplex)):
-        simplex[i] = simplex[0] + SHRINKAGE * (simplex[i] - simplex[0])
-        values[i] = objective(simplex[i])
-        yield
-
-
-def _has_converged(
-    simplex: FloatArray, values: FloatArray, x_tolerance: FloatArray | float, f_tolerance: float
-) -> bool:
-    close = np.all(np.abs(simplex[1:] - simplex[0]) <= x_tolerance)
-    return bool(close and np.max(np.abs(values[1:] - values[0])) <= f_tolerance)
-
-
-def _sorted_state(simplex: FloatArray, values: FloatArray) -> SimplexState:
-    order = np.argsort(values, kind="stable")
-    return SimplexState(simplex[order], values[order])
+def _state(simplex: FloatArray, losses: FloatArray, converged: bool = False) -> State:
+    order = np.argsort(losses, kind="stable")
+    simplex, losses = simplex[order], losses[order]
+    return State(simplex[0], float(losses[0]), simplex, losses, converged=converged)

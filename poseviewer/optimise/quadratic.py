@@ -1,152 +1,127 @@
-"""The end of a search: quadratic models of the loss about its least value.
+"""The end of a search: quadratic models of the loss about its minimum.
 
-Near its minimum the loss is a quadratic function of the numbers, but for what the pixels make of
-it: triangles' edges move over pixel centres, and the loss jumps by some hundredths. A simplex
-compares single values, so these jumps lead it astray, and its points must be judged one after the
-other. A quadratic function fitted to more points than it has coefficients evens them out, and its
-points can be judged several at a time (cf. M. Powell, *The NEWUOA software for unconstrained
-optimization without derivatives*, 2006, who interpolates).
+Near its minimum the loss is quadratic, but for small jumps where edges of triangles cross pixel
+centres. Single values mislead a simplex there; a quadratic function fitted by least squares
+to more points than it has coefficients evens the jumps out, and its points can be evaluated in
+parallel (cf. M. Powell, *The NEWUOA software for unconstrained optimization without derivatives*,
+2006, who interpolates).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.cma_es import CloudState
+from poseviewer.optimise.state import Objective, State
 
-SPARE = 1.6
-"""Points of the first round for each coefficient; as many as there are coefficients follow in each
-other round: earlier ones nearby count too."""
-FARTHEST = 1.1
-"""Points that a model is fitted to, in reaches; a step of the search is no longer either."""
+OVERSAMPLING = 1.6
+"""Points of the first round for each coefficient; later rounds draw one each, as earlier points
+nearby count too."""
+TRUST_RADIUS = 1.1
+"""Points that a model is fitted to, and its step, are no farther away, in reaches."""
 LEAST_SHRINKAGE = 0.3
 """Of the reach in one round, along any axis."""
-FLATTEST = 1e-2
-"""Curvatures below this share of the greatest are not told from none."""
+LEAST_CURVATURE = 1e-2
+"""As a share of the greatest; smaller ones cannot be told from none."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuadraticOptions:
-    """How far about the best place points are drawn, and when the search is done."""
+    """How far about the best point samples are drawn, and when the search is done."""
 
     reach: float
-    """Of the first points, in units that the search is told."""
+    """Of the first samples, in units of the scale."""
     rise: float
-    """Later points reach to where the model rises by so much above its least value."""
+    """Later samples reach to where the model rises by this above its minimum."""
     rounds: int = 6
-    """At most so many models are made."""
+    """Greatest number of models."""
     least_gain: float = 0.02
-    """A round that finds nothing better by more than this has gained nothing. Of two places no
-    farther apart in loss the one that the model says is taken."""
+    """A round that gains less has not improved anything. Of two points no farther apart in loss the
+    model's minimum is taken."""
     patience: int = 2
-    """So many rounds in a row that gain nothing end the search."""
+    """Number of rounds in a row without improvement that ends the search."""
 
 
-def quadratic_descent(
-    objective: Callable[[Sequence[FloatArray]], Iterator[float]],
-    start: FloatArray,
-    units: FloatArray,
-    rules: QuadraticOptions,
-    seed: int,
-) -> Iterator[CloudState]:
-    """Search from ``start`` (d,) along ``units`` (d, d), columns; yields after every evaluation,
-    and once more at the end (``converged``), with the place that is taken first.
+def minimise(
+    objective: Objective,
+    x0: FloatArray,
+    scale: FloatArray,
+    options: QuadraticOptions,
+    seed: int = 0,
+) -> Iterator[State]:
+    """Fit models about ``x0`` and step to their minima; a round's samples are asked for at once.
 
-    ``objective`` gives the losses of points, in their order: all of a round are asked for at once.
-    The same arguments give the same search.
+    The best point of the last state is the one that is taken: not always that of the least loss.
     """
     random = np.random.default_rng(seed)
-    size = len(start)
+    size = len(x0)
     coefficients = (size + 1) * (size + 2) // 2
     points, losses = np.empty((0, size)), np.empty(0)
-    axes, centre = np.array(rules.reach * units, dtype=float), np.array(start, dtype=float)
+    axes, centre = np.array(options.reach * scale, dtype=float), np.array(x0, dtype=float)
     taken, before, failures = np.inf, np.inf, 0
 
-    def judge(wanted: list[FloatArray]) -> Iterator[CloudState]:
+    def evaluate(samples: Sequence[FloatArray]) -> Iterator[State]:
         nonlocal points, losses
-        for point, loss in zip(wanted, objective(wanted), strict=True):
+        for point, loss in zip(samples, objective(samples), strict=True):
             points, losses = np.vstack([points, point]), np.append(losses, loss)
-            yield _state(points, losses, axes)
+            yield state()
 
-    for turn in range(rules.rounds):
-        offsets = _in_ball(coefficients, turn, size, random)
-        yield from judge([centre + axes @ offset for offset in offsets])
-        places = np.asarray(np.linalg.solve(axes, (points - centre).T).T, dtype=float)
-        model = _fit(places, losses, coefficients)
-        yield from judge([centre + axes @ model.step])
+    def state() -> State:
+        order = np.argsort(losses, kind="stable")[: size + 1]
+        value = float(losses[order[0]])
+        return State(points[order[0]], value, points[order], losses[order], axes)
+
+    for turn in range(options.rounds):
+        if turn == 0:
+            first = _in_ball(round(OVERSAMPLING * coefficients), size, random)
+            offsets = np.vstack([np.zeros(size), first])
+        else:
+            offsets = _in_ball(coefficients, size, random)
+        yield from evaluate([centre + axes @ offset for offset in offsets])
+        offsets = np.asarray(np.linalg.solve(axes, (points - centre).T).T, dtype=float)
+        step, directions, curvatures = _fit(offsets, losses, coefficients)
+        yield from evaluate([centre + axes @ step])
         best = int(np.argmin(losses))
-        said = losses[-1] <= losses[best] + rules.least_gain
-        centre, taken = (points[-1], losses[-1]) if said else (points[best], losses[best])
-        axes = axes @ (model.directions * model.shrinkage(rules.rise))
-        failures = 0 if before - losses[best] > rules.least_gain else failures + 1
-        if failures >= rules.patience:
+        is_minimum = losses[-1] <= losses[best] + options.least_gain
+        centre, taken = (points[-1], losses[-1]) if is_minimum else (points[best], losses[best])
+        rises = np.sqrt(2.0 * options.rise / curvatures)
+        axes = axes @ (directions * np.clip(rises, LEAST_SHRINKAGE, 1.0))
+        failures = 0 if before - losses[best] > options.least_gain else failures + 1
+        if failures >= options.patience:
             break
         before = losses[best]
-    last = _state(points, losses, axes)
-    corners, values = last.vertices.copy(), last.values.copy()
-    corners[0], values[0] = centre, taken
-    yield CloudState(corners, values, converged=True, axes=axes)
+    yield replace(state(), best=centre, value=float(taken), converged=True)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Model:
-    """A quadratic function, in reaches about the centre."""
-
-    step: FloatArray
-    """(d,): to its least value, as far as it is trusted."""
-    directions: FloatArray
-    """(d, d): columns, the axes of its curvature."""
-    curvatures: FloatArray
-    """(d,): along them; positive."""
-
-    def shrinkage(self, rise: float) -> FloatArray:
-        """(d,): how far it takes to rise so much, in reaches."""
-        return np.clip(np.sqrt(2.0 * rise / self.curvatures), LEAST_SHRINKAGE, 1.0)
-
-
-def _in_ball(
-    coefficients: int, turn: int, size: int, random: np.random.Generator
-) -> Iterator[FloatArray]:
-    """The points of a round, evenly in the unit ball; the first round begins with its centre."""
-    count = coefficients
-    if turn == 0:
-        yield np.zeros(size)
-        count = round(SPARE * coefficients)
+def _in_ball(count: int, size: int, random: np.random.Generator) -> FloatArray:
+    """(n, d): evenly in the unit ball."""
     directions = random.normal(size=(count, size))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    yield from directions * random.uniform(size=(count, 1)) ** (1.0 / size)
+    return directions * random.uniform(size=(count, 1)) ** (1.0 / size)
 
 
-def _fit(offsets: FloatArray, losses: FloatArray, coefficients: int) -> _Model:
-    """By least squares to the losses of the nearest of ``offsets`` (n, d); the nearer the more."""
+def _fit(
+    offsets: FloatArray, losses: FloatArray, coefficients: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Step to the minimum, principal directions (columns) and curvatures of the least-squares model
+    of the losses at the nearest of ``offsets`` (n, d), weighted by nearness.
+    """
     size = offsets.shape[1]
     far = np.linalg.norm(offsets, axis=1)
-    count = max(coefficients + size + 2, int(np.count_nonzero(far < FARTHEST)))
+    count = max(coefficients + size + 2, int(np.count_nonzero(far < TRUST_RADIUS)))
     near = np.argsort(far, kind="stable")[:count]
     z, weight = offsets[near], np.exp(-0.25 * far[near] ** 2)
     rows, columns = np.triu_indices(size)
     terms = np.hstack([np.ones((len(z), 1)), z, z[:, rows] * z[:, columns]])
     found, *_ = np.linalg.lstsq(weight[:, None] * terms, weight * losses[near], rcond=None)
-    slope, curvature = found[1 : size + 1], np.zeros((size, size))
-    curvature[rows, columns] = found[size + 1 :]
-    values, directions = np.linalg.eigh(curvature + curvature.T)
-    values = np.maximum(np.abs(values), FLATTEST * np.abs(values).max() + 1e-300)
-    step = -directions @ ((directions.T @ slope) / values)
+    slope, hessian = found[1 : size + 1], np.zeros((size, size))
+    hessian[rows, columns] = found[size + 1 :]
+    curvatures, directions = np.linalg.eigh(hessian + hessian.T)
+    curvatures = np.abs(curvatures)
+    curvatures = np.maximum(curvatures, LEAST_CURVATURE * curvatures.max() + 1e-300)
+    step = -directions @ ((directions.T @ slope) / curvatures)
     length = float(np.linalg.norm(step))
-    return _Model(step * min(1.0, FARTHEST / max(length, 1e-300)), directions, values)
-
-
-def _state(points: FloatArray, losses: FloatArray, axes: FloatArray) -> CloudState:
-    """The d + 1 best places so far; while there are fewer, the last one stands for the others."""
-    size = points.shape[1]
-    order = np.argsort(losses, kind="stable")[: size + 1]
-    corners, values = points[order], losses[order]
-    missing = size + 1 - len(order)
-    if missing:
-        corners = np.vstack([corners, np.tile(corners[-1], (missing, 1))])
-        values = np.append(values, np.full(missing, np.inf))
-    return CloudState(corners, values, axes=axes)
+    return step * min(1.0, TRUST_RADIUS / max(length, 1e-300)), directions, curvatures

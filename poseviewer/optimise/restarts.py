@@ -1,104 +1,80 @@
-"""Where to start again: the simplex rebuilt at the minimum it found, until nothing improves."""
+"""Nelder-Mead from several starts, then restarted at the minimum until nothing improves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.nelder_mead import SimplexState, downhill_simplex
+from poseviewer.optimise import nelder_mead
+from poseviewer.optimise.state import Objective, State, best_so_far
 
 
 @dataclass(frozen=True, slots=True)
 class RestartOptions:
-    """How wide to look, how finely, and when to give up. Lengths are in units that the search is
-    told: the numbers' spans, or what a search before it found of the landscape's shape.
-    """
+    """Size, tolerances and number of the descents. Lengths are in units of the scale."""
 
     step: float = 0.05
     """Edge of each new simplex."""
-    scouts: int = 4
-    """So many short descents start at the start, each with another simplex; the search goes on
-    from the best of them. One alone often ends in a side valley."""
-    scout_x_tolerance: float = 1e-2
-    scout_f_tolerance: float = 1e-3
+    multi_starts: int = 4
+    """Number of short descents from the start, each with another simplex; the search continues from
+    the best of them. One alone often ends in a side valley."""
+    multi_start_x_tolerance: float = 1e-2
+    multi_start_f_tolerance: float = 1e-3
     x_tolerance: float = 5e-4
-    """A simplex is done when it is this small ..."""
+    """A descent ends when its simplex is this small ..."""
     f_tolerance: float = 2e-5
     """... and its losses differ by no more than this."""
     least_gain: float = 2e-4
-    """A restart that gains less than this has not improved anything."""
+    """A restart that gains less has not improved anything."""
     patience: int = 2
-    """So many restarts without improvement end the search."""
+    """Number of restarts in a row without improvement that ends the search."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchState:
-    """The search after one more evaluation."""
-
-    best: FloatArray
-    """(d,): the best point so far, over all restarts."""
-    value: float
-    simplex: SimplexState
-    restart: int
-    """0 for the first descent."""
-    finished: bool = False
-
-
-def restarted_simplex(
-    objective: Callable[[FloatArray], float],
-    start: FloatArray,
-    units: FloatArray,
-    rules: RestartOptions,
-    seed: int,
-) -> Iterator[SearchState]:
+def minimise(
+    objective: Objective,
+    x0: FloatArray,
+    scale: FloatArray,
+    options: RestartOptions,
+    seed: int = 0,
+) -> Iterator[State]:
     """Descend, rebuild the simplex at the minimum with random directions, descend again.
 
-    Args:
-        objective: of points (d,).
-        start: (d,).
-        units: (d, d): its columns are the directions along which the rules' lengths are measured,
-            each as long as one unit; ``diag(spans)`` where nothing is known of the landscape.
-        rules: see there.
-        seed: of the directions.
-
-    The same arguments give the same search. The first simplex has its edges along the units; later
-    ones along random directions, orthogonal in these units, since a descent that got stuck did so
-    in a simplex that had gone flat. Yields after every evaluation, and once more at the end.
+    The first simplex has its edges along the scale's columns, later ones along random directions,
+    orthogonal in its units: a descent that got stuck did so in a simplex that had gone flat.
     """
     random = np.random.default_rng(seed)
-    start = np.array(start, dtype=float)
-    steps = rules.step * units
-    reach = np.sqrt(np.sum(units**2, axis=1))  # of one unit, in each number
-    best, value, failures, restart = start, np.inf, 0, 0
-    state: SearchState | None = None
-    while failures < rules.patience:
-        scouting = restart < rules.scouts
-        centre = start if scouting else best
-        turn = _random_turn(len(start), random) if restart else np.eye(len(start))
-        simplex = np.vstack([centre, centre + (steps @ turn).T])
-        before = value
-        for inner in downhill_simplex(
+    x0 = np.array(x0, dtype=float)
+    unit = np.sqrt(np.sum(scale**2, axis=1))  # in each coordinate
+    long = nelder_mead.NelderMeadOptions(unit * options.x_tolerance, options.f_tolerance)
+    short = nelder_mead.NelderMeadOptions(
+        unit * options.multi_start_x_tolerance, options.multi_start_f_tolerance
+    )
+    state = State(x0, np.inf, x0[None], np.full(1, np.inf))
+    restart = failures = 0
+    while failures < options.patience:
+        is_short = restart < options.multi_starts
+        before = state.value
+        turn = _random_rotation(len(x0), random) if restart else np.eye(len(x0))
+        states = nelder_mead.minimise(
             objective,
-            simplex,
-            x_tolerance=reach * (rules.scout_x_tolerance if scouting else rules.x_tolerance),
-            f_tolerance=rules.scout_f_tolerance if scouting else rules.f_tolerance,
-        ):
-            if inner.values[0] < value:
-                best, value = inner.vertices[0], float(inner.values[0])
-            state = SearchState(best, value, inner, restart)
+            x0 if is_short else state.best,
+            (options.step * scale) @ turn,
+            short if is_short else long,
+        )
+        for inner in best_so_far(states, state):
+            state = replace(inner, restart=restart, converged=False)
             if not inner.converged:
                 yield state
-        if not scouting:
-            failures = 0 if before - value > rules.least_gain else failures + 1
+        if not is_short:
+            failures = 0 if before - state.value > options.least_gain else failures + 1
         restart += 1
-    assert state is not None  # patience is at least one descent
-    yield replace(state, finished=True)
+    yield replace(state, converged=True)
 
 
-def _random_turn(size: int, random: np.random.Generator) -> FloatArray:
-    """(d, d): orthogonal, its columns random directions."""
+def _random_rotation(size: int, random: np.random.Generator) -> FloatArray:
+    """(d, d): orthogonal."""
     turn, upper = np.linalg.qr(random.normal(size=(size, size)))
     return turn * np.sign(np.diag(upper))

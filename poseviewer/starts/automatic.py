@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.files.photo.load import load_mask
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
-from poseviewer.fit.problem import fit_pose, make_photo_attributes, make_problem
+from poseviewer.fit.problem import make_photo_attributes, make_problem
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -33,7 +34,7 @@ from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
-from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, simplified_level
 from poseviewer.render.renderers import make_renderer
@@ -61,6 +62,8 @@ WHEEL_POSES = 4
 """Poses that a vehicle's wheels add to the proposals."""
 WHEEL_DISTANCE = 0.7
 """So near, in half axes of a wheel that was found, a pose must put the wheel's centre."""
+TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
+"""Of descents."""
 TRIAL = Limits(400)
 """Of the fit from each proposal that decides which is taken."""
 
@@ -258,7 +261,7 @@ class _ViewSearch:
         def descend(own: Renderer, start: Proposal) -> Proposal:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
 
-            def objective(parameters: FloatArray) -> float:
+            def loss_at(parameters: FloatArray) -> float:
                 try:
                     pose = chart.to_pose(parameters)
                 except OutsideChartError:
@@ -266,10 +269,11 @@ class _ViewSearch:
                 loss = registration_loss(own.moments(pose, level.photo))
                 return loss + weight * self._off_rectangle(pose)
 
-            corners = axis_simplex(np.zeros(6), np.full(6, this.step))
-            states = downhill_simplex(objective, corners, x_tolerance=1e-3, f_tolerance=1e-4)
+            states = nelder_mead.minimise(
+                lambda points: map(loss_at, points), np.zeros(6), this.step * np.eye(6), TOLERANCES
+            )
             *_, last = islice(states, this.evaluations)
-            return Proposal(chart.to_pose(last.vertices[0]), float(last.values[0]))
+            return Proposal(chart.to_pose(last.best), last.value)
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(descend, starts, at_a_time=1))

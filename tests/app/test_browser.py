@@ -15,8 +15,9 @@ from playwright.sync_api import Browser
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import load_pose
-from poseviewer.fit.problem import fit_pose, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.stages import fit_pose
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
 from tests.app.app_process import AppProcess

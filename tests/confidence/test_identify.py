@@ -19,8 +19,7 @@ from poseviewer.confidence.identify import (
 )
 from poseviewer.errors import SettingsError
 from poseviewer.files.pose.file import load_pose
-from poseviewer.fit.near import box_near
-from poseviewer.fit.problem import make_problem
+from poseviewer.fit.problem import box_near, make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
@@ -86,10 +85,12 @@ def test_all_models_are_judged_on_the_same_pixels(scene, others):
 
 def test_the_box_about_all_models_is_the_least_one(scene, others):
     placed = [(one.mesh, one.start) for one in open_all(scene, others)]
-    left, top, width, height = union_box(placed)
-    boxes = np.array([box_near(mesh, pose) for mesh, pose in placed])
-    assert (left, top) == tuple(boxes[:, :2].min(axis=0))
-    assert (left + width, top + height) == tuple(boxes[:, 2:].max(axis=0))
+    whole, boxes = union_box(placed), [box_near(mesh, pose) for mesh, pose in placed]
+    assert (whole.left, whole.top) == (min(b.left for b in boxes), min(b.top for b in boxes))
+    assert (whole.right, whole.bottom) == (
+        max(b.right for b in boxes),
+        max(b.bottom for b in boxes),
+    )
 
 
 def test_a_region_cuts_the_shared_pixels(scene, others):

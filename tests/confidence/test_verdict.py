@@ -39,15 +39,16 @@ def test_the_true_pose_is_likely_and_one_far_off_is_lost(verdicts):
     assert right.probability > 0.5 > wrong.probability
 
 
-def test_the_numbers_speak_for_the_true_pose(verdicts):
+def test_the_features_speak_for_the_true_pose(verdicts):
     right, wrong = (verdict.features for verdict in verdicts)
     assert right.loss_margin > wrong.loss_margin
-    assert right.outline_excess > wrong.outline_excess
+    assert right.turn_margin > wrong.turn_margin
+    assert right.spread_percent < wrong.spread_percent
     numbers = {name: value for name, value in asdict(right).items() if name != "weak"}
     assert all(np.isfinite(list(numbers.values())))
 
 
-def test_evidence_gathered_side_by_side_is_the_same(scene, verdicts):
+def test_features_gathered_in_parallel_is_the_same(scene, verdicts):
     registration = load_registration(scene.photo, scene.model, scene.truth)
     problem, _ = make_problem(registration, FitSettings(chart="free-body"))
     renderer, pose = SoftwareRenderer(registration.mesh), problem.chart.to_pose(OFF)
@@ -59,7 +60,7 @@ def test_nothing_to_see_is_lost():
     assert (verdict.word, verdict.probability) == ("lost", 0.0)
 
 
-def test_worse_evidence_is_never_more_probable(verdicts):
+def test_worse_features_are_never_more_probable(verdicts):
     best = verdicts[0].features
     worse = replace(best, spread_percent=best.spread_percent + 20.0, outline=0.0)
     assert judge(worse).probability < judge(best).probability

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.chart_choice import choose_chart
+from poseviewer.fit.problem import choose_chart
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints

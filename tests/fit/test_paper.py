@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.paper import PATIENCE, paper_loss, paper_stages
-from poseviewer.fit.problem import FitProblem, Status, fit_pose, pose_loss
+from poseviewer.fit.paper import PATIENCE, paper_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.progress import Status
+from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
@@ -58,14 +60,13 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
 
 
 @pytest.mark.parametrize("clipped", [True, False])
-def test_it_searches_the_photo_alone_and_without_scouts(clipped):
-    usual = RestartOptions()
-    stages = paper_stages(make_photo(clipped, 0.0), RENDERER, usual)
-    assert [stage.level.factor for stage in stages] == [1]
-    rules = stages[0].rules
-    assert isinstance(rules, RestartOptions)
-    assert (rules.scouts, rules.patience) == (0, PATIENCE)
-    assert rules.step == usual.step if clipped else rules.step > usual.step
+def test_it_searches_the_photo_alone_and_from_one_start(clipped):
+    usual, photo = RestartOptions(), make_photo(clipped, 0.0)
+    problem = FitProblem(photo, FreeBodyChart.near(MESH, POSE), np.zeros(6), method="paper")
+    (stage,) = make_stages(problem, RENDERER)
+    assert stage.level.factor == 1
+    assert (stage.options.multi_starts, stage.options.patience) == (0, PATIENCE)
+    assert stage.options.step == usual.step if clipped else stage.options.step > usual.step
 
 
 @pytest.mark.parametrize("clipped", [True, False])

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.problem import FitProblem, FitProgress, Status, fit_pose, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
-from poseviewer.fit.stages import FEWEST_PIXELS, coarse_rules, fine_rules, make_stages
+from poseviewer.fit.stages import FEWEST_PIXELS, coarse_options, fine_options, fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
@@ -112,10 +113,10 @@ def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
     assert len(again) == len(search)
     for one, other in zip(search, again, strict=True):
         assert np.array_equal(one.parameters, other.parameters)
-        assert np.array_equal(one.simplex, other.simplex)
+        assert np.array_equal(one.candidates, other.candidates)
 
 
-def test_a_cloud_judged_on_several_threads_is_the_same_search():
+def test_a_population_evaluated_on_several_threads_is_the_same_search():
     """Also where a limit ends it within a generation, and where nobody asks any more."""
     lit = make_problem(160, limits=Limits(evaluations=150))
     small = replace(lit.photo, clipped=False, colour_reflectance=False)
@@ -129,7 +130,7 @@ def test_a_cloud_judged_on_several_threads_is_the_same_search():
             assert one.evaluations == other.evaluations
             assert one.loss == other.loss
             assert np.array_equal(one.parameters, other.parameters)
-            assert np.array_equal(one.simplex, other.simplex)
+            assert np.array_equal(one.candidates, other.candidates)
     left = fit_pose(problem, RENDERER, 2)
     assert next(left).status is Status.RUNNING
     del left  # it ends its threads
@@ -140,7 +141,7 @@ def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
     small = replace(lit.photo, clipped=False, colour_reflectance=False)
     problem = replace(lit, photo=structured(small, 4))
     *_, coarse = fit_pose(problem, RENDERER)
-    *_, fine = fit_pose(replace(problem, finer=smaller(small, 1)), RENDERER)
+    *_, fine = fit_pose(replace(problem, fine_photo=smaller(small, 1)), RENDERER)
     assert coarse.status is fine.status is Status.CONVERGED
     assert fine.evaluations > coarse.evaluations
     truth = true_pose(480).project(MESH.vertices)
@@ -153,22 +154,21 @@ def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
 
 
 def test_small_models_are_searched_on_the_photo_alone():
-    problem, rules = make_problem(160), RestartOptions(scouts=3)
+    problem = make_problem(160, options=RestartOptions(multi_starts=3))
     start = problem.chart.to_pose(problem.start)
-    pixels = np.count_nonzero(RENDERER.covers(start))
-    assert pixels < 4 * FEWEST_PIXELS
-    (stage,) = make_stages(problem.photo, RENDERER, start, rules)
+    assert np.count_nonzero(RENDERER.covers(start)) < 4 * FEWEST_PIXELS
+    (stage,) = make_stages(problem, RENDERER)
     assert stage.level.photo is problem.photo
-    assert stage.rules is rules
+    assert stage.options is problem.options
 
 
 def test_coarse_searches_are_wide_and_fine_ones_near():
-    rules = RestartOptions()
-    coarse, fine = coarse_rules(rules), fine_rules(rules)
-    assert coarse.scouts > rules.scouts > fine.scouts == 0
-    assert coarse.step > rules.step > fine.step
-    assert coarse.x_tolerance > rules.x_tolerance == fine.x_tolerance
-    assert fine.f_tolerance == rules.f_tolerance
+    options = RestartOptions()
+    coarse, fine = coarse_options(options), fine_options(options)
+    assert coarse.multi_starts > options.multi_starts > fine.multi_starts == 0
+    assert coarse.step > options.step > fine.step
+    assert coarse.x_tolerance > options.x_tolerance == fine.x_tolerance
+    assert fine.f_tolerance == options.f_tolerance
 
 
 def test_a_model_out_of_sight_is_said():

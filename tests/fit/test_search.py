@@ -1,4 +1,4 @@
-"""A fit with its verdict: where that is bad it goes on, and then looks farther."""
+"""A search with restarts: when it restarts, from where, and whose pose is taken."""
 
 from __future__ import annotations
 
@@ -9,133 +9,145 @@ import pytest
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.problem import FitProblem, Status, fit_pose, make_problem, stages_of
-from poseviewer.fit.registration import Registration
-from poseviewer.fit.search import (
-    SURE,
-    WAYS,
-    further_search,
-    is_taken,
-    judged_fit,
-    with_verdict,
-)
+from poseviewer.fit.problem import FitProblem, Strategy, make_problem
+from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.search import CONTINUE_THRESHOLD, RESTARTS, is_taken, restarted, search
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.fit.stages import fit_pose, make_stages
+from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.starts.registration import load_registration
+
+FOUND, UNSURE, LOST = (
+    Verdict("found", CONTINUE_THRESHOLD, (), None),
+    Verdict("found", CONTINUE_THRESHOLD - 0.01, (), None),
+    Verdict("lost", 0.1, (), None),
+)
+
+
+class Judge:
+    """Gives the same verdict on every pose, and keeps the problems that it was asked about."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        self.verdict = verdict
+        self.asked: list[FitProblem] = []
+
+    def __call__(self, _progress, problem, *_) -> Verdict:
+        self.asked.append(problem)
+        return self.verdict
 
 
 @pytest.fixture(scope="module")
-def demo() -> tuple[Registration, Renderer]:
-    files = demo_case()
-    registration = load_registration(files.photo, files.model, files.start)
-    return registration, make_renderer(registration.mesh)
+def small(scene):
+    """A small problem, its mesh and renderer, and where one search ends."""
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    problem, _ = make_problem(registration, FitSettings())
+    renderer = make_renderer(registration.mesh)
+    *_, alone = fit_pose(problem, renderer)
+    return problem, registration.mesh, renderer, alone
 
 
-def start_off_by(registration: Registration, share: float, seed: int, **more) -> FitProblem:
-    """The demo from a start, off its own by up to a share of each number's span."""
-    problem, _ = make_problem(registration, FitSettings(**more))
-    off = share * np.random.default_rng(seed).uniform(-1.0, 1.0, len(problem.start))
-    pose = problem.chart.to_pose(problem.start + off * problem.chart.scales(problem.start))
-    moved = replace(registration, start=pose)
-    return make_problem(moved, FitSettings(**more))[0]
+def test_a_pose_that_is_trusted_ends_the_fit(small):
+    problem, mesh, renderer, alone = small
+    judge = Judge(FOUND)
+    *_, end = search(problem, mesh, renderer, judge)
+    assert len(judge.asked) == 1
+    assert (end.evaluations, end.loss, end.verdict) == (alone.evaluations, alone.loss, FOUND)
 
 
-def run_both(problem: FitProblem, mesh: Mesh, renderer: Renderer):
-    """The end of the first search alone, judged, and all of the judged fit."""
-    *_, alone = fit_pose(problem, renderer, 2)
-    alone = with_verdict(alone, problem, mesh, renderer, judge_end)
-    return alone, list(judged_fit(problem, mesh, renderer, judge_end, 2))
-
-
-def test_a_pose_that_is_trusted_ends_the_fit(demo):
-    registration, renderer = demo
-    alone, states = run_both(start_off_by(registration, 0.0, 0), registration.mesh, renderer)
-    assert alone.verdict is not None
-    assert alone.verdict.word == "found"
-    assert states[-1].evaluations == alone.evaluations
-    assert states[-1].verdict == alone.verdict
-
-
-def test_a_pose_that_is_not_is_looked_for_farther_away(demo):
-    registration, renderer = demo
-    alone, states = run_both(start_off_by(registration, 0.35, 2), registration.mesh, renderer)
-    assert alone.verdict is not None
-    assert alone.verdict.word != "found"
+def test_a_pose_that_is_not_is_looked_for_farther_away(small):
+    problem, mesh, renderer, alone = small
+    states = list(search(problem, mesh, renderer, Judge(LOST)))
     assert all(state.status is Status.RUNNING for state in states[:-1])
     assert all(state.verdict is None for state in states[:-1])
     end = states[-1]
     assert end.status is Status.CONVERGED
-    assert end.verdict is not None
-    assert end.evaluations > 1.5 * alone.evaluations
+    assert end.verdict == LOST
     assert end.start_loss == alone.start_loss
-    assert end.loss < alone.loss - 1.0  # from here the first search ends in another valley
+    assert end.evaluations > 1.5 * alone.evaluations
     losses = [state.loss for state in states if state.evaluations > alone.evaluations]
-    assert max(losses) <= alone.loss + 1e-9  # what was found first stays the best until then
+    assert max(losses) <= alone.loss  # what was found first stays the best until then
     assert np.all(np.diff([state.evaluations for state in states]) >= 0)
 
 
-def test_a_search_that_is_not_trusted_goes_on_from_its_end_before_it_looks_farther(demo):
-    registration, renderer = demo
-    problem = start_off_by(registration, 0.35, 2)
-    *_, alone = fit_pose(problem, renderer, 2)
-    alone = with_verdict(alone, problem, registration.mesh, renderer, judge_end)
-    near = further_search(problem, alone, "on", 0.0)
-    wide = further_search(problem, alone, "wide", 0.0)
+def test_a_restart_begins_where_its_strategy_says(small):
+    problem, _, renderer, alone = small
+    lost = replace(alone, verdict=LOST)
+    near, wide = (restarted(problem, lost, s, 0.0) for s in (Strategy.CONTINUE, Strategy.GLOBAL))
     assert near is not None
     assert wide is not None
     assert np.array_equal(near.start, alone.parameters)
     assert np.array_equal(wide.start, problem.start)
-    stages = [stages_of(one, renderer, alone.pose) for one in (problem, near, wide)]
-    assert [len(each) for each in stages] == [len(stages[0]), len(stages[0]) - 1, len(stages[0])]
-    assert further_search(replace(problem, method="paper"), alone, "on", 0.0) is None
-    assert WAYS.index("on") < WAYS.index("turned") < WAYS.index("wide")
+    assert len({problem.seed, near.seed, wide.seed}) == 3
+    counts = [len(make_stages(one, renderer)) for one in (problem, near, wide)]
+    assert counts == [counts[0], counts[0] - 1, counts[0]]
+    assert restarted(replace(problem, method="paper"), lost, Strategy.CONTINUE, 0.0) is None
+    order = [RESTARTS.index(s) for s in (Strategy.CONTINUE, Strategy.SYMMETRIC, Strategy.GLOBAL)]
+    assert order == sorted(order)
 
 
 @pytest.mark.parametrize(
-    ("way", "before", "found", "taken"),
+    ("verdict", "strategies"),
+    [(FOUND, []), (UNSURE, [Strategy.CONTINUE]), (LOST, list(dict.fromkeys(RESTARTS)))],
+)
+def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, strategies):
+    problem, _, _, alone = small
+    end = replace(alone, verdict=verdict)
+    given = [one for one in dict.fromkeys(RESTARTS) if restarted(problem, end, one, 0.0)]
+    assert given == strategies
+
+
+@pytest.mark.parametrize(
+    ("strategy", "before", "found", "taken"),
     [
-        ("on", 0.5, 0.45, True),  # it went on from there, and has less loss
-        ("on", 0.5, 0.3, False),
-        ("turned", 0.5, 0.55, False),
-        ("turned", 0.5, 0.8, True),
-        ("wide", 0.5, 0.55, False),
-        ("wide", 0.75, 0.8, False),
-        ("wide", 0.5, 0.8, True),
-        ("wide", 0.02, 0.6, False),  # hardly likelier than not: then the one near the start
-        ("wide", 0.02, 0.8, True),
+        (Strategy.CONTINUE, 0.5, 0.45, True),  # it has less loss
+        (Strategy.CONTINUE, 0.5, 0.3, False),
+        (Strategy.SYMMETRIC, 0.5, 0.55, False),
+        (Strategy.SYMMETRIC, 0.5, 0.8, True),
+        (Strategy.GLOBAL, 0.5, 0.55, False),
+        (Strategy.GLOBAL, 0.75, 0.8, False),
+        (Strategy.GLOBAL, 0.5, 0.8, True),
+        (Strategy.GLOBAL, 0.02, 0.6, False),  # hardly likelier than not: then the one near
+        (Strategy.GLOBAL, 0.02, 0.8, True),
     ],
 )
-def test_what_is_found_far_away_must_be_likely(way, before, found, taken):
-    assert is_taken(found, before, way) == taken
+def test_what_is_found_far_away_must_be_likely(small, strategy, before, found, taken):
+    known: FitProgress = replace(small[3], verdict=Verdict("doubtful", before, (), None))
+    after = replace(known, loss=known.loss - 1.0, verdict=Verdict("doubtful", found, (), None))
+    assert is_taken(after, known, strategy) == taken
+    assert not is_taken(replace(after, loss=known.loss), known, strategy)
 
 
-def test_a_found_pose_that_is_not_sure_is_only_gone_on_from(demo):
-    registration, renderer = demo
-    problem = start_off_by(registration, 0.0, 0)
-    *_, end = fit_pose(problem, renderer, 2)
-    sure = with_verdict(end, problem, registration.mesh, renderer, judge_end)
-    assert sure.verdict is not None
-    assert sure.verdict.probability >= SURE
-    less = replace(sure, verdict=replace(sure.verdict, probability=SURE - 0.01))
-    lost = replace(sure, verdict=replace(sure.verdict, word="lost", probability=0.1))
-    for end, ways in ((sure, []), (less, ["on"]), (lost, ["on", "turned", "wide"])):
-        given = [w for w in dict.fromkeys(WAYS) if further_search(problem, end, w, 0.0)]
-        assert given == ways
-
-
-def test_the_limits_are_those_of_both_searches(demo):
-    registration, renderer = demo
-    problem = start_off_by(registration, 0.35, 2)
-    problem = replace(problem, limits=Limits(evaluations=2000))
-    *_, end = judged_fit(problem, registration.mesh, renderer, judge_end, 2)
+def test_the_limits_are_those_of_all_searches(small):
+    problem, mesh, renderer, alone = small
+    limits = Limits(evaluations=alone.evaluations + 40)
+    *_, end = search(replace(problem, limits=limits), mesh, renderer, Judge(LOST))
     assert end.status is Status.EVALUATIONS_SPENT
-    assert 2000 <= end.evaluations < 2040
+    assert limits.evaluations <= end.evaluations < limits.evaluations + 40
 
 
-def test_other_searches_have_no_second_one(demo):
-    registration, renderer = demo
-    problem = start_off_by(registration, 0.3, 2, method="paper", limits=Limits(evaluations=300))
-    alone, states = run_both(problem, registration.mesh, renderer)
-    assert states[-1].evaluations == alone.evaluations
+@pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])
+def test_searches_without_a_population_are_not_restarted(scene, more):
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    problem, _ = make_problem(registration, FitSettings(limits=Limits(evaluations=100), **more))
+    judge = Judge(LOST)
+    *_, end = search(problem, registration.mesh, make_renderer(registration.mesh), judge)
+    assert len(judge.asked) == 1
+    assert end.evaluations == 100
+
+
+@pytest.mark.slow
+def test_a_search_that_ends_in_another_valley_is_mended():
+    files = demo_case()
+    registration = load_registration(files.photo, files.model, files.start)
+    problem, _ = make_problem(registration, FitSettings())
+    off = 0.35 * np.random.default_rng(2).uniform(-1.0, 1.0, len(problem.start))
+    start = problem.start + off * problem.chart.scales(problem.start)
+    moved = replace(registration, start=problem.chart.to_pose(start))
+    problem, _ = make_problem(moved, FitSettings())
+    renderer = make_renderer(registration.mesh)
+    *_, alone = fit_pose(problem, renderer, 2)
+    verdict = judge_end(alone, problem, registration.mesh, renderer)
+    assert verdict.word != "found"
+    *_, end = search(problem, registration.mesh, renderer, judge_end, 2)
+    assert end.loss < alone.loss - 1.0

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.confidence.outline_support import outline_support
+from poseviewer.confidence.features import outline_support
 from poseviewer.errors import SettingsError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.table import RowTable
@@ -100,7 +100,7 @@ def _outline_shares(task: RealTask, poses: Sequence[Pose]) -> list[float]:
     registration, renderer = task.open()
     photo = make_problem(registration, task.settings)[0].photo
     pictures = [renderer.covers(level_pose(pose, photo.factor)) for pose in poses]
-    return [outline_support(photo.channels, photo.weights, seen).share for seen in pictures]
+    return [outline_support(photo.channels, photo.weights, seen) for seen in pictures]
 
 
 def distances(mesh: Mesh, poses: Sequence[Pose], truth: Pose) -> FloatArray:

@@ -31,7 +31,7 @@ from sklearn.metrics import roc_auc_score
 
 from poseviewer.confidence import weights as verdict_weights
 from poseviewer.confidence.features import gather_features
-from poseviewer.confidence.model import LARGEST_SCORE, judge, tamed
+from poseviewer.confidence.model import LARGEST_SCORE, judge, scaled
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
 from poseviewer.figures.text_table import Table
 from poseviewer.files.writing import write_whole
@@ -150,7 +150,7 @@ def scaled_features(trials: Sequence[JudgedTrial]) -> FloatArray:
         SettingsError: a trial has no such feature.
     """
     try:
-        rows = [[tamed(name, trial.features[name]) for name in NAMES] for trial in trials]
+        rows = [[scaled(name, trial.features[name]) for name in NAMES] for trial in trials]
     except KeyError as error:
         raise SettingsError(
             f"the evidence of a trial has no {error}: it is of another version; run it again"

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.bench.workload import Workload, load_demo, make_model, make_workload
-from poseviewer.fit.problem import FitProblem, fit_pose, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.settings import Limits
+from poseviewer.fit.stages import fit_pose
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 MOST_GROWTH_MB = 5.0

@@ -15,9 +15,11 @@ from poseviewer.api import load
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose.file import load_pose
-from poseviewer.fit.problem import Status, fit_pose, make_problem
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.progress import Status
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo

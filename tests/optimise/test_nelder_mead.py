@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, rosen
 
-from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
-from poseviewer.optimise.restarts import RestartOptions, restarted_simplex
+from poseviewer.optimise import restarts
+from poseviewer.optimise.nelder_mead import NelderMeadOptions, minimise
+from poseviewer.optimise.restarts import RestartOptions
+
+
+def batched(function):
+    """The objective of a function of one point; evaluates a point when its loss is asked for."""
+    return lambda points: (function(point) for point in points)
 
 
 def bowl(x):
@@ -34,7 +40,7 @@ def random_valley(seed: int):
 )
 def test_simplex_matches_scipy(function, dimensions):
     start = np.random.default_rng(dimensions).normal(size=dimensions)
-    simplex = axis_simplex(start, np.full(dimensions, 0.1))
+    simplex = start + np.vstack([np.zeros(dimensions), 0.1 * np.eye(dimensions)])
     visited: list[np.ndarray] = []
 
     def objective(x):
@@ -44,21 +50,22 @@ def test_simplex_matches_scipy(function, dimensions):
     options = {"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9, "maxfev": 20000}
     expected = minimize(objective, start, method="Nelder-Mead", options=options)
     theirs, visited[:] = visited.copy(), []
-    states = list(downhill_simplex(objective, simplex, x_tolerance=1e-5, f_tolerance=1e-9))
+    edges = 0.1 * np.eye(dimensions)
+    *_, end = minimise(batched(objective), start, edges, NelderMeadOptions(1e-5, 1e-9))
     assert len(visited) == len(theirs)
     assert np.array_equal(np.array(visited), np.array(theirs))
-    assert np.array_equal(states[-1].vertices[0], expected.x)
-    assert states[-1].values[0] == expected.fun
+    assert np.array_equal(end.best, expected.x)
+    assert end.value == expected.fun
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 6])
 def test_simplex_ends_on_a_staircase(dimensions):
     """No comparison with scipy here: which of two equal corners is the worse is not defined."""
-    simplex = axis_simplex(np.zeros(dimensions), np.full(dimensions, 0.2))
-    state = list(downhill_simplex(steps, simplex, x_tolerance=1e-4, f_tolerance=1e-9))[-1]
-    assert state.converged
-    assert state.values[0] <= steps(simplex[0])
-    assert np.all(np.isfinite(state.values))
+    start, edges = np.zeros(dimensions), 0.2 * np.eye(dimensions)
+    *_, end = minimise(batched(steps), start, edges, NelderMeadOptions(1e-4, 1e-9))
+    assert end.converged
+    assert end.value <= steps(start)
+    assert np.all(np.isfinite(end.candidate_losses))
 
 
 def test_simplex_yields_after_every_evaluation_and_can_be_left():
@@ -69,15 +76,16 @@ def test_simplex_yields_after_every_evaluation_and_can_be_left():
         count += 1
         return bowl(x)
 
-    simplex = axis_simplex(np.zeros(6), np.full(6, 0.1))
-    search = downhill_simplex(objective, simplex, x_tolerance=1e-6, f_tolerance=1e-12)
+    tolerances = NelderMeadOptions(1e-6, 1e-12)
+    search = minimise(batched(objective), np.zeros(6), 0.1 * np.eye(6), tolerances)
     best = np.inf
     for evaluations in range(1, 41):
         state = next(search)
+        losses = state.candidate_losses
         assert count == evaluations
-        assert np.all(np.diff(state.values[np.isfinite(state.values)]) >= 0.0)
-        assert state.values[0] <= best
-        best = state.values[0]
+        assert np.all(np.diff(losses[np.isfinite(losses)]) >= 0.0)
+        assert state.value <= best
+        best = state.value
 
 
 def test_restarts_leave_a_collapsed_simplex():
@@ -88,37 +96,38 @@ def test_restarts_leave_a_collapsed_simplex():
         return float((360.0 * a * a if a <= 0.0 else 6.0 * a * a) + b + b * b)
 
     lam = (1.0 + np.sqrt(33.0)) / 8.0, (1.0 - np.sqrt(33.0)) / 8.0
-    start = np.array([[0.0, 0.0], [lam[0], lam[1]], [1.0, 1.0]])
-    once = list(downhill_simplex(mckinnon, start, x_tolerance=1e-8, f_tolerance=1e-12))[-1]
-    assert once.values[0] > -0.01  # the trap works
-    rules = RestartOptions(step=0.5, scouts=0, x_tolerance=1e-6, f_tolerance=1e-10)
-    last = list(restarted_simplex(mckinnon, once.vertices[0], np.eye(2), rules, seed=0))[-1]
+    edges = np.array([lam, [1.0, 1.0]]).T
+    *_, once = minimise(batched(mckinnon), np.zeros(2), edges, NelderMeadOptions(1e-8, 1e-12))
+    assert once.value > -0.01  # the trap works
+    options = RestartOptions(step=0.5, multi_starts=0, x_tolerance=1e-6, f_tolerance=1e-10)
+    *_, last = restarts.minimise(batched(mckinnon), once.best, np.eye(2), options)
     assert last.value == pytest.approx(-0.25, abs=1e-6)
 
 
-def test_scouts_leave_a_side_valley():
-    """Two valleys; the first simplex reaches into the shallow one, some scout into the other."""
+def test_several_starts_leave_a_side_valley():
+    """Two valleys; the first simplex reaches into the shallow one, others into the deep one."""
 
     def valleys(x):
         deep, shallow = (x[0] + 1.0) ** 2, 0.05 * (x[0] - 0.5) ** 2 + 0.4
         return float(min(deep, shallow) + x[1] ** 2)
 
     ends = {}
-    for scouts in (0, 8):
-        rules = RestartOptions(step=0.6, scouts=scouts, patience=1)
-        search = restarted_simplex(valleys, np.array([-0.1, 0.2]), np.eye(2), rules, seed=0)
-        ends[scouts] = [state.value for state in search]
+    for starts in (0, 8):
+        options = RestartOptions(step=0.6, multi_starts=starts, patience=1)
+        x0 = np.array([-0.1, 0.2])
+        search = restarts.minimise(batched(valleys), x0, np.eye(2), options)
+        ends[starts] = [state.value for state in search]
     assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
     assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_restarts_are_deterministic_and_end_finished():
-    rules = RestartOptions()
+def test_restarts_are_deterministic_and_end_converged():
+    options, objective = RestartOptions(), batched(random_valley(3))
 
     def run(seed):
-        states = list(restarted_simplex(random_valley(3), np.zeros(6), np.eye(6), rules, seed))
-        assert [s.finished for s in states].count(True) == 1
-        assert states[-1].finished
+        states = list(restarts.minimise(objective, np.zeros(6), np.eye(6), options, seed))
+        assert [s.converged for s in states].count(True) == 1
+        assert states[-1].converged
         values = [s.value for s in states]
         assert values == sorted(values, reverse=True)
         return states
@@ -136,28 +145,31 @@ def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
         seen.append(x)
         return valley(x)
 
-    search = restarted_simplex(objective, np.zeros(6), np.eye(6), RestartOptions(), seed=5)
-    restarts = []
+    options = RestartOptions()
+    search = restarts.minimise(batched(objective), np.zeros(6), np.eye(6), options, seed=5)
+    numbers = []
     for state in search:
         counts.append(len(seen))
-        restarts.append(state.restart)
+        numbers.append(state.restart)
     assert counts == [*range(1, len(seen) + 1), len(seen)]
-    assert max(restarts) > RestartOptions().scouts  # some were tried
+    assert max(numbers) > options.multi_starts  # some were tried
 
 
-def test_a_simplex_in_the_valleys_own_units_needs_far_fewer_evaluations():
-    """A narrow valley across the numbers: the rules' lengths are told along its axes."""
+def test_a_simplex_in_the_valleys_own_scale_needs_far_fewer_evaluations():
+    """A narrow valley across the coordinates: lengths are measured along its axes."""
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
     lengths = np.geomspace(1.0, 1e-3, 6)
     counts = {}
-    for name, units in (("spans", np.eye(6)), ("valley", turn * lengths)):
+    for name, scale in (("plain", np.eye(6)), ("valley", turn * lengths)):
 
         def objective(x):
             return float(np.sum((turn.T @ (x - 0.1 * lengths @ turn.T) / lengths) ** 2))
 
-        rules = RestartOptions(step=1.0, scouts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1)
-        states = list(restarted_simplex(objective, np.zeros(6), units, rules, seed=0))
+        options = RestartOptions(
+            step=1.0, multi_starts=0, x_tolerance=1e-3, f_tolerance=1e-6, patience=1
+        )
+        states = list(restarts.minimise(batched(objective), np.zeros(6), scale, options))
         counts[name] = len(states)
         if name == "valley":
             assert states[-1].value < 1e-5
-    assert counts["valley"] < 0.5 * counts["spans"]
+    assert counts["valley"] < 0.5 * counts["plain"]

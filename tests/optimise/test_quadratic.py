@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.optimise.quadratic import QuadraticOptions, quadratic_descent
+from poseviewer.optimise.quadratic import QuadraticOptions, minimise
 
-RULES = QuadraticOptions(reach=2.0, rise=0.5)
+OPTIONS = QuadraticOptions(reach=2.0, rise=0.5)
 JUMPS = 0.02
 
 
@@ -32,10 +32,10 @@ def valley(size: int, jumps: float = 0.0):
 @pytest.mark.parametrize("size", [1, 2, 6, 7])
 def test_one_model_finds_the_least_place_of_a_quadratic_valley(size):
     least, _, losses, units = valley(size)
-    *_, end = quadratic_descent(losses, np.zeros(size), units, RULES, seed=0)
+    *_, end = minimise(losses, np.zeros(size), units, OPTIONS, seed=0)
     assert end.converged
-    np.testing.assert_allclose(end.vertices[0], least, atol=1e-6)
-    assert end.values[0] == pytest.approx(7.0, abs=1e-9)
+    np.testing.assert_allclose(end.best, least, atol=1e-6)
+    assert end.value == pytest.approx(7.0, abs=1e-9)
 
 
 def test_jumps_of_the_loss_are_evened_out():
@@ -44,14 +44,14 @@ def test_jumps_of_the_loss_are_evened_out():
     _, _, losses, units = valley(6, JUMPS)
     ends, bests = [], []
     for seed in range(10):
-        *_, before, end = quadratic_descent(losses, np.zeros(6), units, RULES, seed)
-        ends.append(exact(end.vertices[0]) - exact(least))
-        bests.append(exact(before.vertices[0]) - exact(least))
+        *_, before, end = minimise(losses, np.zeros(6), units, OPTIONS, seed)
+        ends.append(exact(end.best) - exact(least))
+        bests.append(exact(before.best) - exact(least))
     assert np.mean(ends) < JUMPS
     assert np.mean(ends) < np.mean(bests)
 
 
-def test_every_evaluation_is_yielded_the_best_place_first():
+def test_every_evaluation_is_yielded_with_the_best_point():
     _, loss, losses, units = valley(4)
     seen = []
 
@@ -60,12 +60,12 @@ def test_every_evaluation_is_yielded_the_best_place_first():
             seen.append(value)
             yield value
 
-    states = list(quadratic_descent(counted, np.zeros(4), units, RULES, seed=0))
+    states = list(minimise(counted, np.zeros(4), units, OPTIONS, seed=0))
     assert len(states) == len(seen) + 1
     assert not any(state.converged for state in states[:-1])
     for count, state in enumerate(states[:-1], start=1):
-        assert state.values[0] == min(seen[:count]) == loss(state.vertices[0])
-        assert state.vertices.shape == (5, 4)
+        assert state.value == min(seen[:count]) == loss(state.best)
+        assert state.candidates.shape == (min(count, 5), 4)
 
 
 def test_a_loss_that_is_the_same_everywhere_ends_the_search_where_it_began_or_near():
@@ -73,27 +73,23 @@ def test_a_loss_that_is_the_same_everywhere_ends_the_search_where_it_began_or_ne
         for _ in points:
             yield 3.0
 
-    *_, end = quadratic_descent(flat, np.ones(3), 0.1 * np.eye(3), RULES, seed=0)
+    *_, end = minimise(flat, np.ones(3), 0.1 * np.eye(3), OPTIONS, seed=0)
     assert end.converged
-    assert np.all(np.isfinite(end.vertices))
-    assert np.max(np.abs(end.vertices[0] - 1.0)) < 1.0
+    assert np.all(np.isfinite(end.best))
+    assert np.max(np.abs(end.best - 1.0)) < 1.0
 
 
 def test_the_same_arguments_give_the_same_search():
     _, _, losses, units = valley(5)
-    one, other = (
-        list(quadratic_descent(losses, np.zeros(5), units, RULES, seed=3)) for _ in range(2)
-    )
+    one, other = (list(minimise(losses, np.zeros(5), units, OPTIONS, seed=3)) for _ in range(2))
     assert len(one) == len(other)
-    np.testing.assert_array_equal(one[-1].vertices, other[-1].vertices)
+    np.testing.assert_array_equal(one[-1].best, other[-1].best)
 
 
 def test_rounds_end_when_nothing_is_gained():
     _, _, losses, units = valley(6)
-    states = list(quadratic_descent(losses, np.zeros(6), units, RULES, seed=0))
+    states = list(minimise(losses, np.zeros(6), units, OPTIONS, seed=0))
     many = list(
-        quadratic_descent(
-            losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, least_gain=-1.0), seed=0
-        )
+        minimise(losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, least_gain=-1.0), seed=0)
     )
     assert len(states) < len(many)

@@ -10,9 +10,11 @@ from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo.load import load_photo
 from poseviewer.files.pose.file import load_pose
-from poseviewer.fit.problem import FitProgress, fit_pose, make_problem
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo

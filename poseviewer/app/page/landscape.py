@@ -15,9 +15,9 @@ from poseviewer.app.page.controls import Controls, set_properties
 from poseviewer.app.page.landscape_grid import (
     GridOptions,
     Markers,
+    candidates_outline,
     landscape_grid,
     short_trail,
-    simplex_outline,
 )
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session
@@ -142,7 +142,7 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
     if search is None or search.latest is None or search.latest.case is not latest.case:
         return Markers(pose)
     trail = np.array([step.parameters for step in search.latest.improvements])
-    return Markers(pose, search.latest.progress.simplex if session.searching else None, trail)
+    return Markers(pose, search.latest.progress.candidates if session.searching else None, trail)
 
 
 def contour_figure(
@@ -193,10 +193,10 @@ def contour_figure(
 
     if markers.trail is not None and len(markers.trail) > 1:
         line(short_trail(markers.trail)[:, [first, second]], "the way here", TRAIL_COLOUR)
-    if markers.simplex is not None:
-        hull = simplex_outline(piece, markers.simplex)
+    if markers.candidates is not None:
+        hull = candidates_outline(piece, markers.candidates)
         low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
-        line(low + np.vstack([hull, hull[:1]]) * (high - low), "simplex", SIMPLEX_COLOUR)
+        line(low + np.vstack([hull, hull[:1]]) * (high - low), "candidates", SIMPLEX_COLOUR)
     rim = {"color": PAPER, "width": 1}
     pose = markers.pose[[first, second]]
     point(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)

@@ -50,14 +50,14 @@ class Markers:
 
     pose: FloatArray
     """(d,): the current pose."""
-    simplex: FloatArray | None = None
-    """(d + 1, d): the corners of the search's simplex."""
+    candidates: FloatArray | None = None
+    """(n, d): the points that the search compares now."""
     trail: FloatArray | None = None
     """(t, d): the poses that the search came through, the oldest first."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen_array(self.pose, (-1,)))
-        for name in ("simplex", "trail"):
+        for name in ("candidates", "trail"):
             points = getattr(self, name)
             if points is not None:
                 object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
@@ -144,9 +144,9 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
-def simplex_outline(piece: Slice, simplex: FloatArray) -> FloatArray:
-    """(h, 2): the hull of a simplex's corners (d + 1, d) on the map, corner by corner."""
-    corners = np.clip(on_map(piece, simplex), -10.0, 10.0).astype(np.float32)
+def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
+    """(h, 2): the hull of candidates (n, d) on the map, corner by corner."""
+    corners = np.clip(on_map(piece, candidates), -10.0, 10.0).astype(np.float32)
     return cv2.convexHull(corners)[:, 0].astype(float)
 
 
@@ -200,16 +200,16 @@ def _cell(
 
 
 def _markers(piece: Slice, markers: Markers) -> str:
-    """Trail, simplex, the map's own minimum and the pose, the last on top of the others."""
+    """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
     drawn = []
     name = f"pv-t{piece.first}-{piece.second}"
     if markers.trail is not None and len(markers.trail) > 1:
         points = _points(on_map(piece, short_trail(markers.trail)))
         drawn.append(f'<polyline id="{name}" points="{points}"/>')
         drawn.append(f'<use href="#{name}" class="pv-trail"/>')
-    if markers.simplex is not None and len(markers.simplex):
-        points = _points(simplex_outline(piece, markers.simplex))
-        drawn.append(f'<polygon class="pv-simplex" points="{points}"/>')
+    if markers.candidates is not None and len(markers.candidates):
+        points = _points(candidates_outline(piece, markers.candidates))
+        drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')
     least = slice_minimum(piece)
     if least is not None:
         parameters = np.array(markers.pose)
@@ -243,8 +243,8 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
         "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
         "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
-    if markers.simplex is not None:
-        entries["simplex"] = '<polygon class="pv-simplex" points="43,55 57,55 52,44"/>'
+    if markers.candidates is not None:
+        entries["candidates"] = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
     if markers.trail is not None:
         entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
     key = "".join(

@@ -9,7 +9,7 @@ import numpy as np
 
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.chart_choice import choose_chart
+from poseviewer.fit.problem import choose_chart
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray, frozen_array

@@ -17,7 +17,7 @@ from poseviewer.app.state.document import Document, History
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
-from poseviewer.fit.problem import FitProgress
+from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray

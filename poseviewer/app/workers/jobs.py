@@ -11,7 +11,7 @@ from poseviewer.app.state.candidates import Comparison
 from poseviewer.app.state.session import ProposedStarts, Search, SearchUpdate
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.confidence.identify import Identification, identifying
-from poseviewer.fit.problem import FitProgress
+from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose

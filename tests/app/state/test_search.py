@@ -14,7 +14,7 @@ from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_at, search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.overlay import OverlayDrawer
-from poseviewer.fit.problem import Status
+from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.renderer import SoftwareRenderer

@@ -13,9 +13,10 @@ from poseviewer.app.workers.jobs import case_at, search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.landscape import free_pairs
-from poseviewer.fit.problem import fit_pose, make_problem, pose_loss
+from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.stages import fit_pose
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration

@@ -12,7 +12,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.nelder_mead import axis_simplex, downhill_simplex
+from poseviewer.optimise import nelder_mead
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import (
     Level,
@@ -91,13 +91,15 @@ def minimum(chart, parameters, level: Level, step: float) -> np.ndarray:
     """Where the loss of a level is least, about ``numbers``."""
     scales = chart.scales(parameters)
 
-    def loss(x):
-        return lighting_loss(level.renderer.moments(chart.to_pose(x), level.photo))
+    def losses(points):
+        for x in points:
+            yield lighting_loss(level.renderer.moments(chart.to_pose(x), level.photo))
+
+    tolerances = nelder_mead.NelderMeadOptions(x_tolerance=1e-4 * scales, f_tolerance=1e-6)
 
     for edge in (step, 0.3 * step):
-        corners = axis_simplex(parameters, edge * scales)
-        *_, end = downhill_simplex(loss, corners, x_tolerance=1e-4 * scales, f_tolerance=1e-6)
-        parameters = end.vertices[0]
+        *_, end = nelder_mead.minimise(losses, parameters, np.diag(edge * scales), tolerances)
+        parameters = end.best
     return parameters
 
 

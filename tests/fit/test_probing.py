@@ -11,12 +11,11 @@ import trimesh
 
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge, judge_end
-from poseviewer.fit.probing import probe_about
+from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.search import judged_fit
+from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.turns import TURNS_DEG, better_turn, turning_steps
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.hull import principal_axes
 from poseviewer.geometry.mesh import Mesh
@@ -73,8 +72,8 @@ def test_a_can_is_turned_about_its_axis_and_across():
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
     assert abs(axes[2] @ AXIS) == pytest.approx(1.0, abs=1e-3)  # it is longer than it is wide
     problem = fitted_from(TRUTH)
-    with closing(probe_about(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
-        steps = turning_steps(probe, CAN)
+    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
+        steps = probe.turns()
         poses = [probe.pose(step) for step in steps]
     assert len(poses) == 3 * 2 * len(TURNS_DEG)
     centre = TRUTH.camera_from_model.apply(CAN.centre)
@@ -89,8 +88,8 @@ def test_a_can_is_turned_about_its_axis_and_across():
 def test_what_a_search_may_not_turn_is_not_turned():
     problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
     renderer = make_renderer(CAN)
-    with closing(probe_about(problem, problem.photo, CAN, renderer, TRUTH)) as probe:
-        assert turning_steps(probe, CAN).shape == (0, 3)
+    with closing(Probe(problem, problem.photo, CAN, renderer, TRUTH)) as probe:
+        assert probe.turns().shape == (0, 3)
     assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
 
 
@@ -103,6 +102,7 @@ def test_what_is_held_stays_to_the_last_digit():
     assert parameters[0] == problem.start[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [-38.0, 25.0])
 def test_the_right_turn_is_found(degrees):
     start = turned(TRUTH, degrees)
@@ -113,10 +113,11 @@ def test_the_right_turn_is_found(degrees):
     assert better_turn(problem, CAN, renderer, TRUTH) is None
 
 
+@pytest.mark.slow
 def test_a_fit_that_would_end_turned_ends_right():
     start = turned(TRUTH, -35.0)  # without the turns: 31.6 degrees off, and `lost`
     problem = fitted_from(start)
-    *_, end = judged_fit(problem, CAN, make_renderer(CAN), judge_end, 2)
+    *_, end = search(problem, CAN, make_renderer(CAN), judge_end, 2)
     assert end.verdict is not None
     assert end.verdict.word == "found"
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0

@@ -1,0 +1,77 @@
+"""How a search stands, and how several searches after one another are told as one."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+
+from poseviewer.fit.verdict import Verdict
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
+
+
+class Status(enum.Enum):
+    """How a search stands; the value is a sentence for the user, with what to try."""
+
+    RUNNING = "Searching."
+    CONVERGED = "Converged: restarting the search at its minimum no longer improves it."
+    EVALUATIONS_SPENT = (
+        "Stopped at the limit of evaluations: the best pose so far is kept; "
+        "fit again from it, or raise --evaluations."
+    )
+    SECONDS_SPENT = (
+        "Stopped at the time limit: the best pose so far is kept; "
+        "fit again from it, or raise --seconds."
+    )
+    STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
+    NOTHING_SEEN = (
+        "No pose near the start shows enough of the model in the region: "
+        "bring the start closer, or widen the region."
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitProgress:
+    """A search after one more evaluation: the best pose so far, and where it is looking.
+
+    ``parameters``, ``pose`` and the losses are on the photo itself, whatever the pyramid level that
+    the candidates are on.
+    """
+
+    parameters: FloatArray
+    """(d,): of the best pose, in the problem's chart."""
+    pose: Pose
+    loss: float
+    start_loss: float
+    candidates: FloatArray
+    """(n, d): the parameters that are compared now, the best first: a simplex, or the best of a
+    population or of a model's samples."""
+    candidate_losses: FloatArray
+    """(n,): on the candidates' level; infinite where not yet evaluated."""
+    evaluations: int
+    """On all levels."""
+    restart: int
+    seconds: float
+    status: Status
+    factor: int = 1
+    """How many times smaller the photo is that the candidates are on."""
+    verdict: Verdict | None = None
+    """Of the last progress of a ``search``: whether the pose is right."""
+
+
+def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProgress:
+    """The progress of two searches, one after the other, with the pose and, at the end, the verdict
+    of the one that is ``kept``.
+    """
+    return replace(
+        second,
+        parameters=kept.parameters,
+        pose=kept.pose,
+        loss=kept.loss,
+        start_loss=first.start_loss,
+        evaluations=first.evaluations + second.evaluations,
+        restart=first.restart + 1 + second.restart,
+        seconds=first.seconds + second.seconds,
+        status=first.status if second.status is Status.NOTHING_SEEN else second.status,
+        verdict=None if second.status is Status.RUNNING else kept.verdict,
+    )
