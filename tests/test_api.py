@@ -49,13 +49,10 @@ def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch
     lines = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(compile(lines[0], "README.md", "exec"), {})
-    assert "Converged" in capsys.readouterr().out
+    assert capsys.readouterr().out.startswith("found ")
     found = load_pose(tmp_path / "pose.json", photo.width // 2, photo.height // 2).pose.scaled(2.0)
     truth = load_pose(case.truth, photo.width, photo.height).pose
     assert pose_error(load_model(case.model).mesh, found, truth).percent < 1.0
-    with np.load(tmp_path / "maps.npz", allow_pickle=False) as maps:
-        assert maps["losses"].shape == (15, 9, 9)
-        assert np.isfinite(maps["losses"]).all()
     assert (tmp_path / "maps.png").stat().st_size > 10_000
     assert (tmp_path / "residual.png").stat().st_size > 10_000
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from poseviewer import api, errors
 from poseviewer.files.pose import file as pose_file
-from poseviewer.fit import landscape, problem, registration, settings
+from poseviewer.fit import landscape, progress, registration, settings
 from poseviewer.geometry import camera, transform
 from poseviewer.starts import registration as opening
 
@@ -34,7 +34,7 @@ CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer.starts.registration", opening, ("load_model",)),
     ("poseviewer.fit.registration", registration, ("Registration",)),
     ("poseviewer.fit.settings", settings, ("FitSettings", "Limits")),
-    ("poseviewer.fit.problem", problem, ("FitProgress", "Status")),
+    ("poseviewer.fit.progress", progress, ("FitProgress", "Status")),
     ("poseviewer.fit.landscape", landscape, ("Slice",)),
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),

@@ -79,14 +79,7 @@ def test_commands_are_commands(page: Path):
             cli.parse(words)
         except SystemExit as ended:
             pytest.fail(f"{line}: ends with {ended.code}")
-    assert found or page.stem in (
-        "index",
-        "library",
-        "api",
-        "method",
-        "architecture",
-        "experiments",
-    )
+    assert found or page.stem in ("index", "library", *BACKGROUND)
 
 
 def test_the_api_reference_is_that_of_the_docstrings():
