@@ -112,6 +112,7 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert np.array_equal(steps[-1].parameters, found.progress.parameters)
 
 
+@pytest.mark.slow
 def test_what_is_prepared_is_what_a_search_begins_with(scene, monkeypatch):
     """A model of so many triangles that its coarse levels have fewer."""
     simplified: list[int] = []

@@ -157,6 +157,7 @@ def test_cancelled_drag_changes_nothing(running: RunningApp) -> None:
         assert running.app.session.history.past == ()
 
 
+@pytest.mark.slow
 def test_search_ends_at_the_command_lines_pose(running: RunningApp, tmp_path: Path) -> None:
     scene = running.scene
     saved = scene.photo.with_name("p.pose.json")

@@ -72,6 +72,7 @@ def test_a_search_is_left_to_find_the_losses_of_its_poses(
     assert not any(during)
 
 
+@pytest.mark.slow
 def test_what_a_search_begins_with_is_made_beforehand(
     running: RunningApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:

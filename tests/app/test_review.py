@@ -71,6 +71,7 @@ def poses_of(out: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (out / "poses").glob("*.json")}
 
 
+@pytest.mark.slow
 def test_accept_mend_and_a_draft_outlive_the_app(out: Path) -> None:
     before = poses_of(out)
     with reviewing(out) as (app, page):

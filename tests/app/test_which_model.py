@@ -72,6 +72,7 @@ def add(tab: AppPage, path: Path) -> None:
     chooser.value.set_files(str(path))
 
 
+@pytest.mark.slow
 def test_models_are_told_apart_and_rows_show_their_fits(
     page: AppPage, app: AppProcess, scene: Scene, others: list[Path]
 ):
@@ -112,6 +113,7 @@ def test_models_are_told_apart_and_rows_show_their_fits(
     assert [row[1] for row in cells(page)] == ["m.ply", third[1]]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_compared_is_said_and_nothing_is_lost(
     page: AppPage, tmp_path: Path, scene: Scene
 ):

@@ -170,6 +170,7 @@ def test_true_pose_frames_the_car(name: str) -> None:
     assert 25 < np.degrees(np.arccos(-axle[2])) < 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUE)
 def test_silhouette_lies_on_the_photos_edges(name: str) -> None:
     picture, line = photo_of(load_json(name)), outline(name)

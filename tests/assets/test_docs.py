@@ -110,6 +110,7 @@ def test_the_notebook_is_that_of_the_script_with_real_outputs():
     assert (DOCS / "library.ipynb").stat().st_size < 300_000
 
 
+@pytest.mark.slow
 def test_the_notebooks_code_runs(capsys):
     """In this process, one cell after another; the search is cut short."""
     names: dict[str, object] = {}

@@ -215,6 +215,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(scene, tmp_path):
     assert len(kept(out)) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_broken_result_is_done_again(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"

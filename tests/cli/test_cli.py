@@ -37,6 +37,7 @@ def run(*arguments: object) -> int:
     return cli.main([str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
     out, picture = tmp_path / "pose.json", tmp_path / "overlay.png"
     assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,

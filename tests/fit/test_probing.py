@@ -67,6 +67,7 @@ def fitted_from(start: Pose) -> FitProblem:
     return make_problem(registration, FitSettings(chart="free-body"))[0]
 
 
+@pytest.mark.slow
 def test_a_can_is_turned_about_its_axis_and_across():
     axes = principal_axes(CAN)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)

@@ -136,6 +136,7 @@ def test_a_population_evaluated_on_several_threads_is_the_same_search():
     del left  # it ends its threads
 
 
+@pytest.mark.slow
 def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
     lit = make_problem(480)
     small = replace(lit.photo, clipped=False, colour_reflectance=False)

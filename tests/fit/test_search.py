@@ -55,6 +55,7 @@ def test_a_pose_that_is_trusted_ends_the_fit(small):
     assert (end.evaluations, end.loss, end.verdict) == (alone.evaluations, alone.loss, FOUND)
 
 
+@pytest.mark.slow
 def test_a_pose_that_is_not_is_looked_for_farther_away(small):
     problem, mesh, renderer, alone = small
     states = list(search(problem, mesh, renderer, Judge(LOST)))

@@ -59,6 +59,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
             assert away.reprojection_px > 0.05 * (box.width + box.height) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("projection", ["perspective", "parallel"])
 def test_a_car_stands_where_its_wheels_are_seen(projection: str):
     case = demo_case(projection)
@@ -77,12 +78,14 @@ def test_a_car_stands_where_its_wheels_are_seen(projection: str):
         assert min(away) < 40.0  # a tyre's radius, px
 
 
+@pytest.mark.slow
 def test_a_repainted_car_is_not_turned_round(shared_data: Path):
     """Of the views alone all five are, on this photo."""
     (trial,) = run_trials(load_cases(shared_data, "bmw-6"))
     assert trial.right == 1
 
 
+@pytest.mark.slow
 def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsys):
     box, out = box_about(scene), tmp_path / "out.json"
     code = cli.main(
@@ -131,6 +134,7 @@ def test_candidate_boxes_cover_the_photo():
         assert max(box.bottom for box in some) == pytest.approx(480.0)
 
 
+@pytest.mark.slow
 def test_a_table_takes_auto_with_a_box(scene: Scene, tmp_path: Path):
     box = " ".join(map(str, box_about(scene)))
     table = tmp_path / "jobs.csv"

@@ -126,6 +126,7 @@ def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
         assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_guess", [False, True], ids=["known", "guessed"])
 @pytest.mark.parametrize("projection", ["perspective", "parallel"])
 def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess: bool):

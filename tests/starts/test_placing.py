@@ -109,6 +109,7 @@ def test_an_unknown_side_is_refused():
         look_from("below", CAR_MESH, None, Parallel(1.0, 5.0, 5.0, 10, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("name", MESHES)
 @given(seed=SEEDS)

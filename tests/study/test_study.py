@@ -46,6 +46,7 @@ def study(model, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_there_is_a_row_for_every_trial(study):
     rows = rows_of(study)
     by_method = [(row["method"], row["pixels"]) for row in rows]

@@ -81,6 +81,7 @@ def cyan(picture) -> np.ndarray:
     return np.clip(contrast / (LINE_COLOUR[2] - LINE_COLOUR[0]), 0.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", [(120.0, 120.0), (113.37, 127.81)])
 def test_outline_of_a_sphere_is_its_circle(centre):
     scale = 80.0
@@ -128,6 +129,7 @@ def test_smooth_surfaces_have_no_feature_edges():
     assert lines.outline(1.0).max() == 1.0
 
 
+@pytest.mark.slow
 def test_parts_and_materials_have_borders():
     mesh = make_sphere()
     half = (mesh.vertices[mesh.faces].mean(axis=1)[:, 1] > 0).astype(np.int32)

@@ -123,6 +123,7 @@ def test_levels_with_simplified_models_have_the_minimum_of_the_full_photo(parall
     assert_same_minimum(MESH, chart, chart.from_pose(pose), photo, renderer, (2, 4))
 
 
+@pytest.mark.slow
 def test_levels_of_the_demo_have_its_minimum():
     case = demo_case()
     registration = load_registration(case.photo, case.model, case.truth)

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import poseviewer
 
 COUNT = """
@@ -29,6 +31,7 @@ def test_kernels_run_from_a_read_only_install_without_a_home(tmp_path: Path):
     assert found[0] == "2 5 False"
 
 
+@pytest.mark.slow
 def test_a_change_of_any_kernel_makes_the_code_of_all_kernels_old(tmp_path: Path):
     """Machine code contains that of the kernels it calls, whose files numba does not look at."""
     package, cache = _copy_of_the_package(tmp_path), str(tmp_path / "cache")
@@ -74,6 +77,7 @@ print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 """
 
 
+@pytest.mark.slow
 def test_what_is_compiled_ahead_is_what_evaluations_need(tmp_path: Path):
     """With the arguments' types that they come with, those that the helper compiled too."""
     settings = {"PYTHONPATH": str(Path(poseviewer.__file__).parents[1])}
