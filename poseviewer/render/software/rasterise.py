@@ -186,19 +186,20 @@ def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large,
             right, bottom = np.int64(boxes[2, i]), np.int64(boxes[3, i])
             if draw_blocks(depth, ids, steps, values, i, left, right, top, bottom, face):
                 f = np.uint32(face)
-                _combine(normals, values, i, f, planes)
+                _combine(normals, values, i, f, np.uint32(3), planes)
                 planes[f, COLUMN_OF], planes[f, ROW_OF] = np.float32(left), np.float32(top)
                 if is_painted and kinds[f] != PLAIN:
-                    _combine(paint, values, i, f, paints)
+                    _combine(paint, values, i, f, np.uint32(4), paints)
                     pixels = _ONE / (abs(values[SCALE, i]) * _SUB * _SUB)
                     levels[f] = _texture_level(texel_areas[f], pixels, count_of_levels)
     return left_over
 
 
-@_jit
-def _combine(corners, values, i, face, out):
-    """Set the plane or paint of ``face``, the ``i``-th of a chunk, from its corners."""
-    size = corners.shape[1] // 3
+@_jit_inline
+def _combine(corners, values, i, face, size, out):
+    """Set the plane or paint of ``face``, the ``i``-th of a chunk, from its corners: ``size``
+    numbers at each of the three.
+    """
     for step in range(3):
         at = WEIGHTS + 3 * step
         a, b, c = values[at, i], values[at + 1, i], values[at + 2, i]
