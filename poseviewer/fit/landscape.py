@@ -18,7 +18,7 @@ from poseviewer.render.pyramid.levels import Level, coarsest_level
 from poseviewer.render.types import Renderer
 
 COARSEST = 4
-"""The first grid of a slice has at least so many steps along each side."""
+"""Steps along each side of a slice's first grid, at least."""
 
 Pair = tuple[int, int]
 Place = frozenset[tuple[int, int]]

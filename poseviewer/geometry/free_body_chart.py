@@ -47,7 +47,7 @@ class FreeBodyChart:
     """The model's radius in the picture at the start, px along u and v."""
     _focal_gain: float = field(init=False, repr=False, compare=False)
     """Depth over radius: a change of the focal length, with the depth to match, moves the picture
-    by so many times less than a change of scale does."""
+    by this factor less than a change of scale does."""
 
     def __post_init__(self) -> None:
         camera, centre = self.start.camera, self.start.camera_from_model.apply(self.centre)

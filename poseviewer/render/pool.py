@@ -20,7 +20,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CHUNK = 8
-"""Items are handed out so many at a time: enough that handing out does not count, few enough
+"""Items handed out at a time: enough that handing out does not count, few enough
 that whoever stops asking waits some ten milliseconds at most."""
 
 
@@ -73,7 +73,7 @@ class RendererPool:
         at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
         """``function(renderer, item)`` of all items, in their order, as soon as they are known.
-        So many are handed out ``at_a_time``.
+        ``at_a_time`` are handed out together.
 
         At most two chunks for each thread are under way: to stop, stop asking.
 

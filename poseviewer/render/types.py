@@ -62,7 +62,7 @@ class PhotoAttributes:
     """Where there is one, F has the memberships in its K classes beside ``channels``, and edges are
     compared too. It is over the whole region: such photos are not clipped."""
     factor: int = 1
-    """The photo that poses are of is so many times larger along each side than ``channels``."""
+    """How many times larger the photo that poses are of is than ``channels``, along each side."""
 
     def __post_init__(self) -> None:
         values = np.asarray(self.channels)

@@ -75,7 +75,7 @@ PHOTO_PX = 160.0
 """Longer side of the photo on the level that the squares are tried on."""
 VIEWS_A_SQUARE = 16
 MOST_SQUARES, LARGEST_OVERLAP = 3, 0.3
-"""So many of the best squares are searched, which overlap (intersection over union) by less."""
+"""Squares that are searched, and their largest intersection over union."""
 
 BeginThread = Callable[[], None]
 

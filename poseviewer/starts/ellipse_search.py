@@ -176,7 +176,7 @@ def _support(field: FieldImage, parameters: FloatArray) -> float:
 
 
 def _scaled(parameters: FloatArray, factor: float) -> FloatArray:
-    """The same ellipse in a picture so many times as large."""
+    """The same ellipse in a picture that is ``factor`` times as large."""
     return np.concatenate(
         [parameters[:2] * factor, parameters[2:4] + np.log(factor), parameters[4:]]
     )

@@ -40,11 +40,11 @@ LEAST_SPREAD = 0.01
 PLANE_SPREAD = 0.001
 """And in a plane, whose two poses are asked for apart, where this holds of the third."""
 MANY = 6
-"""From so many pairs on, SQPnP's answer alone is refined."""
+"""Pairs from which on SQPnP's answer alone is refined."""
 SAME_TURN = 1e-3
 """Answers whose rotations differ by less in every entry are one but for rounding."""
 AS_GOOD, AS_GOOD_PX = 1.5, 1.0
-"""An answer is as good as the best one up to this factor, or so many px, of its error."""
+"""An answer is as good as the best one within this factor, or these px, of its error."""
 FOCALS = tuple(np.geomspace(0.25, 16.0, 13))
 """Focal lengths that are tried first, in longer sides of the photo: views of 127 to 3.6 degrees."""
 LEAST_ERROR_PX = 1.0

@@ -32,7 +32,7 @@ wheels of this car."""
 SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
 """Of a wheel, in wheelbases: from a hub cap to a tractor's tyre."""
 AS_GOOD, AS_GOOD_PX = 1.5, 0.5
-"""An answer is as good as the best one up to this factor, or so many px, of its error."""
+"""An answer is as good as the best one within this factor, or these px, of its error."""
 SAME_TURN = 0.02
 """Answers whose rotations differ by less in every entry are one."""
 OUT_OF_REACH_PX = 1e4

@@ -35,7 +35,7 @@ GRADIENT_STOPS = 9
 LONGEST_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 FEWEST_COLUMNS = 4
-"""Fewer maps than fill so many columns do not grow larger, and leave room for the key."""
+"""Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
 _PICK = (
     "var r=this.getBoundingClientRect();window.poseviewerPick&&poseviewerPick({first},{second},"
     "(event.clientX-r.left)/r.width,(r.bottom-event.clientY)/r.height,event)"

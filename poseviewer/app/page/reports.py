@@ -12,9 +12,9 @@ from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_unfit
 
 LARGEST = 1e6
-"""No pointer is farther than so many px from the photo's corner."""
+"""px: the largest distance of a pointer from the photo's corner."""
 FINE, COARSE = 0.1, 10.0
-"""Nudges with shift, and with ctrl, are so many times as large."""
+"""Factors of nudges with shift, and with ctrl."""
 NUDGES = {
     "ArrowLeft": c.Nudge("move", -1.0, 0.0),
     "ArrowRight": c.Nudge("move", 1.0, 0.0),

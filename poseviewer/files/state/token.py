@@ -19,7 +19,7 @@ from poseviewer.files.writing import write_whole
 
 TOKEN_BYTES = 24
 TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{TOKEN_BYTES * 4 // 3}}}")
-"""As ``secrets.token_urlsafe`` writes so many bytes."""
+"""As ``secrets.token_urlsafe`` writes that number of bytes."""
 KEPT = 20
 """Newest tokens that stay: an app at any free port leaves one at each crash."""
 

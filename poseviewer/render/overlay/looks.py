@@ -25,7 +25,7 @@ LINE_COLOUR = (0, 232, 255)
 """RGB: a bright cyan, which few things in photos have, on a dark halo."""
 HALO_COLOUR = (10, 12, 16)
 REFERENCE_SIDE = 1000.0
-"""A photo whose longer side has so many px gets lines of the widths below; others in proportion."""
+"""px: longer side of a photo with lines of the widths below; others are in proportion."""
 OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
 """Of lines, and of the halo on either side of them, in px of such a photo."""
 HALO_OPACITY = 0.55

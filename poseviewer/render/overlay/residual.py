@@ -32,7 +32,7 @@ PERCENTILE = 95.0
 """Share of the residuals that the colour map spans; the strongest few must not set its range."""
 ROUND_RANGES = (2, 5, 10, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 255)
 SMALLEST_FOR_BAR = 250
-"""A photo with a shorter side below so many px has no room for a legible colour bar."""
+"""px: shorter side of the smallest photo that has room for a legible colour bar."""
 
 Part = tuple[slice, slice]
 

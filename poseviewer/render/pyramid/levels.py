@@ -45,12 +45,12 @@ class Reducible(Protocol):
     """A renderer that can be had with a simplified model."""
 
     def reduced(self, faces: int) -> Renderer:
-        """A renderer of the same kind, of the model in no more than about so many ``faces``."""
+        """A renderer of the same kind, of the model in about ``faces`` triangles at most."""
         ...
 
 
 def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
-    """The level of a photo in which the model covers about so many ``pixels``.
+    """The level of a photo in which the model covers about ``pixels``.
 
     Level 1 is the photo with the renderer itself. The simplified model is kept: other levels of
     as many triangles, or the next search with the same model, take it as it is.

@@ -19,11 +19,11 @@ from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, 
 from poseviewer.render.texture import TexturePyramid, mip_levels
 
 FEWEST = 200
-"""A model is not reduced below so many triangles."""
+"""Triangles that a reduced model has at least."""
 MOST_SAMPLES = 300_000
 """On the original's surface, beside one for each of its faces."""
 NEIGHBOURS = 24
-"""So many samples about a vertex are looked at."""
+"""Samples about a vertex that are looked at."""
 REACH = 0.5
 """Samples about a vertex count up to this share of the simplified faces' mean edge."""
 GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
