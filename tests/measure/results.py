@@ -41,20 +41,20 @@ SETS = {
 Row = dict[str, str]
 
 
-def measure(folder: Path, data: Path, starts: int, draws: int, quick: bool) -> None:
+def measure(folder: Path, data: Path, options: argparse.Namespace) -> None:
     """Run what is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     page = folder / "bench.md"
     if not page.exists():
         printed = io.StringIO()
-        options = ["--quick"] if quick else []
+        quick = ["--quick"] if options.quick else []
         with redirect_stdout(printed):
-            _run("bench", "--markdown", "--json", folder / "bench.json", *options)
+            _run("bench", "--markdown", "--json", folder / "bench.json", *quick)
         text = printed.getvalue().split("\nrows: ")[0]
         page.write_text(text.strip() + "\n", encoding="utf-8")
     for method in ("default", "paper"):
-        _run("study", "--out", folder / "study", "--method", method, "--starts", starts)
-    real = "--real", data, "--degrees", "5,15,30", "--draws", draws
+        _run("study", "--out", folder / "study", "--method", method, "--starts", options.starts)
+    real = "--real", data, "--degrees", options.degrees, "--draws", options.draws
     _run("study", "--out", folder / "real", *real)
     tabletops = "--real", data / "clutter", "--degrees", "15", "--draws", 1
     _run("study", "--out", folder / "clutter", *tabletops)
@@ -66,13 +66,14 @@ def _run(*words: object) -> None:
         sys.exit(code)
 
 
-def page_of(folder: Path, today: date) -> str:
-    """The results page, from what the folder holds."""
+def page_of(folder: Path, today: date, options: str) -> str:
+    """The results page, from what the folder holds; ``options`` are those it was measured with."""
     real, clutter = _rows(folder / "real"), _rows(folder / "clutter")
     study = (folder / "study" / "study.md").read_text(encoding="utf-8")
     bench = (folder / "bench.md").read_text(encoding="utf-8")
     tables = {
         "date": today.isoformat(),
+        "options": options,
         "real": _error_table(real, lambda row: (row["set"], f"{row['degrees']}°")),
         "clutter": _error_table(clutter, _seen()),
         "verdict": _verdict_table((("first table", real), ("tabletops", clutter))),
@@ -199,14 +200,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--starts", type=int, default=10, help="of each point of the study (10)")
     parser.add_argument("--draws", type=int, default=2, help="starts of each real case (2)")
+    parser.add_argument("--degrees", default="5,15,30", help="of the real starts (5,15,30)")
     parser.add_argument("--quick", action="store_true", help="the quick benchmark")
     parser.add_argument("--only-write", action="store_true", help="measure nothing")
     options = parser.parse_args(arguments)
     folder = options.folder
     if not options.only_write:
-        measure(folder, data_folder(), options.starts, options.draws, options.quick)
+        measure(folder, data_folder(), options)
     measured = datetime.fromtimestamp((folder / "bench.md").stat().st_mtime, UTC).date()
-    PAGE.write_text(page_of(folder, measured), encoding="utf-8")
+    chosen = f"--starts {options.starts} --draws {options.draws} --degrees {options.degrees}"
+    chosen += " --quick" if options.quick else ""
+    PAGE.write_text(page_of(folder, measured, chosen), encoding="utf-8")
     text = README.read_text(encoding="utf-8")
     README.write_text(with_rows(text, summary_of(folder)), encoding="utf-8")
     print(f"page: {PAGE.relative_to(ROOT)}")

@@ -30,8 +30,9 @@ def measured(folder: Path, ends: dict[str, list[float]]) -> Path:
 
 def test_page_and_rows_say_what_was_measured(tmp_path: Path):
     folder = measured(tmp_path, {"hope": [0.4, 0.6, 1.5, 20.0], "clutter": [0.5]})
-    page = page_of(folder, date(2026, 11, 23))
+    page = page_of(folder, date(2026, 11, 23), "--starts 1")
     assert "Measured on 2026-11-23" in page
+    assert "results FOLDER --starts 1`" in page
     assert "| a table of the study |" in page
     assert "| a table of the bench |" in page
     wanted = "| 15° | 4 | 10.0 % | 1.05 % | 50 % | 75 % | 75 % | 75 % |"
