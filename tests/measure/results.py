@@ -38,6 +38,7 @@ SETS = {
     "clutter": "path-traced tabletops (exact truth)",
 }
 """What the sets of photos are called; those not named here go by their own names."""
+NOT_MEASURED = "Not measured in this run."
 Row = dict[str, str]
 
 
@@ -69,11 +70,11 @@ def _run(*words: object) -> None:
 def page_of(folder: Path, today: date, options: str) -> str:
     """The results page, from what the folder holds; ``options`` are those it was measured with."""
     real, clutter = _rows(folder / "real"), _rows(folder / "clutter")
-    study = (folder / "study" / "study.md").read_text(encoding="utf-8")
-    bench = (folder / "bench.md").read_text(encoding="utf-8")
+    study, bench = _text(folder / "study" / "study.md"), _text(folder / "bench.md")
     tables = {
         "date": today.isoformat(),
         "options": options,
+        "cores": str(os.cpu_count()),
         "real": _error_table(real, lambda row: (row["set"], f"{row['degrees']}°")),
         "clutter": _error_table(clutter, _seen()),
         "verdict": _verdict_table((("first table", real), ("tabletops", clutter))),
@@ -179,6 +180,11 @@ def _verdict_table(groups: Iterable[tuple[str, Sequence[Row]]]) -> str:
     return "\n".join(lines)
 
 
+def _text(path: Path) -> str:
+    """A part of the page; a run that was cut off may lack it."""
+    return path.read_text(encoding="utf-8") if path.is_file() else NOT_MEASURED
+
+
 def _without_title(text: str) -> str:
     return text.split("\n", 1)[1].strip() if text.startswith("# ") else text.strip()
 
@@ -207,7 +213,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.folder
     if not options.only_write:
         measure(folder, data_folder(), options)
-    measured = datetime.fromtimestamp((folder / "bench.md").stat().st_mtime, UTC).date()
+    newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))
+    measured = datetime.fromtimestamp(newest, UTC).date()
     chosen = f"--starts {options.starts} --draws {options.draws} --degrees {options.degrees}"
     chosen += " --quick" if options.quick else ""
     PAGE.write_text(page_of(folder, measured, chosen), encoding="utf-8")
