@@ -91,7 +91,7 @@ def summary_of(folder: Path) -> str:
     seen = _seen()
     groups = (
         ("path-traced cars", [r for r in real if _is(r, "bmw_traced")]),
-        ("groceries under five lightings", [r for r in real if _is(r, "hope")]),
+        ("groceries", [r for r in real if _is(r, "hope")]),
         (
             "path-traced tabletops, object seen to 90 % and more",
             [r for r in clutter if seen(r)[0].startswith("90")],

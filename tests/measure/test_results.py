@@ -39,7 +39,7 @@ def test_page_and_rows_say_what_was_measured(tmp_path: Path):
     assert wanted in page
     assert "| first table | `found` | 3 | 3 | 0 |" in page
     assert "| first table | `lost` | 1 | 0 | 1 |" in page
-    assert "| groceries under five lightings | 4 | 1.05 % | 50 % | 75 % |" in summary_of(folder)
+    assert "| groceries | 4 | 1.05 % | 50 % | 75 % |" in summary_of(folder)
 
 
 def test_the_readme_has_a_place_for_its_rows():
