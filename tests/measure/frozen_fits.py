@@ -189,6 +189,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=whole, default=1, metavar="N", help="processes")
     options = parser.parse_args(arguments)
     table: Path = options.write or options.compare
+    if options.compare and not table.is_file():
+        parser.error(f"{table}: there is no such table; make it with --write")
     data = Path(os.environ.get("POSEVIEWER_DATA") or DATA)
     try:
         fits = [*demo_fits()]

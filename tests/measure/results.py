@@ -213,6 +213,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.folder
     if not options.only_write:
         measure(folder, data_folder(), options)
+    if not all((folder / name / "trials.csv").is_file() for name in ("real", "clutter")):
+        parser.error(f"{folder}: holds no trials; leave out --only-write to measure them")
     newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))
     measured = datetime.fromtimestamp(newest, UTC).date()
     chosen = f"--starts {options.starts} --draws {options.draws} --degrees {options.degrees}"
