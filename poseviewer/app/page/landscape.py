@@ -90,6 +90,7 @@ class LandscapePanel:
         options = GridOptions(
             parameters=tuple(int(i) for i in latest.case.problem.free_indices),
             shared_scale=session.maps.shared_scale,
+            centre=tuple(map(float, latest.parameters)),
             dimmed=latest.centre is not session.document.pose
             and not (session.searching or session.drag is not None),
             half_width=latest.half_width,

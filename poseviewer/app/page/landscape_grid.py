@@ -72,6 +72,8 @@ class GridOptions:
     shared_scale: bool = True
     """One colour for one loss over all maps; else each map has its own range, which shows faint
     basins."""
+    centre: tuple[float, ...] = ()
+    """The parameters that the maps are about: the page has them as ``data-centre``."""
     dimmed: bool = False
     """The maps are about an older pose, while new ones are computed."""
     half_width: float = 0.2
@@ -128,6 +130,7 @@ def landscape_grid(
     columns = max(len(parameters) - 1, FEWEST_COLUMNS)
     return (
         f'<div class="pv-land{" pv-dim" if options.dimmed else ""}" '
+        f'data-centre="{" ".join(map(repr, options.centre))}" '
         f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
         f"{_labels(parameters, names)}{''.join(cells)}{_key(shared, markers, options)}</div>"
     )

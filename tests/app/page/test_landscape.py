@@ -103,6 +103,13 @@ def test_the_page_is_small_and_well_formed():
     assert page.count("poseviewerPick") >= 15
 
 
+def test_the_page_names_the_parameters_that_the_maps_are_about():
+    options = GridOptions(centre=tuple(map(float, CENTRE)))
+    page = html.fromstring(landscape_grid(make_slices(9), NAMES, Markers(CENTRE), options))
+    (centre,) = page.xpath("//div/@data-centre")
+    np.testing.assert_array_equal([float(number) for number in centre.split()], CENTRE)
+
+
 def test_unknown_maps_keep_their_place():
     some = make_slices(9)[:4]
     page = landscape_grid(some, NAMES, Markers(CENTRE), GridOptions())
