@@ -47,7 +47,7 @@ def lighting_loss(moments: Moments) -> float:
     worst = worst_loss(moments)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    return min(max(worst - float(_squares(moments).sum()), 0.0), worst)
+    return min(max(worst - float(canonical_squares(moments).sum()), 0.0), worst)
 
 
 def worst_registration_loss(photo: PhotoAttributes) -> float:
@@ -71,7 +71,7 @@ def registration_loss(moments: Moments) -> float:
     worst = min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return _worst_with_edges(worst)
-    squares = np.minimum(_squares(moments), 1.0)
+    squares = np.minimum(canonical_squares(moments), 1.0)
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
     return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
 
@@ -80,8 +80,12 @@ def _worst_with_edges(worst: int) -> float:
     return worst * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
 
 
-def _squares(moments: Moments) -> FloatArray:
-    """(min(n, m),): the squared canonical correlations of F and M."""
-    return squared_correlations(
-        moments.mean, moments.covariance, moments.photo_channels, moments.photo_whitening
-    )
+def canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
+    """(min(n, m),): the squared canonical correlations of F and M; or (min(colours, m),): of the
+    first so many channels of F alone.
+    """
+    n, mean, covariance = moments.photo_channels, moments.mean, moments.covariance
+    if colours is None:
+        return squared_correlations(mean, covariance, n, moments.photo_whitening)
+    kept = np.r_[:colours, n : len(mean)]
+    return squared_correlations(mean[kept], covariance[np.ix_(kept, kept)], colours)

@@ -1,0 +1,111 @@
+"""The loss on a scale to be read: what is unexplained, from 0 (all is explained) to 1 (nothing).
+
+The search's loss adds logarithms, and its least and greatest values say nothing to a reader. Here
+it is the geometric mean of three shares, each of what one question leaves unexplained::
+
+    light   = prod_i (1 - p_i^2)                     Wilks' lambda of the colours with M
+    classes = prod_i (1 - r_i^2) / light             of the classes, beyond what light explains
+    edges   = exp(-EDGE_WEIGHT cos)
+    unexplained = (light * classes * edges)^(1/3) = exp((loss - nothing) / 3)
+
+p_i are the canonical correlations of the photo's colours with M, r_i those of all of F; for
+1 - r^2 stands (1 - r^2 + NOISE) / (1 + NOISE), and ``nothing`` is the loss where all r_i and the
+cosine are 0. So on one photo the order of poses is the loss's own. A pose that explains less than
+nothing (edges across the photo's) has 1. Of the paper's loss it is the share of min(n, m).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+
+from poseviewer.fit.loss import EDGE_WEIGHT, NOISE, canonical_squares, fewest_pixels
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.render.types import Moments, PhotoAttributes
+
+PARTS = 3
+"""Light, classes, edges: the geometric mean of so many shares."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What a pose leaves unexplained: shares in [0, 1]."""
+
+    total: float
+    light: float
+    classes: float | None = None
+    """None, as ``edges``, where light alone is compared."""
+    edges: float | None = None
+
+    @property
+    def parts_text(self) -> str:
+        """Such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
+        if self.classes is None or self.edges is None:
+            return ""
+        return f"light {self.light:.2f}, classes {self.classes:.2f}, edges {self.edges:.2f}"
+
+
+@dataclass(frozen=True, slots=True)
+class LossScale:
+    """How the losses of all poses on one photo are read."""
+
+    most: int
+    """min(n, m), the number of canonical correlations."""
+    colours: int
+    """Channels of the photo's colour, 1 or 3; after them come the classes."""
+    has_edges: bool
+    """Whether classes and edges are compared too; if not, the loss is the paper's, in [0, most]."""
+
+    @classmethod
+    def of(cls, photo: PhotoAttributes) -> LossScale:
+        """The scale of the losses on ``photo``."""
+        most = min(photo.photo_channels, photo.model_channels)
+        return cls(most, photo.channels.shape[2], photo.structure is not None)
+
+    @property
+    def name(self) -> str:
+        """What the shown values are called: ``unexplained``, or ``loss (of 1)``."""
+        return "unexplained" if self.has_edges else f"loss (of {self.most})"
+
+    @overload
+    def unexplained(self, losses: float) -> float: ...
+    @overload
+    def unexplained(self, losses: FloatArray) -> FloatArray: ...
+    def unexplained(self, losses: float | FloatArray) -> float | FloatArray:
+        """The shares in [0, 1] of losses; nan stays nan."""
+        if not self.has_edges:
+            return losses / self.most
+        nothing = self.most * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
+        shares = np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0))
+        return shares if isinstance(losses, np.ndarray) else float(shares)
+
+    @overload
+    def shown(self, losses: float) -> float: ...
+    @overload
+    def shown(self, losses: FloatArray) -> FloatArray: ...
+    def shown(self, losses: float | FloatArray) -> float | FloatArray:
+        """What a person is shown: what is unexplained, or the paper's loss as the paper defines it,
+        in [0, min(n, m)].
+        """
+        return self.unexplained(losses) if self.has_edges else losses
+
+    def text(self, loss: float) -> str:
+        """Such as ``unexplained 0.170``, or of the paper's loss ``loss 0.378 of 1``."""
+        shown = f"{self.shown(loss):.3f}"
+        return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.most}"
+
+    def parts(self, loss: float, moments: Moments) -> Unexplained:
+        """What a pose of this ``loss`` and of these ``moments`` leaves unexplained."""
+        total = self.unexplained(loss)
+        if moments.edge_cosine is None:
+            return Unexplained(total, total)
+        if moments.pixels < fewest_pixels(len(moments.mean)):
+            return Unexplained(1.0, 1.0, 1.0, 1.0)
+        light, both = (
+            float(np.prod((1.0 - np.clip(squares, 0.0, 1.0) + NOISE) / (1.0 + NOISE)))
+            for squares in (canonical_squares(moments, self.colours), canonical_squares(moments))
+        )
+        edges = min(float(np.exp(-EDGE_WEIGHT * moments.edge_cosine)), 1.0)
+        return Unexplained(total, light, min(both / light, 1.0), edges)

@@ -1,0 +1,65 @@
+"""The scale that losses are read on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poseviewer.fit.loss import EDGE_WEIGHT, registration_loss, worst_registration_loss
+from poseviewer.fit.unexplained import LossScale
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.pyramid.levels import structured
+from poseviewer.render.types import PhotoAttributes
+from tests.fit.test_loss import SEEDS, make_moments, make_samples
+from tests.fit.test_paper import POSE, RENDERER, make_photo
+
+SCALE = LossScale(most=4, colours=3, has_edges=True)
+
+
+@given(SEEDS, st.floats(0.0, 1.0), st.floats(0.05, 20.0))
+@settings(deadline=None)
+def test_it_is_the_geometric_mean_of_its_parts(seed, cosine, noise):
+    _, photo, model = make_samples(seed, 8, 4, noise)
+    moments = replace(make_moments(photo, model), edge_cosine=cosine)
+    found = SCALE.parts(registration_loss(moments), moments)
+    parts = [found.light, found.classes, found.edges]
+    assert found.total**3 == pytest.approx(float(np.prod(parts)), rel=1e-6)
+    assert all(0.0 <= part <= 1.0 for part in parts)
+
+
+def test_it_keeps_the_order_of_poses():
+    losses = np.linspace(0.0, 4 * np.log1p(1e3) + EDGE_WEIGHT, 50)
+    assert np.all(np.diff(SCALE.unexplained(losses)) > 0.0)
+    assert SCALE.unexplained(float(losses[-1])) == pytest.approx(1.0)
+    assert SCALE.unexplained(float(losses[-1]) + 1.0) == 1.0
+    assert np.isnan(SCALE.unexplained(np.array([np.nan, 1.0]))).tolist() == [True, False]
+
+
+def test_the_papers_loss_is_shown_as_it_is():
+    scale = LossScale.of(make_photo(clipped=True, ground=0.5))
+    assert scale.text(0.378) == "loss 0.378 of 1"
+    assert (scale.shown(0.378), scale.unexplained(0.378)) == (0.378, 0.378)
+    assert LossScale(3, 3, has_edges=False).unexplained(1.5) == 0.5
+
+
+def test_it_tells_the_right_pose_from_others():
+    """A pose that shows nothing leaves all unexplained."""
+    grey = make_photo(clipped=False, ground=0.1)
+    photo = structured(PhotoAttributes(grey.channels, grey.weights, clipped=False), 1)
+    scale = LossScale.of(photo)
+
+    def unexplained_at(degrees: float, shift: float = 0.0) -> float:
+        turn = RigidTransform.from_rotation_vector([0.0, np.radians(degrees), 0.0], [shift, 0, 0])
+        pose = replace(POSE, camera_from_model=POSE.camera_from_model @ turn)
+        moments = RENDERER.moments(pose, photo)
+        return scale.parts(registration_loss(moments), moments).total
+
+    at = [unexplained_at(degrees) for degrees in (0.0, 2.0, 5.0, 15.0)]
+    assert at == sorted(at)
+    assert at[0] < 0.5 * at[-1]
+    assert unexplained_at(0.0, shift=100.0) == 1.0
+    assert scale.unexplained(worst_registration_loss(photo)) == 1.0
