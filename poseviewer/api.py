@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 from poseviewer.confidence.model import judge_end
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.loss_maps import LossMaps
-from poseviewer.files.camera.calibration import Calibration
-from poseviewer.files.photo.calibrated import photo_text
-from poseviewer.files.photo.load import load_mask, save_image
-from poseviewer.files.pose.file import (
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.photo import load_mask, photo_text, save_image
+from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
     PhotoReference,
@@ -101,7 +100,7 @@ def load(
             function that finds one, such as ``starts.point_pairs.start_from_pairs``.
         settings: what is compared and how.
         calibration: the camera and its lens: a file, or a choice among the cameras of one
-            (``files.camera.calibration.Calibration``); a distorted photo is undistorted.
+            (``files.cameras.Calibration``); a distorted photo is undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; default:
             the settings' region, or the whole photo.
         camera: for ``"auto"``: what is known of it; default: EXIF's focal length, or a view of 50

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import trimesh
 
-from poseviewer.files.photo.load import save_image
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform

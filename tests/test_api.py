@@ -18,8 +18,8 @@ import poseviewer
 from poseviewer.bench.triangles import subdivide
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
-from poseviewer.files.photo.load import load_photo, save_image
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits

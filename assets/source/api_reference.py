@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from poseviewer import api, errors
-from poseviewer.files.pose import file as pose_file
+from poseviewer.files import pose as pose_file
 from poseviewer.fit import landscape, progress, registration, settings
 from poseviewer.geometry import camera, transform
 from poseviewer.starts import registration as opening
@@ -38,7 +38,7 @@ CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer.fit.landscape", landscape, ("Slice",)),
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
-    ("poseviewer.files.pose.file", pose_file, ("PoseRecord", "load_pose", "save_pose")),
+    ("poseviewer.files.pose", pose_file, ("PoseRecord", "load_pose", "save_pose")),
     ("poseviewer.errors", errors, ("PoseViewerError",)),
 )
 

@@ -23,8 +23,8 @@ from poseviewer.cli.main import main as poseviewer
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.starts.placing import surface_point

@@ -24,7 +24,7 @@ from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
 from poseviewer.errors import BatchError, PoseViewerError
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import load_model, load_registration

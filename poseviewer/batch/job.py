@@ -23,7 +23,7 @@ from poseviewer.batch.results import (
 )
 from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
-from poseviewer.files.photo.load import save_image
+from poseviewer.files.photo import save_image
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.looks import Picture

@@ -33,8 +33,8 @@ from poseviewer.batch.run import save_summaries
 from poseviewer.batch.scene import require_scene_camera
 from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
-from poseviewer.files.photo.load import save_image
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.render.overlay.looks import Picture
 
 DRAFTS = "review"

@@ -23,7 +23,7 @@ from poseviewer.files.formats.bop import (
     same_intrinsics,
     save_bop_images,
 )
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.starts.automatic import AUTOMATIC

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.bench.triangles import in_triangles
 from poseviewer.files.demo import demo_case
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits

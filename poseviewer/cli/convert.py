@@ -14,7 +14,7 @@ from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
     from poseviewer.files.formats.request import Request
-    from poseviewer.files.pose.file import PoseRecord
+    from poseviewer.files.pose import PoseRecord
 
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
@@ -54,7 +54,7 @@ def run(options: Namespace) -> int:
     """
     from poseviewer.files.formats.lens import for_one_photo
     from poseviewer.files.formats.table import FORMATS
-    from poseviewer.files.photo.load import is_stored_turned
+    from poseviewer.files.photo import is_stored_turned
 
     read = FORMATS[options.source_format].read
     if read is None:
@@ -106,7 +106,7 @@ def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
 
 def _request(options: Namespace) -> Request:
     from poseviewer.files.formats.request import Request, require_file
-    from poseviewer.files.photo.load import load_photo
+    from poseviewer.files.photo import load_photo
 
     for path, what in ((options.photo, "photo"), (options.model, "model")):
         if path is not None:
@@ -120,7 +120,7 @@ def _request(options: Namespace) -> Request:
 
 def _with_files(record: PoseRecord, request: Request, source: Path) -> tuple[PoseRecord, Request]:
     """The photo and model that lie beside the pose, where the user names none; and their names."""
-    from poseviewer.files.pose.file import ModelReference, PhotoReference
+    from poseviewer.files.pose import ModelReference, PhotoReference
 
     camera = record.pose.camera
     photo = record.photo or PhotoReference(width=camera.width, height=camera.height)

@@ -35,7 +35,7 @@ def run(options: Namespace) -> int:
     if options.json:
         require_writable(options.json, SettingsError)
     from poseviewer.confidence.identify import identify
-    from poseviewer.files.photo.load import load_mask
+    from poseviewer.files.photo import load_mask
     from poseviewer.files.writing import write_whole
     from poseviewer.starts.registration import load_registration
 
@@ -74,7 +74,7 @@ def _print_ranking(ranked: Sequence[Ranked]) -> None:
 
 def _as_json(one: Ranked) -> dict[str, Any]:
     """Rank, name, losses, margin and pose (OpenCV axes) of a model."""
-    from poseviewer.files.pose.file import PoseRecord, record_as_json
+    from poseviewer.files.pose import PoseRecord, record_as_json
 
     found = one.candidate
     pose = record_as_json(PoseRecord(found.pose))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from poseviewer.cli.options import add_calibration, calibration_of, option
 
 if TYPE_CHECKING:
-    from poseviewer.files.camera.calibration import Calibration
+    from poseviewer.files.cameras import Calibration
     from poseviewer.geometry.photo import Photo
 
 
@@ -62,7 +62,7 @@ def print_camera(photo: Photo) -> None:
 
 
 def _print_photo(path: Path, calibration: Calibration | None) -> None:
-    from poseviewer.files.photo.calibrated import load_calibrated_photo
+    from poseviewer.files.photo import load_calibrated_photo
 
     photo = load_calibrated_photo(path, calibration)
     kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
@@ -107,7 +107,7 @@ def _print_model(path: Path) -> None:
 
 
 def _print_pose(path: Path) -> None:
-    from poseviewer.files.pose.file import load_pose
+    from poseviewer.files.pose import load_pose
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 

@@ -19,7 +19,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.restarts import RestartOptions
 
 if TYPE_CHECKING:
-    from poseviewer.files.camera.calibration import Calibration
+    from poseviewer.files.cameras import Calibration
 
 T = TypeVar("T")
 
@@ -232,7 +232,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
             flag = name.replace("_", "-")
             raise SettingsError(f"--{flag} without --calibration; name its file")
         return None
-    from poseviewer.files.camera.calibration import Calibration
+    from poseviewer.files.cameras import Calibration
 
     details = {CALIBRATION[name]: value for name, value in given.items()}
     return Calibration(options.calibration, **details)

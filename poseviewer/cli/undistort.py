@@ -21,8 +21,7 @@ def run(options: Namespace) -> int:
     """Write it."""
     require_writable(options.out, PhotoFileError)
     from poseviewer.cli.info import print_camera
-    from poseviewer.files.photo.calibrated import load_calibrated_photo, photo_text, pixels_for
-    from poseviewer.files.photo.load import save_image
+    from poseviewer.files.photo import load_calibrated_photo, photo_text, pixels_for, save_image
 
     photo = load_calibrated_photo(options.photo, calibration_of(options))
     if photo.undistortion is None:

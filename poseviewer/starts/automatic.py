@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import QuickStartError, SettingsError
-from poseviewer.files.photo.load import load_mask
+from poseviewer.files.photo import load_mask
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.problem import make_photo_attributes, make_problem
 from poseviewer.fit.registration import Registration

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.camera.calibration import Calibration
+from poseviewer.files.cameras import Calibration
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.calibrated import load_calibrated_photo, matched
-from poseviewer.files.pose.file import check_against, load_pose
+from poseviewer.files.photo import load_calibrated_photo, matched
+from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose

@@ -22,8 +22,8 @@ from poseviewer.errors import (
 )
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo, save_image
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose

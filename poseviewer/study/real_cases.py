@@ -19,7 +19,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.files.checks import read_json
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation

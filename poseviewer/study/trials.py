@@ -14,7 +14,7 @@ import numpy as np
 
 from poseviewer.api import make_case
 from poseviewer.errors import PoseViewerError, SingularChartError
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.fit.settings import FitSettings

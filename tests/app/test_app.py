@@ -15,8 +15,8 @@ from poseviewer.app.page.page import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
 from poseviewer.cli.main import main
-from poseviewer.files.photo.load import save_image
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import load_pose
 from poseviewer.files.state.uploads import KEPT
 from poseviewer.geometry.camera import Perspective
 from tests.app.running_app import RunningApp, running_app, same_pose, settle

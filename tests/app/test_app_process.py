@@ -14,7 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
 from tests.app.app_process import AppProcess
 from tests.app.running_app import same_pose, settle

@@ -13,8 +13,8 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.files.demo import demo_case
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose

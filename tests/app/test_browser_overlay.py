@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from playwright.sync_api import Browser
 
-from poseviewer.files.photo.load import save_image
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.app_process import AppProcess

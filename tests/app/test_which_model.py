@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Locator
 from poseviewer.app.page.candidates_panel import candidates_table
 from poseviewer.app.state.candidates import CandidateModel, CandidateRow
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess

@@ -19,7 +19,7 @@ from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
 from tests.ctrl_c import ctrl_c_ends_them

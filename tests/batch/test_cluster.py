@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from tests.batch.test_batch import command, kept, read_results, wait_until, write_table
 
 needs_dask = pytest.mark.skipif(

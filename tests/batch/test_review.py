@@ -20,7 +20,7 @@ from poseviewer.batch.scene import SceneOptions
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import read_bop
 from poseviewer.files.formats.request import Request
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform

@@ -14,11 +14,10 @@ from PIL import Image
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.camera.calibration import Calibration
+from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.calibrated import load_calibrated_photo, same_undistortion
-from poseviewer.files.photo.load import load_photo, save_image
-from poseviewer.files.pose.file import load_pose, pose_schema, save_pose
+from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
+from poseviewer.files.pose import load_pose, pose_schema, save_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective

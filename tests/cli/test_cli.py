@@ -20,8 +20,8 @@ import pytest
 from poseviewer.cli import main as cli
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo, save_image
-from poseviewer.files.pose.file import load_pose, pose_schema
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import load_pose, pose_schema
 from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from poseviewer.cli import main as cli
-from poseviewer.files.pose.file import load_pose, pose_schema, save_pose
+from poseviewer.files.pose import load_pose, pose_schema, save_pose
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 
 

@@ -18,7 +18,7 @@ from poseviewer.confidence.identify import (
     union_box,
 )
 from poseviewer.errors import SettingsError
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import box_near, make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.rectangle import Rectangle

@@ -6,8 +6,8 @@ import pytest
 
 from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_mask, load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_mask, load_photo
+from poseviewer.files.pose import load_pose
 
 LOADERS: dict[str, Any] = {
     "model": (load_mesh, MeshFileError),

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.cli.options import whole
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
 from poseviewer.files.demo import demo_case
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from tests.app.app_process import AppProcess
 from tests.app.socket_page import SocketPage
 from tests.scene import Scene, make_scene

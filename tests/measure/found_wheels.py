@@ -20,8 +20,8 @@ import numpy as np
 
 from poseviewer.errors import QuickStartError
 from poseviewer.files.demo import demo_case
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh

@@ -17,8 +17,8 @@ from poseviewer.api import load
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.cli.options import positive
 from poseviewer.files.demo import demo_case
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pool import processors

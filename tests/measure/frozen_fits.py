@@ -25,7 +25,7 @@ from poseviewer.api import load
 from poseviewer.cli.options import whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.files.demo import demo_case
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.starts.registration import load_model

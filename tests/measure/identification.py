@@ -21,7 +21,7 @@ from poseviewer.cli.options import whole
 from poseviewer.confidence.identify import identify
 from poseviewer.errors import SettingsError
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Pose

@@ -14,7 +14,7 @@ import pytest
 from poseviewer.api import load
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.files.demo import demo_case
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
 from poseviewer.fit.registration import Registration

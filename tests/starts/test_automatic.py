@@ -13,8 +13,8 @@ from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import (

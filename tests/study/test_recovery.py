@@ -8,8 +8,8 @@ import pytest
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration

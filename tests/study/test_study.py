@@ -7,7 +7,7 @@ import csv
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from tests.opengl import require_opengl
 from tests.vehicles import save_vehicle
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from poseviewer.files.state.token import kept_token, new_token
+from poseviewer.files.state.folder import kept_token, new_token
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))

@@ -30,7 +30,7 @@ from websockets.http11 import Request, Response
 
 from poseviewer.app.below_viser.access import AccessPolicy, Asked
 from poseviewer.errors import SettingsError
-from poseviewer.files.state.token import forget_token
+from poseviewer.files.state.folder import forget_token
 
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     discard,

@@ -14,9 +14,8 @@ from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.errors import PoseViewerError, SettingsError
-from poseviewer.files.photo.calibrated import photo_text
-from poseviewer.files.photo.load import described
-from poseviewer.files.pose.file import (
+from poseviewer.files.photo import described, photo_text
+from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
     PhotoReference,

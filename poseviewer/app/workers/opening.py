@@ -10,15 +10,15 @@ from poseviewer.app.state.candidates import CandidateModel, Candidates
 from poseviewer.app.state.document import Document, Marks
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera.calibration import Calibration
-from poseviewer.files.photo.calibrated import (
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.photo import (
     load_calibrated_photo,
+    load_photo,
     matched,
     same_undistortion,
     undistorted,
 )
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import check_against, load_pose
+from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_from_json

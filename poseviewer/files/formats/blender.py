@@ -17,7 +17,7 @@ from poseviewer.files.formats.gltf import in_front, view_depths
 from poseviewer.files.formats.matrices import as_4x4
 from poseviewer.files.formats.request import Request, Written, refuse_lens, require_file, write_new
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import BLENDER_FROM_GLTF, OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera.cameras import bop_cameras, camera_of_matrix
+from poseviewer.files.cameras import bop_cameras, camera_of_matrix
 from poseviewer.files.checks import Reading, checked_rotation, read_json
 from poseviewer.files.formats.opencv import intrinsics_matrix
 from poseviewer.files.formats.request import (
@@ -32,7 +32,7 @@ from poseviewer.files.formats.request import (
     size_of,
     unit_of,
 )
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform

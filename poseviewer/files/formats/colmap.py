@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera.cameras import colmap_camera
+from poseviewer.files.cameras import colmap_camera
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.lens import colmap_lens, seen_as_taken
 from poseviewer.files.formats.request import (
@@ -27,7 +27,7 @@ from poseviewer.files.formats.request import (
     the_one,
     write_new,
 )
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 

@@ -40,7 +40,7 @@ from poseviewer.files.formats.request import (
     write_new,
 )
 from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV

@@ -20,9 +20,8 @@ import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, PoseViewerError
 from poseviewer.files.formats.request import Request, photo_name, require_perspective
-from poseviewer.files.photo.calibrated import SAME, photo_text, pixels_for, undistorted
-from poseviewer.files.photo.load import load_photo, save_image
-from poseviewer.files.pose.file import PhotoReference, PoseRecord
+from poseviewer.files.photo import SAME, load_photo, photo_text, pixels_for, save_image, undistorted
+from poseviewer.files.pose import PhotoReference, PoseRecord
 from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens

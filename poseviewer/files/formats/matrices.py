@@ -18,8 +18,13 @@ from poseviewer.files.formats.request import (
     unit_of,
     write_new,
 )
-from poseviewer.files.pose.distortion import distortion_as_json, distortion_from_json
-from poseviewer.files.pose.file import PoseRecord, camera_as_json, camera_from_json
+from poseviewer.files.pose import (
+    PoseRecord,
+    camera_as_json,
+    camera_from_json,
+    distortion_as_json,
+    distortion_from_json,
+)
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

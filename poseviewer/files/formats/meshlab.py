@@ -27,7 +27,7 @@ from poseviewer.files.formats.request import (
     the_one,
     write_new,
 )
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform

@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from poseviewer.files.camera.cameras import lens_of
+from poseviewer.files.cameras import lens_of
 from poseviewer.files.checks import Reading, read_json
 from poseviewer.files.formats.lens import nerfstudio_lens, seen_as_taken
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
@@ -25,7 +25,7 @@ from poseviewer.files.formats.request import (
     the_one,
     write_new,
 )
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens

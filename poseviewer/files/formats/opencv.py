@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera.cameras import camera_of_matrix, lens_of, opencv_storage
+from poseviewer.files.cameras import camera_of_matrix, lens_of, opencv_storage
 from poseviewer.files.checks import Reading, checked_rotation, read_json, read_text
 from poseviewer.files.formats.lens import seen_as_taken
 from poseviewer.files.formats.request import Request, Written, make_record, size_of, write_new
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres

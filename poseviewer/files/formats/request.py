@@ -10,7 +10,7 @@ from typing import Any
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
-from poseviewer.files.pose.file import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion

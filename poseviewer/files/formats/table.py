@@ -20,7 +20,7 @@ from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
 from poseviewer.files.formats.nerfstudio import read_nerfstudio, write_nerfstudio
 from poseviewer.files.formats.opencv import read_opencv, write_opencv
 from poseviewer.files.formats.request import Request, Written, refuse_existing, size_of
-from poseviewer.files.pose.file import PhotoReference, PoseRecord, record_from_json, save_pose
+from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 from poseviewer.errors import AutosaveError, PoseFileError
 from poseviewer.files.checks import Reading, read_json
-from poseviewer.files.pose.file import PoseRecord, record_as_json, record_from_json
+from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform

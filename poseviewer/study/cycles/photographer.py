@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import PhotoFileError, RendererUnavailableError
 from poseviewer.files.formats.blender import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
-from poseviewer.files.photo.load import load_photo, save_image
+from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.state.folder import state_folder
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose

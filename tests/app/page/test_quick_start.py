@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.files.demo import demo_case
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.registration import Registration
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error

@@ -11,10 +11,9 @@ import pytest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export, record_of
 from poseviewer.app.workers.opening import Opened, open_files, open_photo, open_pose, restore
-from poseviewer.files.camera.calibration import Calibration
-from poseviewer.files.photo.calibrated import load_calibrated_photo, same_undistortion
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import PoseRecord, save_pose
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.state.autosave import AutosavedSession
 from tests.scene import Scene
 

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from poseviewer.files.formats.request import Request
-from poseviewer.files.pose.file import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform

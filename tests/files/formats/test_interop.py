@@ -21,7 +21,7 @@ from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import read_own
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.files.formats.cases import (

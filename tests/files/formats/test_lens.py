@@ -18,8 +18,8 @@ from poseviewer.files.formats.nerfstudio import write_nerfstudio
 from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import FORMATS
-from poseviewer.files.photo.load import load_photo
-from poseviewer.files.pose.file import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files

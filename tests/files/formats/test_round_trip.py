@@ -11,7 +11,7 @@ import pytest
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.request import Request
 from poseviewer.files.formats.table import FORMATS
-from poseviewer.files.pose.file import PoseRecord
+from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import (

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import AutosaveError
-from poseviewer.files.pose.file import ChartParameters, ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import ChartParameters, ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     discard,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose.file import load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform

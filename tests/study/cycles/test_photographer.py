@@ -11,7 +11,7 @@ import pytest
 from poseviewer.cli import main as cli
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.study.cycles.photographer import (

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.pose.file import (
+from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
     PhotoReference,

@@ -17,17 +17,69 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
-from poseviewer.files.pose.distortion import (
-    distortion_as_json,
-    distortion_from_json,
-    intrinsics_as_json,
-    intrinsics_from_json,
-)
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
-from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform
+
+NOTE = (
+    "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
+)
+INTRINSICS = ("fx", "fy", "cx", "cy")
+MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
+"""What the file calls a lens model."""
+
+
+def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
+    """All that is needed to make the undistorted photo of the one as taken."""
+    lens = undistortion.lens
+    return {
+        "note": NOTE,
+        "model": next(name for name, model in MODELS.items() if model == lens.model),
+        "coefficients": [float(value) for value in lens.coefficients],
+        "camera_as_taken": intrinsics_as_json(undistortion.taken),
+        "camera_undistorted": intrinsics_as_json(undistortion.camera),
+    }
+
+
+def distortion_from_json(reading: Reading, value: Any, width: int, height: int) -> Undistortion:
+    """What a block says, for a photo of ``width`` x ``height`` px; raises the reading's error."""
+    value = reading.object(value, "distortion")
+    name = value.get("model")
+    if not isinstance(name, str) or name not in MODELS:
+        wanted = " or ".join(repr(model) for model in MODELS)
+        raise reading.error(f"distortion.model is {kind_of(name)}", f"wanted {wanted}")
+    model, coefficients = MODELS[name], value.get("coefficients")
+    if not isinstance(coefficients, list) or len(coefficients) not in COEFFICIENTS[model]:
+        wanted = ", ".join(str(count) for count in COEFFICIENTS[model])
+        found = f"distortion.coefficients is {kind_of(coefficients)}"
+        raise reading.error(found, f"wanted a list of {wanted} numbers")
+    numbers = reading.numbers(coefficients, "distortion.coefficients", len(coefficients))
+    cameras = (
+        intrinsics_from_json(reading, value.get(key), f"distortion.{key}", width, height)
+        for key in ("camera_as_taken", "camera_undistorted")
+    )
+    return Undistortion(Lens(model, tuple(numbers)), *cameras)
+
+
+def intrinsics_as_json(camera: Perspective) -> dict[str, float]:
+    """fx, fy, cx, cy in px, pixel centres at integers."""
+    shifted = camera_as_integer_centres(camera)
+    return {name: float(getattr(shifted, name)) for name in INTRINSICS}
+
+
+def intrinsics_from_json(
+    reading: Reading, value: Any, what: str, width: int, height: int
+) -> Perspective:
+    """The camera, pixel centres at i + 0.5, of an object with fx, fy, cx, cy; raises the reading's
+    error.
+    """
+    value = reading.object(value, what)
+    cx, cy = (reading.number(value.get(n), f"{what}.{n}") for n in INTRINSICS[2:])
+    fx, fy = (reading.number(value.get(n), f"{what}.{n}", positive=True) for n in INTRINSICS[:2])
+    return camera_from_integer_centres(Perspective(fx, fy, cx, cy, width, height))
+
 
 FORMAT, VERSION = "poseviewer-pose", 1
 VERDICTS = ("found", "doubtful", "lost")
@@ -95,7 +147,7 @@ class PoseRecord:
 
 def pose_schema() -> dict[str, Any]:
     """The JSON Schema (2020-12) of pose files."""
-    text = files("poseviewer.files.pose").joinpath("pose.schema.json").read_text(encoding="utf-8")
+    text = files("poseviewer.files").joinpath("pose.schema.json").read_text(encoding="utf-8")
     return json.loads(text)
 
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.photo.load import load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.geometry.camera import Perspective
 
 RGB = (np.arange(48 * 64 * 3) % 251).reshape(48, 64, 3).astype(np.uint8)

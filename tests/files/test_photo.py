@@ -12,7 +12,7 @@ import pytest
 from PIL import ExifTags, Image, TiffImagePlugin
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.photo.load import load_mask, load_photo, save_image
+from poseviewer.files.photo import load_mask, load_photo, save_image
 from poseviewer.geometry.camera import Perspective
 
 RGB = np.random.default_rng(5).integers(0, 256, (48, 64, 3), dtype=np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.camera.calibration import Calibration, load_calibration, load_cameras
+from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens
 
