@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.parts import (
     Part,
@@ -183,7 +184,7 @@ def _read_off(path: Path) -> Read:
 
 
 def _read_gltf(path: Path) -> Read:
-    header = _gltf_header(path)
+    header = gltf_header(path)
     if not isinstance(header, dict):
         raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
     for name in _missing_files(path, header, "buffers"):
@@ -203,7 +204,12 @@ def _read_gltf(path: Path) -> Read:
     return parts, notes + [f"Texture left out: {name} is not there." for name in gone]
 
 
-def _gltf_header(path: Path) -> Any:
+def gltf_header(path: Path) -> Any:
+    """The JSON of a glTF or GLB file.
+
+    Raises:
+        MeshFileError, ValueError: it is not one, or cut short.
+    """
     data = path.read_bytes()
     if path.suffix.lower() == ".gltf":
         return json.loads(data)
@@ -221,8 +227,8 @@ def _gltf_header(path: Path) -> Any:
 def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
     """Names of the files beside a glTF file that it asks for and that are not there."""
     names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
-    named = [name[:80] for name in names if not name.startswith("data:")]
-    return [name for name in named if not (path.parent / name).is_file()]
+    named = [name for name in names if not name.startswith("data:")]
+    return [name[:80] for name in named if find_named(path.parent, name) is None]
 
 
 def _refuse_huge_gltf(name: str, header: dict[str, Any]) -> None:
@@ -247,8 +253,17 @@ def _refuse_huge_gltf(name: str, header: dict[str, Any]) -> None:
 def _read_scene(path: Path, linear: bool = False) -> Read:
     """All that trimesh finds, each piece moved to its place in the scene."""
     import trimesh  # only now: it takes a third of a second, and OBJ, PLY and 3DS do without
+    from trimesh.resolvers import FilePathResolver
 
-    scene = trimesh.load_scene(path, process=False, maintain_order=True)
+    class Beside(FilePathResolver):
+        def get(self, name: str) -> bytes:
+            found = find_named(path.parent, unquote(name))
+            if found is None:
+                raise FileNotFoundError(name)
+            return found.read_bytes()
+
+    beside = Beside(str(path))
+    scene = trimesh.load_scene(path, resolver=beside, process=False, maintain_order=True)
     parts: list[Part] = []
     notes: list[str] = []
     images: dict[int, NDArray | None] = {}

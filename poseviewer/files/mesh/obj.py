@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.parts import (
     MAX_FACES,
     Part,
@@ -278,11 +279,9 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     """
     materials: dict[str, Material] = {}
     for library in dict.fromkeys(libraries):
-        written = Path(library.strip('"').replace("\\", "/"))
-        places = [path.parent / written, path.parent / written.name]
-        found = next((place for place in places if place.is_file()), None)
+        found = find_named(path.parent, library)
         if found is None:
-            notes.append(f"Material file left out: {written.name} is not there.")
+            notes.append(f"Material file left out: {bare_name(library)} is not there.")
             continue
         text = found.read_text(encoding="utf-8", errors="replace")
         materials.update(_parse_mtl(text, found.parent, notes))
@@ -304,7 +303,7 @@ def _parse_mtl(text: str, folder: Path, notes: list[str]) -> dict[str, Material]
         elif word == "kd":
             materials[name] = Material(_diffuse(rest), materials[name].texture)
         elif word == "map_kd":
-            file = _without_options(rest)
+            file = without_options(rest)
             if file not in textures:
                 textures[file] = load_texture(folder, file, notes)
             # A texture replaces Kd, as in Blender: many exporters write Kd 0 beside it.
@@ -321,7 +320,7 @@ def _diffuse(text: str) -> NDArray | None:
     return np.clip(np.nan_to_num(values), 0.0, 1.0) if len(values) == 3 else None
 
 
-def _without_options(text: str) -> str:
+def without_options(text: str) -> str:
     """The file name behind options such as ``-s 1 1 1`` or ``-clamp on``; it may hold spaces."""
     words = text.split(" ")
     while words and words[0].startswith("-"):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.quiet import quiet_libraries
 
 MAX_FACES = 20_000_000
@@ -126,22 +127,18 @@ def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:
 def load_texture(folder: Path, name: str, notes: list[str]) -> NDArray[np.uint8] | None:
     """The picture ``name`` of a model in ``folder`` as RGB (h, w, 3); None, and a note, where there
     is none that can be read.
-
-    Models are often moved without the folders their textures lay in, so beside the path as
-    written, the bare file name is looked for next to the model.
     """
-    written = Path(name.strip().strip('"').replace("\\", "/"))
-    for path in (folder / written, folder / written.name):
-        if path.is_file():
-            try:
-                with quiet_libraries(), Image.open(path) as image:
-                    return texture_from_image(image)
-            except Image.DecompressionBombError:
-                notes.append(f"Texture left out: {path.name} has too many pixels.")
-            except OSError as error:
-                notes.append(f"Texture left out: {error}.")
-            return None
-    notes.append(f"Texture left out: {written.name} is not there.")
+    path = find_named(folder, name)
+    if path is None:
+        notes.append(f"Texture left out: {bare_name(name)} is not there.")
+        return None
+    try:
+        with quiet_libraries(), Image.open(path) as image:
+            return texture_from_image(image)
+    except Image.DecompressionBombError:
+        notes.append(f"Texture left out: {path.name} has too many pixels.")
+    except OSError as error:
+        notes.append(f"Texture left out: {error}.")
     return None
 
 

@@ -59,7 +59,7 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
         MeshFileError: not a PLY file, cut short, or without the columns that a surface needs.
     """
     data = path.read_bytes()
-    elements, encoding, textures, at = _read_header(path.name, data)
+    elements, encoding, textures, at = read_header(path.name, data)
     for element in elements:
         what = {"vertex": "vertices", "face": "faces"}.get(element.name, "rows")
         refuse_if_huge(path.name, element.count, what)
@@ -78,7 +78,12 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     return _parts(path, columns, textures)
 
 
-def _read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
+def read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
+    """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes.
+
+    Raises:
+        MeshFileError: it is no PLY header, or not a whole one.
+    """
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:
