@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.checks import Reading, read_json, read_text
+from poseviewer.files.checks import Reading
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
@@ -81,16 +81,14 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
         CalibrationFileError: it cannot be used as one of these.
     """
     path = Path(path)
-    reading = Reading(path.name, error_type=CalibrationFileError, numbers_as_text=True)
+    reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
     kind = path.suffix.lower()
     if kind == ".txt":
-        return _colmap_cameras(reading, path)
+        return _colmap_cameras(reading)
     if kind in (".yml", ".yaml", ".xml"):
-        data = opencv_storage(reading, read_text(path, LARGEST_FILE, KIND, CalibrationFileError))
-        return _opencv_cameras(reading, data, fisheye)
+        return _opencv_cameras(reading, opencv_storage(reading), fisheye)
     if kind == ".json":
-        data = read_json(path, LARGEST_FILE, KIND, CalibrationFileError)
-        data = reading.object(data, "its content")
+        data = reading.load_object()
         return bop_cameras(reading, data) or _opencv_cameras(reading, data, fisheye)
     raise reading.error(f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json or .txt")
 
@@ -108,17 +106,19 @@ def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
         ]
     if not {"fx", "fy", "cx", "cy"} <= set(data):
         return []
-    fx, fy = (reading.number(data[key], key, positive=True) for key in ("fx", "fy"))
-    cx, cy = (reading.number(data[key], key) for key in ("cx", "cy"))
-    width, height = (reading.size(data.get(key), key) or 0 for key in ("width", "height"))
-    camera = Perspective(fx, fy, cx, cy, width, height)
-    return [FileCamera("", camera_from_integer_centres(camera))]
+    fx, fy, cx, cy, width, height = reading.fields(
+        data, "", fx=Reading.positive, fy=Reading.positive, cx=Reading.number, cy=Reading.number,
+        width=Reading.size, height=Reading.size,
+    )  # fmt: skip
+    camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, width or 0, height or 0))
+    return [FileCamera("", camera)]
 
 
-def opencv_storage(reading: Reading, text: str) -> dict[str, Any]:
-    """What a YAML or XML of OpenCV's ``FileStorage`` holds, as dicts, lists and numbers; raises the
-    reading's error where OpenCV cannot read it.
+def opencv_storage(reading: Reading) -> dict[str, Any]:
+    """What the file, a YAML or XML of OpenCV's ``FileStorage``, holds: dicts, lists and numbers;
+    raises the reading's error where OpenCV cannot read it.
     """
+    text = reading.load_text()
     head = text.lstrip()[:3]
     if head[:1] not in ("%", "<"):  # ROS writes plain YAML
         text = "%YAML:1.0\n" + ("" if head == "---" else "---\n") + text
@@ -227,7 +227,7 @@ def camera_of_matrix(
     if len(values) != 9:
         raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
     matrix = np.array(values).reshape(3, 3)
-    fx, fy = (reading.number(matrix[i, i], f"{what}: f{'xy'[i]}", True) for i in range(2))
+    fx, fy = (reading.positive(matrix[i, i], f"{what}: f{'xy'[i]}") for i in range(2))
     if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > LARGEST_SKEW * fx:
         raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > LARGEST_SKEW * fx:
@@ -252,17 +252,17 @@ def lens_of(reading: Reading, model: LensModel, coefficients: list[float]) -> Le
     return Lens(model, tuple(coefficients))
 
 
-def _colmap_cameras(reading: Reading, path: Path) -> list[FileCamera]:
+def _colmap_cameras(reading: Reading) -> list[FileCamera]:
     """The cameras of a ``cameras.txt``, named by their CAMERA_ID.
 
     Which camera took which photo says the ``images.txt`` beside it: of each pair of its lines the
     first is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME.
     """
     photos: dict[str, set[str]] = defaultdict(set)
-    beside = path.with_name("images.txt")
-    text = read_text(path, LARGEST_FILE, KIND, CalibrationFileError)
-    if beside.is_file():
-        lines = read_text(beside, LARGEST_FILE, KIND, CalibrationFileError).splitlines()
+    beside = replace(reading, path=reading.path.with_name("images.txt"))
+    text = reading.load_text()
+    if beside.path.is_file():
+        lines = beside.load_text().splitlines()
         for line in [line for line in lines if not line.startswith("#")][::2]:
             words = line.split(maxsplit=9)
             if len(words) == 10:
@@ -300,7 +300,7 @@ def colmap_camera(reading: Reading, words: list[str]) -> tuple[Perspective, Lens
     if len(values) != focals + 2 + more:
         found = f"camera {key} has {len(values)} parameters"
         raise reading.error(found, f"{model} has {focals + 2 + more}")
-    fx, fy = (reading.number(values[i], f"focal length of {key}", True) for i in (0, focals - 1))
+    fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
     cx, cy = values[focals : focals + 2]
     camera = Perspective(fx, fy, cx, cy, width, height)
     found = coefficients(values[focals + 2 :]) if more else []

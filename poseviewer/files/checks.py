@@ -1,9 +1,10 @@
-"""Text and JSON files into checked values: every error names the file and the field."""
+"""Files into checked values: every error names the file, and the field."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,17 +24,61 @@ LARGEST_FILE = 10_000_000
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A file being read: its name stands in every error, and it gathers warnings."""
+    """A file being read: its name stands in every error, and it gathers warnings.
 
-    name: str
+    What checks a value takes it and what it is called, and raises ``error_type``.
+    """
+
+    path: Path
     warnings: list[str] = field(default_factory=list)
     error_type: type[PoseViewerError] = PoseFileError
+    kind: str = "pose file"
+    """What is wanted of the file, for messages."""
+    largest: int = LARGEST_FILE
+    """Bytes."""
     numbers_as_text: bool = False
     """Whether a text counts as the number that it spells."""
 
     def error(self, found: str, wanted: str) -> PoseViewerError:
         """An error that names the file."""
-        return self.error_type(f"{self.name}: {found}; {wanted}.")
+        return self.error_type(f"{self.path.name or self.path}: {found}; {wanted}.")
+
+    def load_bytes(self) -> bytes:
+        """What the file holds; at most ``largest`` bytes, and not none."""
+        wanted = f"wanted a {self.kind}"
+        if self.path.is_dir():
+            raise self.error("is a folder", wanted)
+        try:
+            size = self.path.stat().st_size
+            if size > self.largest:
+                raise self.error(f"{size:,} bytes, more than any {self.kind}", wanted)
+            data = self.path.read_bytes()
+        except FileNotFoundError:
+            raise self.error(f"no such file in {self.path.parent}", "check the path") from None
+        except OSError as error:
+            raise self.error(f"cannot be read ({error.strerror})", "check the path") from error
+        if not data.strip():
+            raise self.error("an empty file", f"{wanted}, copy it again")
+        return data
+
+    def load_text(self) -> str:
+        """What the file says, in UTF-8."""
+        try:
+            return self.load_bytes().decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise self.error("not a text", f"wanted a {self.kind}") from None
+
+    def load_json(self) -> Any:
+        """What the file, JSON, holds."""
+        try:
+            return json.loads(self.load_text())
+        except (ValueError, RecursionError) as error:
+            found = f"not JSON ({str(error)[:80]})"
+            raise self.error(found, f"wanted a {self.kind}, a whole one") from error
+
+    def load_object(self) -> dict[str, Any]:
+        """What the file, JSON, holds: an object."""
+        return self.object(self.load_json(), "its content")
 
     def object(self, value: Any, what: str) -> dict[str, Any]:
         """The value, a JSON object."""
@@ -41,7 +86,14 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
-    def number(self, value: Any, what: str, positive: bool = False) -> float:
+    def fields(
+        self, value: Any, what: str, **checks: Callable[[Reading, Any, str], Any]
+    ) -> list[Any]:
+        """The fields of a JSON object that ``checks`` names, each checked by its function."""
+        value, where = self.object(value, what or "its content"), f"{what}." if what else ""
+        return [check(self, value.get(key), where + key) for key, check in checks.items()]
+
+    def number(self, value: Any, what: str) -> float:
         """A finite number; bool is none, though Python thinks so."""
         try:
             if isinstance(value, bool) or (isinstance(value, str) and not self.numbers_as_text):
@@ -53,15 +105,30 @@ class Reading:
             found = math.inf
         if not math.isfinite(found):
             raise self.error(f"{what} is {str(value)[:40]}", "wanted a finite number")
-        if positive and not found > 0:
+        return found
+
+    def positive(self, value: Any, what: str) -> float:
+        """A finite number above 0."""
+        found = self.number(value, what)
+        if not found > 0.0:
             raise self.error(f"{what} is {value}", "wanted a number above 0")
         return found
 
-    def numbers(self, value: Any, what: str, length: int) -> list[float]:
+    def numbers(self, value: Any, what: str, length: int = 3) -> list[float]:
         """The value, a list of ``length`` finite numbers."""
         if not isinstance(value, list) or len(value) != length:
             raise self.error(f"{what} is {kind_of(value)}", f"wanted a list of {length} numbers")
         return [self.number(item, f"{what}[{i}]") for i, item in enumerate(value)]
+
+    def matrix(
+        self, value: Any, what: str, rows: tuple[int, ...] = (3,), columns: int = 3
+    ) -> FloatArray:
+        """(r, columns): the value, a list of r (one of ``rows``) lists of finite numbers."""
+        if not isinstance(value, list) or len(value) not in rows:
+            wanted = f"wanted {rows[-1]} rows of {columns} numbers"
+            raise self.error(f"{what} is {kind_of(value)}", wanted)
+        numbers = [self.numbers(row, f"{what}[{i}]", columns) for i, row in enumerate(value)]
+        return np.array(numbers)
 
     def flat_numbers(self, value: Any, what: str) -> list[float]:
         """The numbers of a list, of lists in it, or of OpenCV's ``{rows, cols, data}``."""
@@ -97,7 +164,7 @@ class Reading:
         """The value, a whole number above 0 or None."""
         if value is None:
             return None
-        found = self.number(value, what, positive=True)
+        found = self.positive(value, what)
         if found != int(found):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a whole number above 0")
         return int(found)
@@ -112,52 +179,9 @@ def kind_of(value: Any) -> str:
     return "missing" if value is None else repr(value)[:60]
 
 
-def read_text(
-    path: Path,
-    largest: int = LARGEST_FILE,
-    kind: str = "pose file",
-    error_type: type[PoseViewerError] = PoseFileError,
-) -> str:
-    """What a file of ``kind`` and of at most ``largest`` bytes says, in UTF-8.
-
-    Raises:
-        error_type: there is no such file, or it is empty or no text.
-    """
-    reading = Reading(path.name or str(path), error_type=error_type)
-    if path.is_dir():
-        raise reading.error("is a folder", f"wanted a {kind}")
-    try:
-        if path.stat().st_size > largest:
-            raise reading.error(f"larger than any {kind}", f"wanted a {kind}")
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise reading.error(f"no such file in {path.parent}", "check the path") from None
-    except OSError as error:
-        raise reading.error(f"cannot be read ({error.strerror})", "check the path") from error
-    except UnicodeDecodeError:
-        raise reading.error("not a text", f"wanted a {kind}") from None
-    if not text.strip():
-        raise reading.error("an empty file", f"wanted a {kind}")
-    return text
-
-
-def read_json(
-    path: Path,
-    largest: int = LARGEST_FILE,
-    kind: str = "pose file",
-    error_type: type[PoseViewerError] = PoseFileError,
-) -> Any:
-    """What a JSON file holds; arguments and errors as ``read_text``'s.
-
-    Raises:
-        error_type: it cannot be read, or is not JSON.
-    """
-    try:
-        return json.loads(read_text(path, largest, kind, error_type))
-    except (ValueError, RecursionError) as error:
-        reading = Reading(path.name, error_type=error_type)
-        found = f"not JSON ({str(error)[:80]})"
-        raise reading.error(found, f"wanted a {kind}, a whole one") from error
+def read_json(path: Path) -> Any:
+    """What a JSON file holds; raises PoseFileError where it cannot be read, or is none."""
+    return Reading(path).load_json()
 
 
 def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
@@ -184,7 +208,7 @@ def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
         return matrix
     if error > ROUNDING:
         reading.warnings.append(
-            f"{reading.name}: the rotation was not quite orthonormal "
+            f"{reading.path.name}: the rotation was not quite orthonormal "
             f"(by {_angle_off_deg(matrix):.2g} degrees); the nearest rotation is used."
         )
     return nearest_rotation(matrix)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, read_json
+from poseviewer.files.checks import Reading
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 from poseviewer.vehicle.parts import find_wheels
@@ -33,8 +33,8 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
     path = keypoints_path(mesh_path)
     if not path.exists():
         return find_wheels(mesh)
-    reading = Reading(path.name, error_type=MeshFileError)
-    data = reading.object(read_json(path, kind=KIND, error_type=MeshFileError), "its content")
+    reading = Reading(path, error_type=MeshFileError, kind=KIND)
+    data = reading.load_object()
     if data.get("format", FORMAT) != FORMAT:
         raise reading.error(f"not a {KIND}", f"wanted format {FORMAT!r}")
     version = data.get("version", VERSION)
@@ -50,10 +50,9 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
 
 
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
-    side = reading.object(data.get(key), f"side {key!r}")
     names = ("rear_wheel", "front_wheel", "axle")
-    points = [np.array(reading.numbers(side.get(name), f"{key}.{name}", 3)) for name in names]
+    points = reading.fields(data.get(key), key, **dict.fromkeys(names, Reading.numbers))
     try:
-        return SideKeypoints(*points)
+        return SideKeypoints(*map(np.array, points))
     except ValueError as error:
         raise reading.error(f"{key} side: {error}", "mend the key points") from error

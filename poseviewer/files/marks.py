@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.checks import kind_of, read_json, read_text
+from poseviewer.files.checks import Reading, kind_of
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.ellipses import Ellipse
@@ -27,7 +27,6 @@ ELLIPSE = ("cx", "cy", "a", "b", "angle")
 WHEELS = ("rear", "front")
 LARGEST_FILE = 1_000_000
 """Bytes; a thousand pairs have fewer."""
-KIND = "list of marks"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +50,10 @@ def load_pairs(path: str | Path) -> PointPairs:
     Raises:
         QuickStartError: there is no such file, or it holds something else.
     """
-    path = Path(path)
-    text = read_text(path, LARGEST_FILE, KIND, QuickStartError)
-    rows = _json_rows(path) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
-    numbers = [_numbers(f"{path.name}: {where}", row, PAIR) for where, row in rows]
+    reading = _reading(path)
+    text = reading.load_text()
+    rows = _json_rows(reading) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
+    numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(table[:, :3], points_from_integer_centres(table[:, 3:]))
 
@@ -67,34 +66,35 @@ def load_wheels(text: str) -> Wheels:
     Raises:
         QuickStartError: it is neither.
     """
-    name, wheels = "--wheels", [part.split(",") for part in text.split(";") if part.strip()]
+    reading, wheels = _reading("--wheels"), [w.split(",") for w in text.split(";") if w.strip()]
     if ";" not in text:
-        path = Path(text)
-        name, data = path.name, read_json(path, LARGEST_FILE, KIND, QuickStartError)
+        reading = _reading(text)
+        data = reading.load_json()
         wheels = [data.get(wheel) if isinstance(data, dict) else None for wheel in WHEELS]
     elif len(wheels) != len(WHEELS):
-        raise QuickStartError(
-            f"--wheels: {len(wheels)} ellipses; wanted two, rear;front, each cx,cy,a,b,angle."
-        )
+        wanted = "wanted two, rear;front, each cx,cy,a,b,angle"
+        raise reading.error(f"{len(wheels)} ellipses", wanted)
     found = []
     for which, wheel in zip(WHEELS, wheels, strict=True):
         row = [wheel.get(key) for key in ELLIPSE] if isinstance(wheel, dict) else wheel
         if not isinstance(row, list):
-            raise QuickStartError(
-                f"{name}: no ellipse {which!r}; wanted rear and front, each with "
-                f"{', '.join(ELLIPSE)}."
-            )
-        cx, cy, a, b, degrees = _numbers(f"{name}: the {which} wheel", row, ELLIPSE)
+            wanted = f"wanted rear and front, each with {', '.join(ELLIPSE)}"
+            raise reading.error(f"no ellipse {which!r}", wanted)
+        cx, cy, a, b, degrees = _numbers(reading, f"the {which} wheel", row, ELLIPSE)
         u, v = points_from_integer_centres([cx, cy])
         found.append(Ellipse(float(u), float(v), a, b, math.radians(degrees)))
     return Wheels(*found)
 
 
-def _json_rows(path: Path) -> Iterable[tuple[str, Sequence[Any]]]:
-    data = read_json(path, LARGEST_FILE, KIND, QuickStartError)
+def _reading(path: str | Path) -> Reading:
+    return Reading(Path(path), [], QuickStartError, "list of marks", LARGEST_FILE)
+
+
+def _json_rows(reading: Reading) -> Iterable[tuple[str, Sequence[Any]]]:
+    data = reading.load_json()
     rows = data.get("pairs") if isinstance(data, dict) else data
     if not isinstance(rows, list):
-        raise QuickStartError(f'{path.name}: no list "pairs"; wanted rows of x, y, z, u, v.')
+        raise reading.error('no list "pairs"', "wanted rows of x, y, z, u, v")
     for number, row in enumerate(rows, 1):
         if isinstance(row, dict):
             model, photo = row.get("model"), row.get("photo")
@@ -122,12 +122,12 @@ def _number(value: Any) -> float | None:
         return None
 
 
-def _numbers(where: str, row: Sequence[Any], names: Sequence[str]) -> list[float]:
-    wanted = f"wanted {len(names)} numbers, {', '.join(names)}."
+def _numbers(reading: Reading, where: str, row: Sequence[Any], names: Sequence[str]) -> list[float]:
+    wanted = f"wanted {len(names)} numbers, {', '.join(names)}"
     if len(row) != len(names):
-        raise QuickStartError(f"{where} has {len(row)} values; {wanted}")
+        raise reading.error(f"{where} has {len(row)} values", wanted)
     numbers = [_number(value) for value in row]
     for number, value, name in zip(numbers, row, names, strict=True):
         if number is None or not math.isfinite(number):
-            raise QuickStartError(f"{where}: {name} is {kind_of(value)}; {wanted}")
+            raise reading.error(f"{where}: {name} is {kind_of(value)}", wanted)
     return [number for number in numbers if number is not None]

@@ -17,6 +17,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError
 from poseviewer.files.cameras import Calibration, load_calibration
+from poseviewer.files.checks import Reading
 from poseviewer.files.pose import PoseRecord, distortion_as_json
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
@@ -53,7 +54,7 @@ def load_photo(path: str | Path) -> Photo:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
     """
     path = Path(path)
-    data = _read(path, "photo")
+    data = _read(path)
     if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
         pixels, focal = _decode_heic(path.name, data)
     else:
@@ -78,7 +79,7 @@ def is_stored_turned(path: str | Path) -> bool:
         PhotoFileError: it cannot be read.
     """
     path = Path(path)
-    return _inspect(path.name, _read(path, "photo"))[0] != 1
+    return _inspect(path.name, _read(path))[0] != 1
 
 
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
@@ -117,26 +118,8 @@ def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
     write_whole(path, described(data.tobytes(), description), PhotoFileError)
 
 
-def _read(path: Path, wanted: str) -> bytes:
-    if path.is_dir():
-        raise PhotoFileError(f"{path.name or path}: is a folder; wanted a {wanted} file.")
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise PhotoFileError(
-                f"{path.name}: {size:,} bytes, more than any photo of {MAX_MEGAPIXELS:.0f} "
-                f"megapixels; is it a {wanted}?"
-            )
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise PhotoFileError(
-            f"{path.name}: no such file in {path.parent}; check the path."
-        ) from None
-    except OSError as error:
-        raise PhotoFileError(f"{path.name}: cannot be read ({error.strerror}).") from error
-    if not data:
-        raise PhotoFileError(f"{path.name}: an empty file; wanted a {wanted}, copy it again.")
-    return data
+def _read(path: Path) -> bytes:
+    return Reading(path, [], PhotoFileError, "photo", LARGEST_FILE).load_bytes()
 
 
 def _inspect(name: str, data: bytes) -> tuple[int, float | None]:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,73 +16,25 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
+from poseviewer.files.checks import Reading, checked_rotation, kind_of
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform
 
+FORMAT, VERSION = "poseviewer-pose", 1
+VERDICTS = ("found", "doubtful", "lost")
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )
-INTRINSICS = ("fx", "fy", "cx", "cy")
+CAMERAS = {
+    "perspective": (Perspective, ("fx", "fy"), ("cx", "cy")),
+    "parallel": (Parallel, ("scale",), ("cx", "cy")),
+}
+"""The projections by what files call them: what is above 0, and the other numbers."""
 MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
 """What the file calls a lens model."""
-
-
-def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
-    """All that is needed to make the undistorted photo of the one as taken."""
-    lens = undistortion.lens
-    return {
-        "note": NOTE,
-        "model": next(name for name, model in MODELS.items() if model == lens.model),
-        "coefficients": [float(value) for value in lens.coefficients],
-        "camera_as_taken": intrinsics_as_json(undistortion.taken),
-        "camera_undistorted": intrinsics_as_json(undistortion.camera),
-    }
-
-
-def distortion_from_json(reading: Reading, value: Any, width: int, height: int) -> Undistortion:
-    """What a block says, for a photo of ``width`` x ``height`` px; raises the reading's error."""
-    value = reading.object(value, "distortion")
-    name = value.get("model")
-    if not isinstance(name, str) or name not in MODELS:
-        wanted = " or ".join(repr(model) for model in MODELS)
-        raise reading.error(f"distortion.model is {kind_of(name)}", f"wanted {wanted}")
-    model, coefficients = MODELS[name], value.get("coefficients")
-    if not isinstance(coefficients, list) or len(coefficients) not in COEFFICIENTS[model]:
-        wanted = ", ".join(str(count) for count in COEFFICIENTS[model])
-        found = f"distortion.coefficients is {kind_of(coefficients)}"
-        raise reading.error(found, f"wanted a list of {wanted} numbers")
-    numbers = reading.numbers(coefficients, "distortion.coefficients", len(coefficients))
-    cameras = (
-        intrinsics_from_json(reading, value.get(key), f"distortion.{key}", width, height)
-        for key in ("camera_as_taken", "camera_undistorted")
-    )
-    return Undistortion(Lens(model, tuple(numbers)), *cameras)
-
-
-def intrinsics_as_json(camera: Perspective) -> dict[str, float]:
-    """fx, fy, cx, cy in px, pixel centres at integers."""
-    shifted = camera_as_integer_centres(camera)
-    return {name: float(getattr(shifted, name)) for name in INTRINSICS}
-
-
-def intrinsics_from_json(
-    reading: Reading, value: Any, what: str, width: int, height: int
-) -> Perspective:
-    """The camera, pixel centres at i + 0.5, of an object with fx, fy, cx, cy; raises the reading's
-    error.
-    """
-    value = reading.object(value, what)
-    cx, cy = (reading.number(value.get(n), f"{what}.{n}") for n in INTRINSICS[2:])
-    fx, fy = (reading.number(value.get(n), f"{what}.{n}", positive=True) for n in INTRINSICS[:2])
-    return camera_from_integer_centres(Perspective(fx, fy, cx, cy, width, height))
-
-
-FORMAT, VERSION = "poseviewer-pose", 1
-VERDICTS = ("found", "doubtful", "lost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +112,8 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
     Raises:
         PoseFileError: there is no such file, or it does not hold a pose.
     """
-    path = Path(path)
-    return record_from_json(Reading(path.name), read_json(path), width, height)
+    reading = Reading(Path(path))
+    return record_from_json(reading, reading.load_json(), width, height)
 
 
 def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
@@ -179,22 +131,27 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
             f"version is {version!r}", f"this poseviewer reads version {VERSION}, try a newer one"
         )
 
-    def optional(key: str, read: Any) -> Any:
-        return None if data.get(key) is None else read(data[key], key)
+    def optional(key: str, read: Callable[[Reading, Any, str], Any]) -> Any:
+        return None if data.get(key) is None else read(reading, data[key], key)
 
-    photo = optional("photo", lambda value, _: _photo(reading, value, width, height))
-    return PoseRecord(
+    record = PoseRecord(
         Pose(camera_from_json(reading, data, width, height), _transform(reading, data)),
-        photo,
-        optional("model", lambda value, _: _model(reading, value)),
-        optional("chart", lambda value, _: _chart(reading, value)),
-        optional("loss", reading.number),
-        optional("settings", reading.object),
-        optional("software", reading.object),
-        optional("distortion", lambda v, _: distortion_from_json(reading, v, width, height)),
-        optional("verdict", lambda value, _: _verdict(reading, value)),
-        tuple(reading.warnings),
+        optional("photo", _photo),
+        optional("model", _model),
+        optional("chart", _chart),
+        optional("loss", Reading.number),
+        optional("settings", Reading.object),
+        optional("software", Reading.object),
+        optional("distortion", lambda r, v, _: distortion_from_json(r, v, width, height)),
+        optional("verdict", _verdict),
     )
+    made_for = record.photo or PhotoReference()
+    if (made_for.width or width, made_for.height or height) != (width, height):
+        reading.warnings.append(
+            f"{reading.path.name}: the pose was made for a photo of "
+            f"{made_for.width}x{made_for.height} px, this one has {width}x{height} px."
+        )
+    return replace(record, warnings=tuple(reading.warnings))
 
 
 def check_against(record: PoseRecord, photo_sha256: str, model_sha256: str) -> tuple[str, ...]:
@@ -259,11 +216,11 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
 
 def camera_as_json(camera: Camera) -> dict[str, Any]:
     """``projection`` and ``camera`` as a pose file says them, pixel centres at integers."""
-    if isinstance(camera, Perspective):
-        return {"projection": "perspective", "camera": intrinsics_as_json(camera)}
+    projection = "perspective" if isinstance(camera, Perspective) else "parallel"
+    _, above_0, others = CAMERAS[projection]
     shifted = camera_as_integer_centres(camera)
-    values = {name: float(getattr(shifted, name)) for name in ("scale", "cx", "cy")}
-    return {"projection": "parallel", "camera": values}
+    values = {name: float(getattr(shifted, name)) for name in (*above_0, *others)}
+    return {"projection": projection, "camera": values}
 
 
 def _reference_as_json(reference: PhotoReference | ModelReference | None) -> dict | None:
@@ -280,60 +237,80 @@ def camera_from_json(reading: Reading, data: dict[str, Any], width: int, height:
         PoseFileError: it is not there, or not one.
     """
     projection = data.get("projection")
-    if projection == "perspective":
-        return intrinsics_from_json(reading, data.get("camera"), "camera", width, height)
-    if projection != "parallel":
-        raise reading.error(
-            f"projection is {kind_of(projection)}", "wanted 'perspective' or 'parallel'"
-        )
-    camera = reading.object(data.get("camera"), "camera")
-    cx, cy = (reading.number(camera.get(name), f"camera.{name}") for name in ("cx", "cy"))
-    scale = reading.number(camera.get("scale"), "camera.scale", positive=True)
-    return camera_from_integer_centres(Parallel(scale, cx, cy, width, height))
+    if not isinstance(projection, str) or projection not in CAMERAS:
+        wanted = " or ".join(map(repr, CAMERAS))
+        raise reading.error(f"projection is {kind_of(projection)}", f"wanted {wanted}")
+    return _camera(reading, data.get("camera"), projection, "camera", width, height)
+
+
+def _camera(
+    reading: Reading, value: Any, projection: str, what: str, width: int, height: int
+) -> Any:
+    kind, above_0, others = CAMERAS[projection]
+    checks = dict.fromkeys(above_0, Reading.positive) | dict.fromkeys(others, Reading.number)
+    found = kind(*reading.fields(value, what, **checks), width, height)
+    return camera_from_integer_centres(found)
+
+
+def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
+    """All that is needed to make the undistorted photo of the one as taken."""
+    lens = undistortion.lens
+    return {
+        "note": NOTE,
+        "model": next(name for name, model in MODELS.items() if model == lens.model),
+        "coefficients": [float(value) for value in lens.coefficients],
+        "camera_as_taken": camera_as_json(undistortion.taken)["camera"],
+        "camera_undistorted": camera_as_json(undistortion.camera)["camera"],
+    }
+
+
+def distortion_from_json(reading: Reading, value: Any, width: int, height: int) -> Undistortion:
+    """What a block says, for a photo of ``width`` x ``height`` px; raises the reading's error."""
+    value = reading.object(value, "distortion")
+    name, coefficients = value.get("model"), value.get("coefficients")
+    if not isinstance(name, str) or name not in MODELS:
+        wanted = " or ".join(repr(model) for model in MODELS)
+        raise reading.error(f"distortion.model is {kind_of(name)}", f"wanted {wanted}")
+    if not isinstance(coefficients, list) or len(coefficients) not in COEFFICIENTS[MODELS[name]]:
+        wanted = ", ".join(str(count) for count in COEFFICIENTS[MODELS[name]])
+        found = f"distortion.coefficients is {kind_of(coefficients)}"
+        raise reading.error(found, f"wanted a list of {wanted} numbers")
+    numbers = reading.numbers(coefficients, "distortion.coefficients", len(coefficients))
+    taken, camera = (
+        _camera(reading, value.get(key), "perspective", f"distortion.{key}", width, height)
+        for key in ("camera_as_taken", "camera_undistorted")
+    )
+    return Undistortion(Lens(MODELS[name], tuple(numbers)), taken, camera)
 
 
 def _transform(reading: Reading, data: dict[str, Any]) -> RigidTransform:
-    value = reading.object(data.get("camera_from_model"), "camera_from_model")
-    rows = value.get("rotation")
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise reading.error(f"the rotation is {kind_of(rows)}", "wanted 3 rows of 3 numbers")
-    matrix = [reading.numbers(row, f"rotation[{i}]", 3) for i, row in enumerate(rows)]
-    translation = reading.numbers(value.get("translation"), "translation", 3)
-    return RigidTransform(checked_rotation(reading, np.array(matrix)), np.array(translation))
-
-
-def _photo(reading: Reading, value: Any, width: int, height: int) -> PhotoReference:
-    value = reading.object(value, "photo")
-    photo = PhotoReference(
-        reading.text(value.get("file"), "photo.file"),
-        reading.size(value.get("width"), "photo.width"),
-        reading.size(value.get("height"), "photo.height"),
-        reading.text(value.get("sha256"), "photo.sha256"),
+    what = "camera_from_model"
+    rotation, translation = reading.fields(
+        data.get(what), what, rotation=Reading.matrix, translation=Reading.numbers
     )
-    if (photo.width or width, photo.height or height) != (width, height):
-        reading.warnings.append(
-            f"{reading.name}: the pose was made for a photo of {photo.width}x{photo.height} px, "
-            f"this one has {width}x{height} px."
-        )
-    return photo
+    return RigidTransform(checked_rotation(reading, rotation), np.array(translation))
 
 
-def _model(reading: Reading, value: Any) -> ModelReference:
-    value = reading.object(value, "model")
-    keys = ("file", "sha256", "unit")
-    return ModelReference(*(reading.text(value.get(key), f"model.{key}") for key in keys))
+def _photo(reading: Reading, value: Any, what: str) -> PhotoReference:
+    text, size = Reading.text, Reading.size
+    return PhotoReference(
+        *reading.fields(value, what, file=text, width=size, height=size, sha256=text)
+    )
 
 
-def _chart(reading: Reading, value: Any) -> ChartParameters:
-    value = reading.object(value, "chart")
-    names = reading.texts(value.get("names"), "chart.names")
-    numbers = reading.numbers(value.get("numbers"), "chart.numbers", len(names))
-    name = reading.text(value.get("name"), "chart.name") or ""
-    return ChartParameters(name, names, tuple(numbers))
+def _model(reading: Reading, value: Any, what: str) -> ModelReference:
+    text = Reading.text
+    return ModelReference(*reading.fields(value, what, file=text, sha256=text, unit=text))
 
 
-def _verdict(reading: Reading, value: Any) -> RecordedVerdict:
-    value = reading.object(value, "verdict")
+def _chart(reading: Reading, value: Any, what: str) -> ChartParameters:
+    name, names = reading.fields(value, what, name=Reading.text, names=Reading.texts)
+    numbers = reading.numbers(value.get("numbers"), f"{what}.numbers", len(names))
+    return ChartParameters(name or "", names, tuple(numbers))
+
+
+def _verdict(reading: Reading, value: Any, what: str) -> RecordedVerdict:
+    value = reading.object(value, what)
     word = value.get("word")
     if word not in VERDICTS:
         raise reading.error(f"verdict.word is {kind_of(word)}", f"wanted {', '.join(VERDICTS)}")

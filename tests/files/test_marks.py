@@ -49,7 +49,7 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
         ("[7]", "pair 1 has 1 values"),
         ('[{"model": [1, 2], "photo": [3]}]', "pair 1 has 3 values"),
         (b"\xff\xfe\x00\x01", "not a text"),
-        (b"1" * 1_000_001, "larger than"),
+        (b"1" * 1_000_001, "1,000,001 bytes, more than any"),
         (None, "no such file"),
     ],
 )

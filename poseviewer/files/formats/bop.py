@@ -18,7 +18,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import bop_cameras, camera_of_matrix
-from poseviewer.files.checks import Reading, checked_rotation, read_json
+from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.opencv import intrinsics_matrix
 from poseviewer.files.formats.request import (
     Request,
@@ -102,7 +102,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     entry = _entry(record, request)
     paths = out / CAMERAS, out / POSES
     cameras, poses = (load_scene_file(path) for path in paths)
-    reading, what = Reading(CAMERAS), f"image {image}"
+    reading, what = Reading(paths[0]), f"image {image}"
     there = cameras.setdefault(image, {"cam_K": matrix, "depth_scale": 1.0})
     numbers = reading.numbers(reading.object(there, what).get("cam_K"), f"{image}.cam_K", 9)
     if not np.allclose(numbers, matrix, rtol=SAME, atol=SAME):
@@ -135,21 +135,19 @@ def read_bop(path: Path, request: Request) -> PoseRecord:
             raise PoseFileError(f"{path / name}: no such file; name a BOP scene's folder.")
     cameras, poses = (load_scene_file(path / name) for name in (CAMERAS, POSES))
     image = _chosen_image(path / POSES, poses, request)
-    reading = Reading(CAMERAS)
+    reading = Reading(path / CAMERAS)
     size = size_of(reading, request)
-    matrix = reading.object(cameras.get(image), f"image {image}").get("cam_K")
+    (matrix,) = reading.fields(cameras.get(image), f"image {image}", cam_K=Reading.flat_numbers)
     camera = camera_of_matrix(reading, matrix, f"{image}.cam_K", size)
-    reading = Reading(POSES, reading.warnings)
+    reading = Reading(path / POSES, reading.warnings)
     entries, asked = poses[image], request.object_id
-    entries = [
-        reading.object(entry, f"image {image}")
-        for entry in (entries if isinstance(entries, list) else [])
-    ]
-    chosen = [entry for entry in entries if asked is None or entry.get("obj_id") == asked]
+    if isinstance(entries, list) and asked is not None:
+        entries = [e for e in entries if isinstance(e, dict) and e.get("obj_id") == asked]
+    chosen = _objects(reading, entries, image)
     if len(chosen) != 1:
         found = f"image {image} has {len(chosen)} poses" + (f" of object {asked}" if asked else "")
         raise reading.error(found, "wanted one, choose it with --object NUMBER")
-    place = _place(reading, chosen[0])
+    place = chosen[0].place
     unit = request.unit or UNIT
     translation = place.translation * (metres_per_unit(UNIT) / metres_per_unit(unit))
     pose = Pose(camera, replace(place, translation=translation))
@@ -169,14 +167,15 @@ def load_bop_images(folder: Path) -> BopScene:
     cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
     if not all(isinstance(entry, dict) and "cam_K" in entry for entry in cameras.values()):
         raise PoseFileError(f"{folder / CAMERAS}: an image without cam_K; is it a scene of BOP's?")
+    reading, objects = Reading(folder / CAMERAS), Reading(folder / POSES)
     photos, images = _photos(folder), []
-    for found in bop_cameras(Reading(CAMERAS), cameras):
+    for found in bop_cameras(reading, cameras):
         if not found.name.isdecimal():
-            raise PoseFileError(f"{CAMERAS}: image {found.name[:40]!r}; wanted images' numbers.")
+            raise reading.error(f"image {found.name[:40]!r}", "wanted images' numbers")
         number = int(found.name)
         photo = photos.get(number, f"{PHOTO_FOLDERS[0]}/{number:06d}.png")
-        objects = _objects(poses.get(found.name, []), found.name)
-        images.append(BopImage(number, photo, found.camera, objects))
+        there = _objects(objects, poses.get(found.name, []), found.name)
+        images.append(BopImage(number, photo, found.camera, there))
     if not images:
         raise PoseFileError(f"{folder / CAMERAS}: no image in it; wanted a camera for each image.")
     images.sort(key=lambda image: image.number)
@@ -205,7 +204,7 @@ def load_scene_file(path: Path) -> SceneFile:
     """
     if not path.exists():
         return {}
-    return Reading(path.name).object(read_json(path, LARGEST_SCENE), "its content")
+    return Reading(path, largest=LARGEST_SCENE).load_object()
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
@@ -264,13 +263,6 @@ def _chosen_image(path: Path, poses: SceneFile, request: Request) -> str:
     return name
 
 
-def _place(reading: Reading, entry: dict[str, Any]) -> RigidTransform:
-    """Camera from model, mm."""
-    rotation = np.array(reading.numbers(entry.get("cam_R_m2c"), "cam_R_m2c", 9)).reshape(3, 3)
-    translation = reading.numbers(entry.get("cam_t_m2c"), "cam_t_m2c", 3)
-    return RigidTransform(checked_rotation(reading, rotation), np.array(translation))
-
-
 def _photos(folder: Path) -> dict[int, str]:
     """The photos by their numbers, from the scene's folder."""
     for name in PHOTO_FOLDERS:
@@ -284,14 +276,19 @@ def _photos(folder: Path) -> dict[int, str]:
     return {}
 
 
-def _objects(entries: Any, image: str) -> tuple[BopObject, ...]:
-    reading = Reading(POSES)
+def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...]:
     if not isinstance(entries, list):
         raise reading.error(f"image {image} is not a list", "wanted a list of poses")
     found = []
-    for number, value in enumerate(entries):
-        what = f"pose {number} of image {image}"
-        entry = reading.object(value, what)
-        object_id = reading.number(entry.get("obj_id"), f"obj_id of {what}", positive=True)
-        found.append(BopObject(int(object_id), _place(reading, entry)))
+    for number, entry in enumerate(entries):
+        rotation, translation, object_id = reading.fields(
+            entry, f"pose {number} of image {image}", cam_R_m2c=_nine, cam_t_m2c=Reading.numbers,
+            obj_id=Reading.positive,
+        )  # fmt: skip
+        rotation = checked_rotation(reading, np.reshape(rotation, (3, 3)))
+        found.append(BopObject(int(object_id), RigidTransform(rotation, np.array(translation))))
     return tuple(found)
+
+
+def _nine(reading: Reading, value: Any, what: str) -> list[float]:
+    return reading.numbers(value, what, 9)

@@ -61,8 +61,8 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
 
     The model's world is taken for the frame of poseviewer's model.
     """
-    reading = Reading("images.txt")
-    lines, images = _lines(path / "images.txt"), []
+    reading = Reading(path / "images.txt")
+    lines, images = _lines(reading.path), []
     for line in lines:
         if line:
             images.append(line.split())
@@ -79,7 +79,7 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
     place = RigidTransform(rotation, np.array(numbers[4:]))
     rows = map(str.split, _lines(path / "cameras.txt"))
     row = next((row for row in rows if row[:1] == [words[8]]), None)
-    of_cameras = Reading("cameras.txt", reading.warnings)
+    of_cameras = Reading(path / "cameras.txt", reading.warnings)
     if row is None:
         raise of_cameras.error(
             f"it has no camera {words[8]}", "wanted the one that the image names"

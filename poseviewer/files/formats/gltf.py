@@ -241,7 +241,7 @@ def read_gltf(path: Path, request: Request) -> PoseRecord:
 
     The scene's world is taken for the model's frame.
     """
-    reading = Reading(path.name)
+    reading = Reading(path)
     document = reading.object(_load_document(reading, path), "its content")
     try:
         nodes = document.get("nodes", [])
@@ -312,13 +312,13 @@ def _camera(reading: Reading, entry: dict[str, Any], request: Request, metres: f
     kind = entry.get("type")
     lens = reading.object(entry.get(kind if isinstance(kind, str) else ""), "the camera's lens")
     if kind == "orthographic":
-        ymag = reading.number(lens.get("ymag"), "ymag", positive=True)
+        ymag = reading.positive(lens.get("ymag"), "ymag")
         return Parallel(half_height / ymag * metres, cx, cy, width, height)
-    yfov = reading.number(lens.get("yfov"), "yfov", positive=True)
+    yfov = reading.positive(lens.get("yfov"), "yfov")
     if yfov >= math.pi:
         raise reading.error(f"yfov is {yfov}", "wanted less than pi")
     aspect = lens.get("aspectRatio", half_width / half_height)
-    aspect = reading.number(aspect, "aspectRatio", positive=True)
+    aspect = reading.positive(aspect, "aspectRatio")
     tangent = math.tan(yfov / 2.0)
     return Perspective(
         half_width / (tangent * aspect), half_height / tangent, cx, cy, width, height

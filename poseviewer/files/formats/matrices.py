@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
+from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.request import (
     Request,
     Written,
@@ -50,9 +50,7 @@ def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last); raises the reading's
     error where it is something else.
     """
-    if not isinstance(rows, list) or len(rows) not in (3, 4):
-        raise reading.error(f"{what} is {kind_of(rows)}", "wanted 4 rows of 4 numbers")
-    matrix = np.array([reading.numbers(row, f"{what}[{i}]", 4) for i, row in enumerate(rows)])
+    matrix = reading.matrix(rows, what, (3, 4), 4)
     if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
         raise reading.error(f"the last row of {what} is {rows[3]}", "wanted 0 0 0 1 (row-major)")
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
@@ -78,8 +76,8 @@ def write_matrices(record: PoseRecord, out: Path, request: Request) -> Written:
 
 def read_matrices(path: Path, request: Request) -> PoseRecord:
     """Read such a file; any one of its four matrices is enough."""
-    reading = Reading(path.name)
-    data = reading.object(read_json(path), "its content")
+    reading = Reading(path)
+    data = reading.load_object()
     width, height = size_of(reading, request, data.get("image_width"), data.get("image_height"))
     camera = camera_from_json(reading, data, width, height)
     unit = request.unit or reading.text(data.get("unit"), "unit")

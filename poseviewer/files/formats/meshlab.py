@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from poseviewer.files.checks import LARGEST_FILE, Reading
+from poseviewer.files.checks import Reading
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.formats.request import (
     Request,
@@ -78,13 +78,9 @@ def read_meshlab(path: Path, request: Request) -> PoseRecord:
 
     The project's world is taken for the model's frame; a mesh that the project moves is refused.
     """
-    reading = Reading(path.name)
+    reading = Reading(path, kind="MeshLab project (.mlp)")
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise reading.error("it is larger than any project", "wanted a MeshLab project")
-        root = ElementTree.fromstring(path.read_bytes())  # expat refuses bombs of entities
-    except OSError as error:
-        raise reading.error(f"cannot be read ({error.strerror})", "check the path") from error
+        root = ElementTree.fromstring(reading.load_bytes())  # expat refuses bombs of entities
     except ElementTree.ParseError as error:
         raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
     for matrix in root.iter("MLMatrix44"):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.files.cameras import lens_of
-from poseviewer.files.checks import Reading, read_json
+from poseviewer.files.checks import Reading
 from poseviewer.files.formats.lens import nerfstudio_lens, seen_as_taken
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.formats.request import (
@@ -59,16 +59,16 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written
 
 def read_nerfstudio(path: Path, request: Request) -> PoseRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
-    reading = Reading(path.name)
-    data = reading.object(read_json(path), "its content")
+    reading = Reading(path)
+    data = reading.load_object()
     frames = data.get("frames")
     frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
     paths = [str(frame.get("file_path")) for frame in frames]
     frame = the_one(reading, request, "frames", paths, [Path(name).name for name in paths], frames)
     own = data | frame  # a frame's own lens comes first
     width, height = size_of(reading, request, own.get("w"), own.get("h"))
-    fx = reading.number(own.get("fl_x"), "fl_x", positive=True)
-    fy = reading.number(own.get("fl_y", fx), "fl_y", positive=True)
+    fx = reading.positive(own.get("fl_x"), "fl_x")
+    fy = reading.positive(own.get("fl_y", fx), "fl_y")
     cx, cy = (reading.number(own.get(name), name) for name in ("cx", "cy"))
     camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
     world_from_camera = from_4x4(reading, frame.get("transform_matrix"), "transform_matrix")

@@ -14,7 +14,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import camera_of_matrix, lens_of, opencv_storage
-from poseviewer.files.checks import Reading, checked_rotation, read_json, read_text
+from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.lens import seen_as_taken
 from poseviewer.files.formats.request import Request, Written, make_record, size_of, write_new
 from poseviewer.files.pose import PoseRecord
@@ -59,10 +59,9 @@ def write_opencv(record: PoseRecord, out: Path, request: Request) -> Written:
 
 def read_opencv(path: Path, request: Request) -> PoseRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
-    reading = Reading(path.name)
+    reading = Reading(path)
     is_json = path.suffix.lower() == ".json"
-    data = read_json(path) if is_json else opencv_storage(reading, read_text(path))
-    data = reading.object(data, "its content")
+    data = reading.load_object() if is_json else opencv_storage(reading)
     key, distortion = _first(data, "distortion_coefficients", "dist_coeffs")
     coefficients = [] if distortion is None else reading.flat_numbers(distortion, key)
     is_fisheye = bool(reading.number(data.get("fisheye_model") or 0.0, "fisheye_model"))

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.files.checks import Reading, read_json
+from poseviewer.files.checks import Reading
 from poseviewer.files.formats.blender import write_blender
 from poseviewer.files.formats.bop import read_bop, write_bop
 from poseviewer.files.formats.colmap import read_colmap, write_colmap
@@ -57,8 +57,8 @@ def write_own(record: PoseRecord, out: Path, request: Request) -> Written:
 
 def read_own(path: Path, request: Request) -> PoseRecord:
     """Read a pose file, which often says the photo's size; if not, the request must."""
-    reading = Reading(path.name)
-    data = reading.object(read_json(path), "its content")
+    reading = Reading(path)
+    data = reading.load_object()
     photo = data.get("photo")
     photo = photo if isinstance(photo, dict) else {}
     width, height = size_of(reading, request, photo.get("width"), photo.get("height"))

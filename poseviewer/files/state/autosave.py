@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import AutosaveError, PoseFileError
-from poseviewer.files.checks import Reading, read_json
+from poseviewer.files.checks import Reading, kind_of
 from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
@@ -86,9 +86,9 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path.name)
+    reading = Reading(path)
     try:
-        return _from_json(reading, reading.object(read_json(path), "its content"))
+        return _from_json(reading, reading.load_object())
     except PoseFileError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         raise AutosaveError(
@@ -144,24 +144,22 @@ def _as_json(session: AutosavedSession) -> dict[str, Any]:
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
-    if not isinstance(data.get("unsaved"), bool):
-        raise reading.error("unsaved is missing", "wanted true or false")
-    names = ("photo", "photo_name", "photo_sha256", "model", "model_name", "model_sha256")
-    texts = {name: reading.text(data.get(name), name) for name in names}
-    return AutosavedSession(
-        photo=None if texts["photo"] is None else Path(texts["photo"]),
-        photo_name=texts["photo_name"] or "",
-        photo_sha256=texts["photo_sha256"],
-        model=None if texts["model"] is None else Path(texts["model"]),
-        model_name=texts["model_name"] or "",
-        model_sha256=texts["model_sha256"],
-        pose=_pose_from_json(reading, data.get("pose"), "pose"),
-        start=_pose_from_json(reading, data.get("start"), "start"),
-        settings=reading.object(data.get("settings"), "settings"),
-        unsaved=data["unsaved"],
-        saved_at=reading.number(data.get("saved_at"), "saved_at"),
-        process=int(reading.number(data.get("process"), "process")),
-    )
+    return AutosavedSession(*reading.fields(data, "", **_CHECKS))
+
+
+def _path(reading: Reading, value: Any, what: str) -> Path | None:
+    text = reading.text(value, what)
+    return None if text is None else Path(text)
+
+
+def _name(reading: Reading, value: Any, what: str) -> str:
+    return reading.text(value, what) or ""
+
+
+def _truth(reading: Reading, value: Any, what: str) -> bool:
+    if not isinstance(value, bool):
+        raise reading.error(f"{what} is {kind_of(value)}", "wanted true or false")
+    return value
 
 
 def _pose_as_json(record: PoseRecord) -> dict[str, Any]:
@@ -182,16 +180,13 @@ def _pose_as_json(record: PoseRecord) -> dict[str, Any]:
 
 def _pose_from_json(reading: Reading, value: Any, what: str) -> PoseRecord:
     value = reading.object(value, what)
-    exact = reading.object(value.get("exact"), f"{what}.exact")
-    width, height = (reading.size(exact.get(key), key) for key in ("width", "height"))
+    width, height, cx, cy, rotation = reading.fields(
+        value.get("exact"), f"{what}.exact", width=Reading.size, height=Reading.size,
+        cx=Reading.number, cy=Reading.number, rotation=Reading.matrix,
+    )  # fmt: skip
     if width is None or height is None:
         raise reading.error(f"{what} has no size", "wanted width and height")
     record = record_from_json(reading, value.get("file"), width, height)
-    rows = exact.get("rotation")
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise reading.error(f"{what}.exact.rotation is odd", "wanted 3 rows of 3 numbers")
-    rotation = np.array([reading.numbers(row, "exact.rotation", 3) for row in rows])
-    cx, cy = (reading.number(exact.get(key), f"exact.{key}") for key in ("cx", "cy"))
     camera, transform = record.pose.camera, record.pose.camera_from_model
     rounded = np.array([camera.cx, camera.cy, *transform.rotation.ravel()])
     if not np.allclose(
@@ -200,6 +195,23 @@ def _pose_from_json(reading: Reading, value: Any, what: str) -> PoseRecord:
         raise reading.error(f"{what} says two different poses", "wanted one pose")
     pose = Pose(replace(camera, cx=cx, cy=cy), RigidTransform(rotation, transform.translation))
     return replace(record, pose=pose)
+
+
+_CHECKS = {
+    "photo": _path,
+    "photo_name": _name,
+    "photo_sha256": Reading.text,
+    "model": _path,
+    "model_name": _name,
+    "model_sha256": Reading.text,
+    "pose": _pose_from_json,
+    "start": _pose_from_json,
+    "settings": Reading.object,
+    "unsaved": _truth,
+    "saved_at": Reading.number,
+    "process": lambda reading, value, what: int(reading.number(value, what)),
+}
+"""Of the session's fields, in their order."""
 
 
 def process_start(process: int) -> str | None:
