@@ -247,7 +247,9 @@ class Case:
         """``slices`` about ``pose`` as maps that can be written to files."""
         photo, chart = self.registration.photo, self.problem.chart
         centre = chart.from_pose(pose)
-        title = f"{photo.label}: loss about the pose, ±{half_width:.0%}"
+        name = self.settings.method_name
+        whose = "loss" if self.settings.method == "default" else f"loss of {name}"
+        title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
         return LossMaps(
             tuple(slices), chart.names, centre, chart.scales(centre), title, photo_text(photo)
         )

@@ -73,7 +73,7 @@ class App:
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._comparer: NumberedWorker[Identification] = NumberedWorker("comparison", notify)
-        self._mapper: Worker[LandscapeUpdate] = Worker("maps", low_priority=True)
+        self._mapper: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
         self._map_job: MapJob | None = None
         self._tasks = Tasks(notify, state)
         self._state = state

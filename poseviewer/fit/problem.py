@@ -25,7 +25,7 @@ from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
@@ -94,8 +94,12 @@ def pose_loss(
         pose = problem.chart.to_pose(parameters)
     except OutsideChartError:
         return problem.worst_loss
-    moments = renderer.moments(pose, photo)
-    if problem.method == "paper":
+    return loss_of(problem.method, renderer.moments(pose, photo), photo)
+
+
+def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
+    """What a method minimises, from the ``moments`` of a pose on a photo."""
+    if method == "paper":
         return paper_loss(moments, photo.clipped)
     return registration_loss(moments)
 

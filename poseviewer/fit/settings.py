@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from poseviewer.errors import SettingsError
@@ -14,6 +14,10 @@ from poseviewer.render.renderers import RendererName
 Method = Literal["default", "paper"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
+METHODS: dict[Method, str] = {"default": "ours", "paper": "Jayawardena 2010"}
+"""What people call them."""
+OF_METHOD = ("grey", "colour_reflectance", "pixels")
+"""The settings that each method has its own of: what it compares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +84,22 @@ class FitSettings:
             object.__setattr__(self, "colour_reflectance", False)
             if self.pixels == "near":
                 object.__setattr__(self, "pixels", "clip")
+
+    @property
+    def method_name(self) -> str:
+        """Whose loss is compared, for people: ``Jayawardena 2010, clipped``."""
+        compared = {"near": "", "whole": ", whole photo", "clip": ", clipped"}[self.pixels]
+        return METHODS[self.method] + compared
+
+    def of_method(self, method: Method, like: FitSettings | None = None) -> FitSettings:
+        """The same fit by a method, which compares what it does in ``like``, if that is of it, else
+        what it does by default.
+        """
+        if method == self.method:
+            return self
+        if like is None or like.method != method:
+            like = FitSettings(method)
+        return replace(self, method=method, **{name: getattr(like, name) for name in OF_METHOD})
 
 
 _JSON_NAMES = {

@@ -237,7 +237,7 @@ class SocketPage:
         """(2, N): evaluations and losses of the search's plot; empty where it is hidden."""
         found = (p for _, p in self._fields() if p.get("kind") == "GuiUplotMessage")
         plot = next((p for p in found if p["visible"]), None)
-        return np.zeros((2, 0)) if plot is None else np.array(plot["data"], np.float64)
+        return np.zeros((2, 0)) if plot is None else np.array(plot["data"], np.float64)[:2]
 
     def maps(self) -> int:
         """How many maps of the loss are shown."""

@@ -201,8 +201,7 @@ def test_picked_point_of_a_map_is_the_pose(running: RunningApp) -> None:
     with running.page() as page:
         page.wait_until(lambda: page.maps() >= MAPS)
         before, pose = page.outline(), running.pose
-        latest = running.app.session.landscape
-        assert latest is not None
+        (latest,) = running.app.session.landscapes
         piece = next(s for s in latest.slices if (s.first, s.second) == (0, 2))
         page.report(kind="pick", first=0, second=2, u=0.75, v=0.5)
         page.wait_until(lambda: running.pose is not pose)

@@ -64,14 +64,16 @@ class Controls:
 
         return handle
 
-    def choices(self, label: str, asked: Mapping[str, Request]) -> None:
+    def choices(self, label: str, asked: Mapping[str, Request], **options: Any) -> Any:
         """Buttons in one line, each with what it asks for."""
-        handle = self.gui.add_button_group(label, tuple(asked))
+        handle = self.gui.add_button_group(label, tuple(asked), **options)
 
         @handle.on_click
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 self.post(asked[handle.value])
+
+        return handle
 
     def download(self, label: str, what: Export, icon: Any = "download") -> None:
         """A button that sends ``what`` to the page on which it is pressed."""

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import operator
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import viser
 
+from poseviewer.api import Case
 from poseviewer.app.page.controls import Controls, set_properties
 from poseviewer.app.page.landscape_grid import (
     GridOptions,
     Markers,
     candidates_outline,
+    candidates_within,
     landscape_grid,
+    on_map,
     short_trail,
 )
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import LandscapeUpdate, Session
+from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.landscape import Slice, slice_minimum, strides
+from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.chart_names import short_name
 from poseviewer.geometry.charts import OutsideChartError
@@ -36,6 +40,12 @@ POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", 
 COLOURS = "Viridis_r"
 """As in the grid: bright is low."""
 CONTOURS = 14
+WHOSE: dict[str, Whose] = {
+    "the chosen method's": "chosen",
+    "ours": "default",
+    METHODS["paper"]: "paper",
+    "both": "both",
+}
 
 
 class LandscapePanel:
@@ -49,7 +59,11 @@ class LandscapePanel:
         self._next = self._large_next = 0.0
         self._maps = gui.add_html("", order=ORDER)
         self._note = gui.add_markdown("", visible=False, order=ORDER + 1)
-        self._large: viser.GuiPlotlyHandle | None = None
+        self._large: list[viser.GuiPlotlyHandle] = []
+        self._whose = controls.field(
+            gui.add_dropdown("Whose loss", tuple(WHOSE)),
+            lambda text: c.ChangeLandscape(whose=WHOSE[text]),
+        )
         self._surface = controls.field(
             gui.add_checkbox("As a surface", False, visible=False),
             lambda on: c.ChangeLandscape(surface=on),
@@ -74,63 +88,83 @@ class LandscapePanel:
         """Bring the panel to the session; False if it is to be asked again soon."""
         self._range.show(round(session.maps.half_width * 100.0, 3))
         self._shared.show(session.maps.shared_scale)
-        latest = session.landscape
-        if latest is None:
+        self._whose.show(next(text for text, whose in WHOSE.items() if whose == session.maps.whose))
+        if not session.landscapes:
             return True
         set_properties(self._note, visible=False)
         search = None if session.search is None else session.search.latest
-        key = (latest, session.document.pose, search, session.maps)
+        key = (session.landscapes, session.document.pose, search, session.maps)
         if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
             return True
         now = time.monotonic()
         if now < self._next:
             return False
         self._shown, self._next = key, now + PERIOD_S
-        chart, markers = latest.case.problem.chart, markers_of(session, latest)
-        options = GridOptions(
-            parameters=tuple(int(i) for i in latest.case.problem.free_indices),
-            shared_scale=session.maps.shared_scale,
-            centre=tuple(map(float, latest.parameters)),
-            dimmed=latest.centre is not session.document.pose
-            and not (session.searching or session.drag is not None),
-            half_width=latest.half_width,
-        )
-        self._maps.content = landscape_grid(latest.slices, chart.names, markers, options)
-        return self._show_large(session, latest, markers)
+        grids = [_grid(session, latest) for latest in session.landscapes]
+        self._maps.content = f'<div class="pv-both">{"".join(grids)}</div>'
+        return self._show_large(session)
 
-    def _show_large(self, session: Session, latest: LandscapeUpdate, markers: Markers) -> bool:
-        """The large map, if one is open; False if it is to be drawn soon."""
-        pieces = {(piece.first, piece.second): piece for piece in latest.slices}
-        piece = None if session.maps.large is None else pieces.get(session.maps.large)
-        set_properties(self._close, visible=piece is not None)
-        self._surface.show(session.maps.surface, visible=piece is not None)
-        if piece is None:
-            if self._large is not None:
-                set_properties(self._large, visible=False)
-            return True
-        if time.monotonic() < self._large_next:
+    def _show_large(self, session: Session) -> bool:
+        """The large maps, if they are open; False if they are to be drawn soon."""
+        figures = []
+        if session.maps.large is not None and time.monotonic() < self._large_next:
             self._shown = ()
             return False
-        self._large_next = time.monotonic() + LARGE_PERIOD_S
-        chart = latest.case.problem.chart
-        if session.maps.surface:
-            figure = surface_figure(piece, chart.names, markers)
-        else:
-            scales = chart.scales(latest.parameters)
-            figure = contour_figure(piece, chart.names, markers, scales, latest.parameters)
-        if self._large is None:  # plotly's script is large: sent to pages when first wanted
-            with self._container:
-                self._large = self._gui.add_plotly(
-                    figure, config={"displayModeBar": False}, aspect=1.0, order=ORDER + 2
+        for latest in session.landscapes:
+            figure = _large_figure(session, latest)
+            figures += [] if figure is None else [figure]
+        set_properties(self._close, visible=bool(figures))
+        self._surface.show(session.maps.surface, visible=bool(figures))
+        if figures:
+            self._large_next = time.monotonic() + LARGE_PERIOD_S
+        for place, figure in enumerate(figures):
+            if place < len(self._large):
+                self._large[place].figure = figure
+                set_properties(self._large[place], visible=True)
+                continue
+            with self._container:  # plotly's script is large: sent to pages when first wanted
+                handle = self._gui.add_plotly(
+                    figure, config={"displayModeBar": False}, aspect=1.0, order=ORDER + 2 + place
                 )
-        else:
-            self._large.figure = figure
-            set_properties(self._large, visible=True)
+            self._large.append(handle)
+        for handle in self._large[len(figures) :]:
+            set_properties(handle, visible=False)
         return True
 
     def note(self, text: str) -> None:
         """Say why there are no maps."""
         set_properties(self._note, content=text, visible=True)
+
+
+def _grid(session: Session, latest: LandscapeUpdate) -> str:
+    problem = latest.case.problem
+    options = GridOptions(
+        parameters=tuple(int(i) for i in problem.free_indices),
+        shared_scale=session.maps.shared_scale,
+        centre=tuple(map(float, latest.parameters)),
+        dimmed=latest.centre is not session.document.pose
+        and not (session.searching or session.drag is not None),
+        half_width=latest.half_width,
+        whose=latest.case.settings.method_name,
+    )
+    markers = markers_of(session, latest)
+    return landscape_grid(latest.slices, problem.chart.names, markers, options)
+
+
+def _large_figure(session: Session, latest: LandscapeUpdate) -> go.Figure | None:
+    """The map that is open large; None where there is none."""
+    pieces = {(piece.first, piece.second): piece for piece in latest.slices}
+    piece = None if session.maps.large is None else pieces.get(session.maps.large)
+    if piece is None:
+        return None
+    chart, markers = latest.case.problem.chart, markers_of(session, latest)
+    if session.maps.surface:
+        figure = surface_figure(piece, chart.names, markers)
+    else:
+        scales = chart.scales(latest.parameters)
+        figure = contour_figure(piece, chart.names, markers, scales, latest.parameters)
+    whose = {"text": latest.case.settings.method_name, "x": 0.01, "y": 0.985, "font": {"size": 12}}
+    return figure.update_layout(title=whose)
 
 
 def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
@@ -140,10 +174,16 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
     except (PoseViewerError, OutsideChartError):
         pose = np.array(latest.parameters)
     search = session.search
-    if search is None or search.latest is None or search.latest.case is not latest.case:
+    if search is None or search.latest is None or not _same_chart(search.latest.case, latest.case):
         return Markers(pose)
     trail = np.array([step.parameters for step in search.latest.improvements])
     return Markers(pose, search.latest.progress.candidates if session.searching else None, trail)
+
+
+def _same_chart(one: Case, other: Case) -> bool:
+    """Whether the parameters of both are the same numbers of the same chart."""
+    same_names = one.problem.chart.names == other.problem.chart.names
+    return same_names and one.registration.start is other.registration.start
 
 
 def contour_figure(
@@ -184,27 +224,28 @@ def contour_figure(
 
     def line(points: FloatArray, name: str, colour: str) -> None:
         x, y, style = points[:, 0], points[:, 1], {"color": colour, "width": 1.5}
-        traces.append(go.Scatter(x=x, y=y, name=name, mode="lines", line=style, hoverinfo="skip"))
+        shown: dict[str, Any] = {"mode": "lines", "hoverinfo": "skip", "showlegend": bool(name)}
+        traces.append(go.Scatter(x=x, y=y, name=name, line=style, **shown))
 
-    def point(place: Iterable[float], name: str, **marker: Any) -> None:
-        x, y = ([float(value)] for value in place)
-        traces.append(
-            go.Scatter(x=x, y=y, name=name, mode="markers", marker=marker, hoverinfo="name")
-        )
+    def dots(places: FloatArray, name: str, **marker: Any) -> None:
+        x, y, shown = places[:, 0], places[:, 1], {"mode": "markers", "hoverinfo": "name"}
+        traces.append(go.Scatter(x=x, y=y, name=name, marker=marker, **shown))
 
+    rim = {"color": PAPER, "width": 1}
     if markers.trail is not None and len(markers.trail) > 1:
         line(short_trail(markers.trail)[:, [first, second]], "the way here", TRAIL_COLOUR)
     if markers.candidates is not None:
         hull = candidates_outline(piece, markers.candidates)
         low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
-        line(low + np.vstack([hull, hull[:1]]) * (high - low), "candidates", SIMPLEX_COLOUR)
-    rim = {"color": PAPER, "width": 1}
-    pose = markers.pose[[first, second]]
-    point(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)
+        line(low + np.vstack([hull, hull[:1]]) * (high - low), "", SIMPLEX_COLOUR)
+        places = low + candidates_within(piece, markers.candidates) * (high - low)
+        dots(places, "candidates", size=7, color=SIMPLEX_COLOUR, line=rim)
+    pose = markers.pose[[[first, second]]]
+    dots(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)
     least = slice_minimum(piece)
     if least is not None:
-        place, rim = (least.first_value, least.second_value), {"color": PAPER, "width": 1.5}
-        point(place, f"least: {least.loss:.5f}", size=9, color=LEAST_COLOUR, line=rim)
+        place = np.array([[least.first_value, least.second_value]])
+        dots(place, f"least: {least.loss:.5f}", size=9, color=LEAST_COLOUR, line=rim)
     axes = [
         {
             "title": {"text": short_name(names[parameter]), "standoff": 4},
@@ -230,19 +271,22 @@ def surface_figure(piece: Slice, names: Sequence[str], markers: Markers) -> go.F
         showscale=False,
         contours={"z": {"show": True, "color": "rgba(20,22,26,.5)", "width": 1}},
     )
-    x, y = markers.pose[[piece.first, piece.second]]
-    row = int(np.abs(piece.second_values - y).argmin())
-    column = int(np.abs(piece.first_values - x).argmin())
-    points = [("pose", x, y, losses[row, column], POSE_COLOUR)]
+    points = [("pose", markers.pose[[[piece.first, piece.second]]], POSE_COLOUR)]
     least = slice_minimum(piece)
     if least is not None:
-        points.append(("least", least.first_value, least.second_value, least.loss, LEAST_COLOUR))
-    traces = [
-        go.Scatter3d(
-            x=[x], y=[y], z=[z], name=name, mode="markers", marker={"size": 4, "color": colour}
-        )
-        for name, x, y, z, colour in points
-    ]
+        place = np.array([[least.first_value, least.second_value]])
+        points.append(("least", place, LEAST_COLOUR))
+    if markers.candidates is not None:
+        inside = np.abs(on_map(piece, markers.candidates) - 0.5).max(axis=1) <= 0.5
+        places = markers.candidates[inside][:, [piece.first, piece.second]]
+        points.append(("candidates", places, SIMPLEX_COLOUR))
+    traces = []
+    for name, places, colour in points:
+        rows = np.abs(piece.second_values[:, None] - places[:, 1]).argmin(axis=0)
+        columns = np.abs(piece.first_values[:, None] - places[:, 0]).argmin(axis=0)
+        x, y, z = places[:, 0], places[:, 1], losses[rows, columns]
+        marker = {"size": 4, "color": colour}
+        traces.append(go.Scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker=marker))
     axis = {"gridcolor": GRID, "backgroundcolor": PAPER, "color": TEXT}
     scene = {
         "xaxis": {**axis, "title": short_name(names[piece.first])},

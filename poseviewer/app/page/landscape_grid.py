@@ -41,6 +41,7 @@ _PICK = (
     "(event.clientX-r.left)/r.width,(r.bottom-event.clientY)/r.height,event)"
 )
 _OPEN = "event.stopPropagation();window.poseviewerOpen&&poseviewerOpen({first},{second})"
+_DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
 _CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
 
 
@@ -78,6 +79,8 @@ class GridOptions:
     """The maps are about an older pose, while new ones are computed."""
     half_width: float = 0.2
     """How far the maps reach from their centre, as a share of each parameter's scale."""
+    whose: str = ""
+    """Whose loss it is; "" says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +150,14 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
+def candidates_within(piece: Slice, candidates: FloatArray) -> FloatArray:
+    """(k, 2): places on the map, as ``on_map``, of those candidates (n, d) that do not lie far
+    beside it.
+    """
+    places = on_map(piece, candidates)
+    return places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
+
+
 def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
     """(h, 2): the hull of candidates (n, d) on the map, corner by corner."""
     corners = np.clip(on_map(piece, candidates), -10.0, 10.0).astype(np.float32)
@@ -213,6 +224,9 @@ def _markers(piece: Slice, markers: Markers) -> str:
     if markers.candidates is not None and len(markers.candidates):
         points = _points(candidates_outline(piece, markers.candidates))
         drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')
+        places = _on_picture(candidates_within(piece, markers.candidates))
+        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in places)
+        drawn.append(_DOTS.format(dots))
     least = slice_minimum(piece)
     if least is not None:
         parameters = np.array(markers.pose)
@@ -240,6 +254,7 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
     """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
     low, high = (f"{shared.low:.3f}", f"{shared.high:.3f}") if shared else ("least", "greatest")
     what = "loss" if shared or options.shared_scale else "loss, each map by itself"
+    whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
     stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
     gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
     entries = {
@@ -247,7 +262,9 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
         "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
     if markers.candidates is not None:
-        entries["candidates"] = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
+        corners = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+        hull = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
+        entries["candidates"] = hull + corners
     if markers.trail is not None:
         entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
     key = "".join(
@@ -255,7 +272,7 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
         for text, drawing in entries.items()
     )
     return (
-        f'<div class="pv-key"><div>{what}, ±{100.0 * options.half_width:.3g}&nbsp;%</div>'
+        f'<div class="pv-key"><div>{whose}{what}, ±{100.0 * options.half_width:.3g}&nbsp;%</div>'
         f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
         f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
         f'<div class="pv-marks">{key}</div></div>'

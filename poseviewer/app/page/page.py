@@ -166,11 +166,12 @@ class Page:
         """Why there are no maps."""
         self._landscape.note(text)
 
-    def send(self, file: Exported) -> None:
-        """Give a file to the page that asked for it."""
-        client = self._server.get_clients().get(file.client)
+    def send(self, exported: Exported) -> None:
+        """Give files to the page that asked for them."""
+        client = self._server.get_clients().get(exported.client)
         if client is not None:
-            client.send_file_download(file.name, file.content, save_immediately=True)
+            for name, content in exported.files.items():
+                client.send_file_download(name, content, save_immediately=True)
 
     def show_help(self, client: int) -> None:
         """Open the panel with the keys."""

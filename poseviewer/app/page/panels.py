@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from viser import uplot
 
 from poseviewer.app.page.controls import Controls, Field, set_properties
+from poseviewer.app.page.methods_panel import MethodsPanel
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
@@ -29,8 +31,9 @@ from poseviewer.app.state.requests import (
     ShowHelp,
     UseLastPose,
 )
-from poseviewer.app.state.session import Session
-from poseviewer.fit.settings import FitSettings
+from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.fit.settings import METHODS, FitSettings
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.chart_names import label
 from poseviewer.geometry.frames import camera_as_integer_centres
@@ -46,6 +49,14 @@ CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
+PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
+RESTART_DOTS: uplot.Series_Points = {
+    "show": True,
+    "size": 7,
+    "fill": "#ffd166",
+    "stroke": "#16181d",
+}
+"""On the curve of the search."""
 AS_IT_IS = "as it is"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
@@ -245,6 +256,17 @@ class FitPanel:
         self._running = False
         self._before = False
         with gui.add_folder("3 · Fit"):
+            self._method = controls.field(
+                gui.add_dropdown("Method", tuple(METHODS.values())),
+                lambda name: c.SetMethod(next(m for m, n in METHODS.items() if n == name)),
+            )
+            self._pixels = gui.add_dropdown("Pixels", tuple(PIXELS))
+            self._add_setting(
+                controls,
+                self._pixels,
+                lambda s: next(text for text, pixels in PIXELS.items() if pixels == s.pixels),
+                lambda s, text: replace(s, pixels=PIXELS[text]),
+            )
             self._go = controls.button_for(
                 "Search (space)",
                 lambda _: c.StopSearch() if self._running else c.StartSearch(),
@@ -260,11 +282,19 @@ class FitPanel:
                 ),
             ]
             self._blink = self._ended[-1]
+            self._candidates = controls.field(
+                gui.add_checkbox("Outlines of the candidates", False),
+                lambda on: c.ChangeView(candidates=on),
+            )
             grid = {"stroke": "#2b2f38", "width": 1}
             axis = uplot.Axis(stroke="#aab0bb", grid=grid, ticks=grid, size=44)  # pyright: ignore
             self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2)),
-                ({"label": "evaluation"}, {"label": "best loss", "stroke": "#35e6ff", "width": 2}),
+                (np.zeros(2), np.zeros(2), np.zeros(2)),
+                (
+                    {"label": "evaluation"},
+                    {"label": "best loss", "stroke": "#35e6ff", "width": 2},
+                    {"label": "restart", "stroke": "#ffd166", "width": 0, "points": RESTART_DOTS},
+                ),
                 scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
                 axes=(axis, axis),
                 legend=uplot.Legend(show=False),
@@ -272,38 +302,36 @@ class FitPanel:
                 padding=(10, 12, 0, 0),
                 visible=False,
             )
+            self._methods = MethodsPanel(controls)
             with gui.add_folder("Settings", expand_by_default=False):
                 self._add_settings(controls)
 
+    def _add_setting(
+        self,
+        controls: Controls,
+        handle: Any,
+        read: Callable[[FitSettings], Any],
+        change: Callable[[FitSettings, Any], FitSettings],
+    ) -> None:
+        field = controls.field(
+            handle, lambda value: c.AlterSettings(lambda settings: change(settings, value))
+        )
+        self._settings.append((field, read))
+
     def _add_settings(self, controls: Controls) -> None:
-        gui = controls.gui
-
-        def setting(
-            handle: Any,
-            read: Callable[[FitSettings], Any],
-            change: Callable[[FitSettings, Any], FitSettings],
-        ) -> None:
-            field = controls.field(
-                handle, lambda value: c.AlterSettings(lambda settings: change(settings, value))
-            )
-            self._settings.append((field, read))
-
+        gui, setting = controls.gui, partial(self._add_setting, controls)
         setting(
             gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")),
             lambda s: s.chart,
             lambda s, chart: replace(s, chart=chart),
         )
-        setting(
-            gui.add_dropdown("Pixels", tuple(PIXELS)),
-            lambda s: next(text for text, pixels in PIXELS.items() if pixels == s.pixels),
-            lambda s, text: replace(s, pixels=PIXELS[text]),
-        )
         self._region = controls.button("Draw a region", c.SetTool("region"))
         self._clear = controls.button(
             "Clear the region", c.AlterSettings(lambda settings: replace(settings, region=None))
         )
+        self._grey = gui.add_checkbox("Grey, not colour", False)
         setting(
-            gui.add_checkbox("Grey, not colour", False),
+            self._grey,
             lambda s: s.grey,
             lambda s, on: replace(s, grey=on),
         )
@@ -358,15 +386,14 @@ class FitPanel:
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
         set_properties(self._status, content=search_text(session))
+        self._candidates.show(session.look.candidates)
+        self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
         set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
-        if latest is not None and self._shown.get("curve") is not latest.improvements:
-            self._shown["curve"] = latest.improvements
-            found = latest.improvements[-CURVE_POINTS:]
-            evaluations = [float(p.evaluations) for p in found]
-            end = float(max(latest.progress.evaluations, evaluations[-1] + 1))
-            losses = [p.loss for p in found]
-            self._curve.data = np.array([*evaluations, end]), np.array([*losses, losses[-1]])
+        key = None if latest is None else (latest.improvements, latest.restarts)
+        if latest is not None and self._shown.get("curve") != key:
+            self._shown["curve"] = key
+            self._curve.data = curve_of(latest)
         self._show_settings(session)
 
     def _show_settings(self, session: Session) -> None:
@@ -375,6 +402,10 @@ class FitPanel:
         if self._shown.get("settings") == key:
             return
         self._shown["settings"], self._names = key, names
+        is_paper = settings.method == "paper"
+        self._method.show(METHODS[settings.method])
+        set_properties(self._pixels, options=PAPER_PIXELS if is_paper else tuple(PIXELS))
+        set_properties(self._grey, disabled=is_paper)
         for field, read in self._settings:
             field.show(read(settings))
         drawing = session.tool == "region"
@@ -523,6 +554,19 @@ def _has_proposals(session: Session) -> bool:
     return asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
 
 
+def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Evaluations (n,), the best loss at each of them, and the same where a restart began, nan
+    elsewhere.
+    """
+    found = update.improvements[-CURVE_POINTS:]
+    counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
+    begun = [p.evaluations for p in update.restarts if p.evaluations >= counts[0]]
+    end = max(update.progress.evaluations, counts[-1] + 1)
+    evaluations = np.array(sorted({*counts, *begun, end}), float)
+    best = np.array(losses)[np.searchsorted(counts, evaluations, side="right") - 1]
+    return evaluations, best, np.where(np.isin(evaluations, begun), best, np.nan)
+
+
 def search_text(session: Session) -> str:
     """How the search stands and its verdict, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
@@ -535,7 +579,11 @@ def search_text(session: Session) -> str:
     progress = search.latest.progress
     stopped = not search.running and progress.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
+    settings = search.latest.case.settings
+    count = len(search.methods)
+    which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
     text = (
+        f"by {settings.method_name}{which}  \n"
         f"**loss {progress.loss:.5f}** (start {progress.start_loss:.5f})  \n"
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"

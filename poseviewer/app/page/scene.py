@@ -26,7 +26,7 @@ DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
-PICTURE, HALO, OUTLINE, HANDLES = 0.998, 0.997, 0.996, 0.995
+PICTURE, CANDIDATES, HALO, OUTLINE, HANDLES = 0.998, 0.9975, 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 MARKS, MARK_LINES = 0.994, 0.9945
 """And of a quick start's marks: nearer than all else that is drawn."""
@@ -38,6 +38,8 @@ PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
 )
 """And where they lie: the axle's tip may be close to the rear wheel."""
 RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
+CANDIDATE_COLOUR = (160, 132, 66)
+"""Faint: there are many of them."""
 LINK_COLOUR = (230, 230, 230)
 REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
@@ -65,6 +67,7 @@ class PhotoScene:
         self._picture: viser.ImageHandle | None = None
         self._shown: dict[str, Any] = {}
         self._size = (1.0, 1.0)
+        self._candidates = self._lines("/model/candidates", CANDIDATE_COLOUR, 1.0)
         self._halo = self._lines("/model/halo", HALO_COLOUR, 4.6)
         self._outline = self._lines("/model/outline", LINE_COLOUR, 2.0)
         self._links = self._lines("/links", LINK_COLOUR, 1.2)
@@ -151,6 +154,8 @@ class PhotoScene:
         look = session.look
         hidden = look.hidden or look.name == "none"
         if self._is_new("model", (overlay, hidden, look.wipe)):
+            compared = overlay.candidates[: 0 if hidden else None]
+            self._draw(self._candidates, compared, CANDIDATES)
             edge = look.wipe * self._size[0]
             lines = overlay.outline
             lines = lines[(lines[:, :, 0] <= edge).all(axis=1)][: 0 if hidden else None]

@@ -49,13 +49,14 @@ from poseviewer.app.state.session import (
     Search,
     SearchUpdate,
     Session,
+    Whose,
     require_in_sight,
 )
 from poseviewer.confidence.identify import Identification
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
@@ -339,7 +340,8 @@ class Open(Command):
     def __call__(self, session: Session) -> Session:
         return replace(
             session.with_document(self.document),
-            landscape=None,
+            landscapes=(),
+            ends=(),
             overlay=None,
             drag=None,
             tool="pose",
@@ -371,6 +373,21 @@ class AlterSettings(Command):
         if settings == session.document.settings:
             return session
         return session.with_document(replace(session.document, settings=settings))
+
+
+@dataclass(frozen=True, slots=True)
+class SetMethod(Command):
+    """Search by another method; what each compares is kept until it is chosen again."""
+
+    method: Method
+
+    def __call__(self, session: Session) -> Session:
+        before = session.document.settings
+        if self.method == before.method:
+            return session
+        settings = session.settings_by(self.method)
+        changed = session.with_document(replace(session.document, settings=settings))
+        return replace(changed, aside=before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -549,19 +566,55 @@ class StartSearch(Command):
     """Search from the pose at hand."""
 
     def __call__(self, session: Session) -> Session:
-        if session.searching:
+        document = session.document
+        return _searching(session, document.pose, (document.settings,))
+
+
+@dataclass(frozen=True, slots=True)
+class CompareMethods(Command):
+    """Search from the start pose by both methods, by the one that is chosen last."""
+
+    def __call__(self, session: Session) -> Session:
+        own = session.document.settings
+        methods = sorted(METHODS, key=lambda method: method == own.method)
+        settings = tuple(session.settings_by(method) for method in methods)
+        return _searching(session, session.document.registration.start, settings)
+
+
+def _searching(session: Session, start: Pose, methods: tuple[FitSettings, ...]) -> Session:
+    """With a new search, unless one is running."""
+    if session.searching:
+        return session
+    number, document = session.searches + 1, session.document
+    return replace(
+        session,
+        searches=number,
+        search=Search(number, document, start, methods),
+        look=replace(session.look, before=False),
+        history=session.history.with_step(document),
+        anchor=start,
+        drag=None,
+        before_drag=None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TakeEnd(Command):
+    """Where a method of the last comparison ended, as if it alone had been searched by."""
+
+    index: int
+
+    def __call__(self, session: Session) -> Session:
+        if not 0 <= self.index < len(session.ends):
             return session
-        number, document = session.searches + 1, session.document
-        return replace(
-            session,
-            searches=number,
-            search=Search(number, document),
-            look=replace(session.look, before=False),
-            history=session.history.with_step(document),
-            anchor=document.pose,
-            drag=None,
-            before_drag=None,
-        )
+        end, before = session.ends[self.index], session.document
+        document = replace(before, pose=end.update.progress.pose, settings=end.settings)
+        start = end.update.case.registration.start
+        taken = session.with_document(document)
+        if end.settings.method != before.settings.method:
+            taken = replace(taken, aside=before.settings)
+        found = Search(session.searches, before, start, (end.settings,), False, end.update)
+        return replace(taken, search=found, anchor=start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -601,11 +654,12 @@ class SearchAdvanced(WorkerUpdate):
         search = session.search
         if search is None or search.number != self.number or not search.running:
             return session
-        progress = self.update.progress
-        running = progress.status.name == "RUNNING"
+        progress, ends = self.update.progress, self.update.ends
+        is_last = len(search.methods) == 1 or bool(ends)
+        running = progress.status.name == "RUNNING" or not is_last
         document = replace(session.document, pose=progress.pose)
         found = replace(search, latest=self.update, running=running)
-        return replace(session, document=document, search=found)
+        return replace(session, document=document, search=found, ends=ends or session.ends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -623,12 +677,12 @@ class SearchFailed(DragCommand):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandscapeAdvanced(WorkerUpdate):
-    """A worker's update of the maps."""
+    """A worker's update of the maps, for each loss that is shown."""
 
-    update: LandscapeUpdate
+    update: tuple[LandscapeUpdate, ...]
 
     def __call__(self, session: Session) -> Session:
-        return replace(session, landscape=self.update)
+        return replace(session, landscapes=self.update)
 
 
 @dataclass(frozen=True, slots=True)
@@ -641,12 +695,13 @@ class PickInLandscape(Command):
     v: float
 
     def __call__(self, session: Session) -> Session:
-        maps, pair = session.landscape, (self.first, self.second)
-        pieces = {} if maps is None else {(p.first, p.second): p for p in maps.slices}
-        if maps is None or pair not in pieces:
-            return session
-        parameters = picked_parameters(pieces[pair], maps.parameters, self.u, self.v)
-        return session.with_pose(maps.case.problem.chart.to_pose(parameters))
+        # Maps of two losses are about one pose, and as wide.
+        for maps in session.landscapes:
+            for piece in maps.slices:
+                if (piece.first, piece.second) == (self.first, self.second):
+                    parameters = picked_parameters(piece, maps.parameters, self.u, self.v)
+                    return session.with_pose(maps.case.problem.chart.to_pose(parameters))
+        return session
 
 
 def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
@@ -791,9 +846,10 @@ class ChangeView(DragCommand):
     hidden: bool | None = None
     rings: bool | None = None
     before: bool | None = None
+    candidates: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "wipe", "hidden", "rings", "before")
+        names = ("opacity", "wipe", "hidden", "rings", "before", "candidates")
         given = {"name": self.look, **{name: getattr(self, name) for name in names}}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(session, look=replace(session.look, **changes))
@@ -808,9 +864,10 @@ class ChangeLandscape(DragCommand):
     large: tuple[int, int] | None = None
     close_large: bool = False
     surface: bool | None = None
+    whose: Whose | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("half_width", "shared_scale", "surface", "large")
+        names = ("half_width", "shared_scale", "surface", "large", "whose")
         given = {name: getattr(self, name) for name in names}
         changes = {name: value for name, value in given.items() if value is not None}
         if self.close_large:

@@ -5,8 +5,10 @@ out about it. Immutable.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +21,14 @@ from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery
+
+Whose = Literal["chosen", "default", "paper", "both"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +43,8 @@ class OverlayRequest:
     the way can be compared."""
     look: str
     opacity: float = 0.8
+    candidates: SearchUpdate | None = None
+    """A search, if the outlines of what it compares are wanted."""
     moving: bool = False
     """Whether the next pose will follow at once: then the quick drawing is all there is."""
 
@@ -59,6 +66,8 @@ class Overlay:
     """Why there is no loss, or no such look."""
     loss_is_current: bool = True
     """False: the loss is still that of the pose before, its own will follow."""
+    candidates: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    """(N, 2, 2): the outlines of the request's candidates, in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +79,33 @@ class SearchUpdate:
     progress: FitProgress
     improvements: tuple[FitProgress, ...]
     """The progress at each evaluation that found a better pose, the first one among them."""
+    restarts: tuple[FitProgress, ...] = ()
+    """The progress at the first evaluation of each restart."""
+    ends: tuple[MethodEnd, ...] = ()
+    """Of the last update of a search by several methods: where each of them has ended."""
+
+    @property
+    def candidate_poses(self) -> tuple[Pose, ...]:
+        """What is compared now, the best first, as far as it stands for a pose."""
+        poses = []
+        for parameters in self.progress.candidates:
+            with suppress(OutsideChartError):
+                poses.append(self.case.problem.chart.to_pose(parameters))
+        return tuple(poses)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodEnd:
+    """Where one of several methods has ended, from the start that they share."""
+
+    update: SearchUpdate
+    losses: tuple[float, ...]
+    """At its pose, by each of the methods in their order."""
+
+    @property
+    def settings(self) -> FitSettings:
+        """By which it was searched."""
+        return self.update.case.settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +143,8 @@ class Look:
     """Whether the rotation rings are shown."""
     before: bool = False
     """Whether, after a search, the pose before it is shown."""
+    candidates: bool = False
+    """Whether the outlines of what a search compares are shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +158,8 @@ class LandscapeView:
     """The pair whose map is open large."""
     surface: bool = False
     """Whether the large map is a surface in space."""
+    whose: Whose = "chosen"
+    """Whose loss is shown: that of the method that is chosen, of one of them, or both."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +168,10 @@ class Search:
 
     number: int
     before: Document
+    start: Pose
+    """What it begins at."""
+    methods: tuple[FitSettings, ...]
+    """By which it is searched, one after the other, each from the start."""
     running: bool = True
     latest: SearchUpdate | None = None
 
@@ -176,7 +220,12 @@ class Session:
     candidates: Candidates = field(default_factory=Candidates)
     comparisons: int = 0
     """How many times the candidates were compared."""
-    landscape: LandscapeUpdate | None = None
+    landscapes: tuple[LandscapeUpdate, ...] = ()
+    """One for each loss that is shown."""
+    ends: tuple[MethodEnd, ...] = ()
+    """Where both methods ended when they were last compared on this photo and model."""
+    aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
+    """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
     anchor: Pose | None = None
     """The pose that the compared pixels are about (see ``OverlayRequest``)."""
@@ -209,6 +258,23 @@ class Session:
         return self.search is not None and self.search.running
 
     @property
+    def shows_candidates(self) -> bool:
+        """Whether the outlines of what a search compares are to be drawn."""
+        return self.look.candidates and self.searching
+
+    def settings_by(self, method: Method) -> FitSettings:
+        """The settings at hand, by a method."""
+        return self.document.settings.of_method(method, self.aside)
+
+    @property
+    def mapped(self) -> tuple[FitSettings, ...]:
+        """By which settings the losses are that the maps are to show."""
+        own, whose = self.document.settings, self.maps.whose
+        if whose == "both":
+            return tuple(self.settings_by(method) for method in METHODS)
+        return (own if whose == "chosen" else self.settings_by(whose),)
+
+    @property
     def unsaved(self) -> bool:
         """Whether the pose at hand stands in no file."""
         return self.document.pose is not self.saved
@@ -224,7 +290,8 @@ class Session:
             document=document,
             search=None,
             anchor=document.pose,
-            landscape=self.landscape if same else None,
+            landscapes=self.landscapes if same else (),
+            ends=self.ends if same else (),
             overlay=self.overlay if same else None,
         )
 

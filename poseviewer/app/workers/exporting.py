@@ -56,8 +56,8 @@ def _plain_record(session: Session) -> PoseRecord:
     )
 
 
-def export(what: Export, session: Session) -> tuple[str, bytes]:
-    """A file's name and content.
+def export(what: Export, session: Session) -> dict[str, bytes]:
+    """The contents of files by their names: of maps, one for each loss that is shown.
 
     Raises:
         PoseViewerError: there is nothing of that kind yet.
@@ -67,13 +67,18 @@ def export(what: Export, session: Session) -> tuple[str, bytes]:
     if what == "pose":
         record = record_as_json(record_of(session))
         text = json.dumps(record, indent=2, ensure_ascii=False)
-        return f"{stem}.pose.json", (text + "\n").encode()
+        return {f"{stem}.pose.json": (text + "\n").encode()}
     if what == "overlay":
-        return f"{stem}.overlay.png", _overlay(session)
-    if session.landscape is None or not session.landscape.slices:
-        raise SettingsError("there are no maps yet; wait for the first ones")
+        return {f"{stem}.overlay.png": _overlay(session)}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
-    return f"{stem}.landscape.{kind}", session.landscape.maps.as_bytes(kind)
+    found = [update for update in session.landscapes if update.slices]
+    if not found:
+        raise SettingsError("there are no maps yet; wait for the first ones")
+    endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
+    return {
+        f"{stem}.{endings[update.case.settings.method]}": update.maps.as_bytes(kind)
+        for update in found
+    }
 
 
 def _overlay(session: Session) -> bytes:

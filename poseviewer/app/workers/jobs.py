@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 from poseviewer.api import Case, make_case
 from poseviewer.app.state.candidates import Comparison
-from poseviewer.app.state.session import ProposedStarts, Search, SearchUpdate
+from poseviewer.app.state.session import MethodEnd, ProposedStarts, Search, SearchUpdate
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.confidence.identify import Identification, identifying
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
@@ -52,16 +52,40 @@ def search(
     """
     case = case_at(registration, pose, settings, renderer)
     improvements: tuple[FitProgress, ...] = ()
+    restarts: tuple[FitProgress, ...] = ()
+    restart = 0
     for progress in case.search(threads=processors()):
         if not improvements or progress.loss < improvements[-1].loss:
             improvements = (*improvements, progress)
-        yield SearchUpdate(case, progress, improvements)
+        if progress.restart > restart:
+            restart, restarts = progress.restart, (*restarts, progress)
+        yield SearchUpdate(case, progress, improvements, restarts)
 
 
 def run_search(asked: Search) -> Iterator[SearchUpdate]:
-    """The search that the session asks for; raises as ``search``."""
-    own, before = asked.before.registration, asked.before
-    return search(own, before.pose, before.settings, renderer_of(own.mesh).clone())
+    """The search that the session asks for, by each of its methods in turn; raises as ``search``.
+    Of several methods, the last update has the ends of all.
+    """
+    own = asked.before.registration
+    renderer = renderer_of(own.mesh).clone()
+    done: list[SearchUpdate] = []
+    for settings in asked.methods:
+        update = None
+        for update in search(own, asked.start, settings, renderer):
+            yield update
+        assert update is not None  # a search yields at least once
+        done.append(update)
+    if len(done) > 1:
+        yield replace(done[-1], ends=ends_of(done))
+
+
+def ends_of(done: Sequence[SearchUpdate]) -> tuple[MethodEnd, ...]:
+    """The ends of searches by several methods, ours first, each judged by the loss of each."""
+    order = list(METHODS)
+    done = sorted(done, key=lambda update: order.index(update.case.settings.method))
+    return tuple(
+        MethodEnd(end, tuple(by.case.at(end.progress.pose).loss for by in done)) for end in done
+    )
 
 
 def propose_starts(asked: ProposedStarts) -> Iterator[tuple[Pose, ...]]:

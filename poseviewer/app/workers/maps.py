@@ -13,7 +13,7 @@ from poseviewer.app.state.session import LandscapeUpdate, Session
 from poseviewer.app.workers.jobs import case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level, strides
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
@@ -24,13 +24,15 @@ SIZE = 41
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapJob:
-    """Maps about a pose."""
+    """Maps about a pose, by one loss or several."""
 
     document: Document
     """What is at hand: its pose is the maps' centre."""
     anchor: Pose
+    """The pose that the compared pixels and the chart are about."""
     case: Case | None
-    """A search's; None: the one about ``anchor``."""
+    """A search's, from ``anchor``, to be used where its loss is mapped."""
+    losses: tuple[FitSettings, ...]
     half_width: float
     moving: bool
 
@@ -40,7 +42,10 @@ class MapJob:
         latest = None if session.search is None else session.search.latest
         case = None if latest is None else latest.case
         anchor = session.anchor or session.document.pose
-        return cls(session.document, anchor, case, session.maps.half_width, moving)
+        if case is not None:
+            anchor = case.registration.start
+        view = session.maps
+        return cls(session.document, anchor, case, session.mapped, view.half_width, moving)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -52,8 +57,8 @@ class MapJob:
 
     def _same_loss(self, other: MapJob) -> bool:
         own, its = self.document, other.document
-        same_settings = own.settings == its.settings and self.half_width == other.half_width
-        return own.shows_same(its) and same_settings
+        same_maps = self.losses == other.losses and self.half_width == other.half_width
+        return own.shows_same(its) and same_maps
 
 
 class MapMaker:
@@ -62,52 +67,65 @@ class MapMaker:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
         self._fine = RendererPool(renderer, threads=_spare(), begin=lower_priority)
-        self._quick: tuple[Case, Case, RendererPool] | None = None
-        self._anchor: Pose | None = None
-        self._settings: FitSettings | None = None
-        self._case: Case | None = None
+        self._quick: dict[Method, tuple[Case, Case, RendererPool]] = {}
+        self._cases: dict[Method, Case] = {}
         self._prepared: Mesh | None = None
 
-    def run(self, job: MapJob) -> Iterator[LandscapeUpdate]:
-        """The maps, coarse to fine.
+    def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
+        """The maps by each loss, coarse to fine.
 
         Raises:
             PoseViewerError: there are none with these settings at this pose.
         """
-        case = job.case or self._case_about(job)
         centre, mesh = job.document.pose, job.document.registration.mesh
-        quick, level = self._quick_case(case, centre)
-        shown: tuple[Slice, ...] = ()
-        for size in QUICK_SIZES:
-            before = shown
-            for latest in maps(quick, centre, level, job.half_width, size, before):
-                shown = latest.slices
-                yield replace(latest, case=case, known=0.0)
-        if not job.moving:
-            if self._prepared is not mesh:  # now, and not when it is waited for
-                self._prepared = mesh
-                case.prepare()
-            yield from maps(case, centre, self._fine, job.half_width, SIZE, shown)
+        cases = [self._case(job, settings) for settings in job.losses]
+        known: list[LandscapeUpdate | None] = [None] * len(cases)
+
+        def all_with(place: int, latest: LandscapeUpdate) -> tuple[LandscapeUpdate, ...]:
+            known[place] = latest
+            return tuple(update for update in known if update is not None)
+
+        for place, case in enumerate(cases):
+            quick, level = self._quick_case(case, centre)
+            shown: tuple[Slice, ...] = ()
+            for size in QUICK_SIZES:
+                before = shown
+                for latest in maps(quick, centre, level, job.half_width, size, before):
+                    shown = latest.slices
+                    yield all_with(place, replace(latest, case=case, known=0.0))
+        if job.moving:
+            return
+        if self._prepared is not mesh:  # now, and not when it is waited for
+            self._prepared = mesh
+            cases[0].prepare()
+        for place, case in enumerate(cases):
+            coarse = known[place]
+            shown = () if coarse is None else coarse.slices
+            for latest in maps(case, centre, self._fine, job.half_width, SIZE, shown):
+                yield all_with(place, latest)
 
     def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
         """The case on a coarser level of the photo, and what draws it; made once."""
-        if self._quick is None or self._quick[0] is not case:
+        method = case.settings.method
+        if method not in self._quick or self._quick[method][0] is not case:
             level = quick_level(case.problem, pose, self._renderer)
             pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
-            if self._quick is not None:
-                self._quick[2].close()
+            if method in self._quick:
+                self._quick[method][2].close()
             problem = replace(case.problem, photo=level.photo)
             quick = replace(case, problem=problem, renderer=level.renderer)
-            self._quick = case, quick, pool
-        return self._quick[1:]
+            self._quick[method] = case, quick, pool
+        return self._quick[method][1:]
 
-    def _case_about(self, job: MapJob) -> Case:
-        own, settings = job.document.registration, job.document.settings
-        same = job.anchor is self._anchor and settings == self._settings
-        if self._case is None or not same:
-            self._case = case_at(own, job.anchor, settings, self._renderer)
-            self._anchor, self._settings = job.anchor, settings
-        return self._case
+    def _case(self, job: MapJob, settings: FitSettings) -> Case:
+        """The search's, where it is by these settings, or one about the job's anchor."""
+        if job.case is not None and job.case.settings == settings:
+            return job.case
+        kept = self._cases.get(settings.method)
+        if kept is None or kept.registration.start is not job.anchor or kept.settings != settings:
+            kept = case_at(job.document.registration, job.anchor, settings, self._renderer)
+            self._cases[settings.method] = kept
+        return kept
 
 
 def _spare() -> int:

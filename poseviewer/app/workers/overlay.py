@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LossComputed, OverlayDrawn
-from poseviewer.app.state.session import Overlay, OverlayRequest, Session
+from poseviewer.app.state.session import Overlay, OverlayRequest, SearchUpdate, Session
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.loss import registration_loss
-from poseviewer.fit.problem import make_photo_attributes, shown_attributes
+from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attributes
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import quick_silhouette, silhouette
@@ -55,6 +54,8 @@ class OverlayDrawer:
             mesh, pose = request.registration.mesh, request.pose
             quick = replace(quick, outline=quick_silhouette(mesh, self._quick, pose))
             if request.moving:
+                if request.candidates is not None:
+                    quick = replace(quick, candidates=self._candidates(request.candidates))
                 yield replace(quick, loss_is_current=False)
         self._last_loss = self._find_loss(request)
         if lines or request.look == "none":
@@ -74,6 +75,12 @@ class OverlayDrawer:
         outline = np.zeros((0, 2, 2)) if outline is None else outline
         return Overlay(request, outline, picture, place, self._last_loss, self._note)
 
+    def _candidates(self, update: SearchUpdate) -> FloatArray:
+        """(N, 2, 2): the outlines of what the search compares, in px of the photo."""
+        mesh, poses = update.case.registration.mesh, update.candidate_poses
+        lines = [quick_silhouette(mesh, self._quick, pose) for pose in poses]
+        return np.concatenate([np.zeros((0, 2, 2)), *lines])
+
     def _find_loss(self, request: OverlayRequest) -> float | None:
         if self._anchored is None or not _same_loss(request, self._anchored):
             self._anchored, self._attributes, self._note = request, None, ""
@@ -86,7 +93,8 @@ class OverlayDrawer:
                 self._note = str(error)
         if self._attributes is None:
             return None
-        return registration_loss(self._loss.moments(request.pose, self._attributes))
+        moments = self._loss.moments(request.pose, self._attributes)
+        return loss_of(request.settings.method, moments, self._attributes)
 
     def _fine_lines(self, request: OverlayRequest) -> Overlay:
         camera = request.pose.camera
@@ -160,6 +168,7 @@ class OverlayWorkers:
             session.anchor or document.pose,
             look.name,
             look.opacity,
+            session.search.latest if session.search and session.shows_candidates else None,
         )
         # A search finds the losses of its poses itself.
         may_find_loss = not (self._loss_asked or self._loss.busy or session.searching)
@@ -226,7 +235,8 @@ def _same_loss(one: OverlayRequest, other: OverlayRequest) -> bool:
 
 def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
     looks = (one.look, one.opacity) == (other.look, other.opacity)
-    return one.pose is other.pose and looks and _same_loss(one, other)
+    same_candidates = one.candidates is other.candidates
+    return one.pose is other.pose and looks and same_candidates and _same_loss(one, other)
 
 
 def _last(overlays: Iterator[Overlay]) -> Iterator[Overlay]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,11 +31,11 @@ from poseviewer.starts.wheels import find_wheels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exported:
-    """A file for a page."""
+    """Files for a page."""
 
     client: int
-    name: str
-    content: bytes
+    files: Mapping[str, bytes]
+    """Their contents, by their names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,10 +101,10 @@ class Tasks:
         self.add(lambda now: open_pose(now.document, last_pose(self._state)))
 
     def add_export(self, request: Download, session: Session) -> None:
-        """Make a file of the session for a page."""
+        """Make files of the session for a page."""
 
         def run(_: Session) -> Iterator[Exported]:
-            yield Exported(request.client, *export(request.what, session))
+            yield Exported(request.client, export(request.what, session))
 
         self.add(run)
 

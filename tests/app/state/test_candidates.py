@@ -85,7 +85,7 @@ def test_the_likeliest_is_shown_and_one_step_back_leads_to_before():
     assert end.document.pose is POSES[1]
     assert end.document.registration.mesh is BOX.model.mesh
     assert end.document.registration.mesh_name == "box.ply"
-    assert end.landscape is None
+    assert end.landscapes == ()
     third = after(end, c.ShowCandidate(2))
     assert third.document.pose is POSES[2]
     assert third.document.registration.mesh is BALL.model.mesh

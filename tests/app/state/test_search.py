@@ -42,14 +42,14 @@ def updates(session) -> list[SearchUpdate]:
 
 
 @pytest.fixture(scope="module")
-def landscape(session) -> LandscapeUpdate:
+def landscape(session) -> tuple[LandscapeUpdate, ...]:
     """The whole of small maps about the start."""
     document = session.document
     renderer = SoftwareRenderer(document.registration.mesh)
     case = case_at(document.registration, document.pose, SETTINGS, renderer)
     with RendererPool(renderer) as pool:
         *_, last = maps(case, document.pose, pool, 0.2, 5)
-    return last
+    return (last,)
 
 
 def searched(session: Session, updates, count: int) -> Session:
@@ -137,11 +137,12 @@ def test_a_search_that_cannot_run_goes_back_and_says_why(session):
 
 def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     with_maps = after(session, c.LandscapeAdvanced(landscape))
-    piece = landscape.slices[0]
+    (about,) = landscape
+    piece = about.slices[0]
     for u, v in ((0.0, 0.0), (1.0, 0.25), (0.5, 0.5)):
         picked = after(with_maps, c.PickInLandscape(piece.first, piece.second, u, v))
         parameters = picked.document.parameters
-        wanted = np.array(landscape.parameters)
+        wanted = np.array(about.parameters)
         for index, values, share in (
             (piece.first, piece.first_values, u),
             (piece.second, piece.second_values, v),
@@ -160,12 +161,12 @@ def test_maps_of_another_photo_are_not_kept(session, landscape):
     with_maps = after(session, c.LandscapeAdvanced(landscape))
     other = make_document(photo=make_photo(1))
     opened = after(with_maps, c.Open(other))
-    assert opened.landscape is None
+    assert opened.landscapes == ()
     again = after(opened, c.LandscapeAdvanced(landscape), c.Undo())
     assert again.document is session.document
-    assert again.landscape is None
+    assert again.landscapes == ()
     same = after(with_maps, c.Nudge("move", 2.0), c.Undo())
-    assert same.landscape is landscape
+    assert same.landscapes is landscape
 
 
 def random_command(random, session: Session, updates, landscape, others) -> c.Command:

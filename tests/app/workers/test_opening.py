@@ -50,10 +50,11 @@ def test_with_a_calibration_the_undistorted_photo_is_open(
     assert opened.document.pose.camera == wanted.camera
     session = Session(opened.document)
     assert record_of(session).undistortion == photo.undistortion
-    name, content = export("overlay", session)
+    ((name, content),) = export("overlay", session).items()
     assert name == "p.undistorted.overlay.png"
     assert b"p.png, undistorted" in content
-    assert "distortion" in json.loads(export("pose", session)[1])
+    (pose,) = export("pose", session).values()
+    assert "distortion" in json.loads(pose)
 
 
 def test_a_pose_of_an_undistorted_photo_brings_that_photo(
