@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from poseviewer.cli.terminal import tell_of_compiling
+from poseviewer.render.software.compiled import compile_kernels
 from tests.files.broken_inputs import BrokenInput, make_broken_inputs
 from tests.scene import Scene, make_scene
 
@@ -17,6 +19,19 @@ settings.register_profile("seeded", derandomize=True)
 settings.load_profile("seeded")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Kernels are compiled once, not by each of the processes that run tests."""
+    if not hasattr(session.config, "workerinput") and not session.config.option.collectonly:
+        tell_of_compiling()
+        compile_kernels()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first: short ones then fill up what is left of the time."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -52,8 +52,8 @@ class Drive:
         flat = points.reshape(-1, 3)[:, :2].astype(float)
         return (flat.min(axis=0) + flat.max(axis=0)) / 2.0 / self.unit
 
-    def grip(self) -> NDArray[np.float64]:
-        """(2,): a point on the model, px of the photo; between the pins, which are at its ends."""
+    def point_on_model(self) -> NDArray[np.float64]:
+        """(2,): where a drag begins, px of the photo; between the pins, which are at its ends."""
         points = self.page.outline()
         flat = points.reshape(-1, 3)[:, :2].astype(float) / self.unit
         low, high = flat.min(axis=0), flat.max(axis=0)
@@ -62,7 +62,7 @@ class Drive:
     def stroke(self, way: int) -> None:
         """One drag to the right (``way`` 1) or back (-1); its latencies are noted."""
         page = self.page
-        start = self.grip()
+        start = self.point_on_model()
         first = len(page.outlines)
         mark = time.perf_counter()
         page.press(*map(float, start))

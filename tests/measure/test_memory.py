@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
 from collections.abc import Iterator
 
@@ -25,9 +26,11 @@ def case():
 
 @pytest.fixture
 def traced() -> Iterator[None]:
+    gc.freeze()  # what other tests left need not be looked through again and again
     tracemalloc.start()
     yield
     tracemalloc.stop()
+    gc.unfreeze()
 
 
 def traced_bytes() -> float:

@@ -6,7 +6,9 @@ import csv
 from datetime import date
 from pathlib import Path
 
-from tests.measure.results import BEGIN, END, README, page_of, summary_of, with_rows
+import pytest
+
+from tests.measure.results import BEGIN, END, PAGE, README, main, page_of, summary_of, with_rows
 
 COLUMNS = ("method", "set", "case", "degrees", "accuracy_percent", "verdict",
            "error_percent_start", "error_percent_end")  # fmt: skip
@@ -48,3 +50,12 @@ def test_the_readme_has_a_place_for_its_rows():
     assert f"{BEGIN}\n| new |\n{END}" in changed
     assert changed.split(BEGIN)[0] == text.split(BEGIN)[0]
     assert changed.split(END)[1] == text.split(END)[1]
+
+
+def test_a_folder_without_trials_is_said_and_changes_no_page(tmp_path: Path, capsys):
+    before = PAGE.read_bytes(), README.read_bytes()
+    with pytest.raises(SystemExit, match="2"):
+        main([str(tmp_path), "--only-write"])
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.endswith("holds no trials; leave out --only-write to measure them")
+    assert (PAGE.read_bytes(), README.read_bytes()) == before

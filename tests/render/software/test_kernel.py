@@ -56,34 +56,33 @@ def test_a_copy_of_the_package_is_not_compiled_again(tmp_path: Path):
     assert _run(COUNT, tmp_path / "other")[1] == LOADED
 
 
-COMPILE = """
-from poseviewer.render.software.compiled import compile_kernels, kernels_are_compiled
-assert not kernels_are_compiled()
-compile_kernels()
-print(kernels_are_compiled())
-"""
 EVALUATE = """
 from poseviewer.files.demo import demo_case
 from poseviewer import load
-from poseviewer.render.software.compiled import BY_HELPER, BY_US
+from poseviewer.render.software import compiled
+def types_of(kernels):
+    return [kernel.signatures[:] for kernel in kernels]
+print(compiled.kernels_are_compiled())
+compiled.compile_rasteriser()
+compiled.compile_moments()
+kernels = compiled.BY_US + compiled.BY_HELPER
+ahead = types_of(kernels)
 files = demo_case()
 case = load(files.photo, files.model, files.start)
 case.start.loss
 load(files.photo, files.model, files.start, pixels="clip", grey=True).start.loss
 case.renderer.render(case.registration.start)
-kernels = BY_US + BY_HELPER
-print(*(sum(kernel.stats.cache_hits.values()) > 0 for kernel in kernels))
+print(all(ahead), types_of(kernels) == ahead)
 print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 """
 
 
 @pytest.mark.slow
 def test_what_is_compiled_ahead_is_what_evaluations_need(tmp_path: Path):
-    """With the arguments' types that they come with, those that the helper compiled too."""
-    settings = {"PYTHONPATH": str(Path(poseviewer.__file__).parents[1])}
-    settings["NUMBA_CACHE_DIR"] = str(tmp_path)
-    assert _run(COMPILE, tmp_path, **settings) == ["True"]
-    assert _run(EVALUATE, tmp_path, **settings) == ["True True True True", "0 0 0 0"]
+    """With the arguments' types that they come with; the tests' session has compiled them."""
+    package = str(Path(poseviewer.__file__).parents[1])
+    found = _run(EVALUATE, tmp_path, PYTHONPATH=package)
+    assert found == ["True", "True True", "0 0 0 0"]
 
 
 def _copy_of_the_package(folder: Path) -> Path:
