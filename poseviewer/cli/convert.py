@@ -13,7 +13,7 @@ from poseviewer.cli.options import made, option, size, whole_from_zero
 from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
-    from poseviewer.files.formats.request import Request
+    from poseviewer.files.formats.conversion import Request
     from poseviewer.files.pose import PoseRecord
 
 UPRIGHT = ("poseviewer", "gltf")
@@ -22,7 +22,7 @@ UPRIGHT = ("poseviewer", "gltf")
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer convert``."""
-    from poseviewer.files.formats.request import METRES
+    from poseviewer.files.formats.conversion import METRES
     from poseviewer.files.formats.table import FORMATS
 
     form = {"choices": FORMATS, "default": "poseviewer"}
@@ -52,7 +52,7 @@ def run(options: Namespace) -> int:
     Raises:
         PoseViewerError: the pose cannot be read, or not be said in the format wanted.
     """
-    from poseviewer.files.formats.lens import for_one_photo
+    from poseviewer.files.formats.conversion import for_one_photo
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo import is_stored_turned
 
@@ -90,7 +90,7 @@ def run(options: Namespace) -> int:
 
 def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
-    from poseviewer.files.formats.request import make_folder
+    from poseviewer.files.formats.conversion import make_folder
 
     name = Path((record.photo.file if record.photo else None) or "photo").stem
     if options.out_format == "bop":
@@ -105,7 +105,7 @@ def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
 
 
 def _request(options: Namespace) -> Request:
-    from poseviewer.files.formats.request import Request, require_file
+    from poseviewer.files.formats.conversion import Request, require_file
     from poseviewer.files.photo import load_photo
 
     for path, what in ((options.photo, "photo"), (options.model, "model")):

@@ -8,7 +8,7 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -46,6 +46,11 @@ class Lens:
         """The coefficients as OpenCV takes them."""
         return np.array(self.coefficients, dtype=float)
 
+    @property
+    def module(self) -> Any:
+        """Where OpenCV has this model's functions."""
+        return cv2.fisheye if self.model == "fisheye" else cv2
+
 
 @dataclass(frozen=True, slots=True)
 class Undistortion:
@@ -68,7 +73,7 @@ class Undistortion:
     def to_taken(self, points: ArrayLike) -> FloatArray:
         """Points (n, 2) of the undistorted photo, px, to the photo as taken (n, 2)."""
         rays = self.camera.rays(np.asarray(points, dtype=float).reshape(-1, 2))
-        matrix = _opencv_matrix(self.taken)
+        matrix = opencv_matrix(self.taken)
         if self.lens.model == "fisheye":
             flat = np.ascontiguousarray(rays[None, :, :2])
             found = cv2.fisheye.distortPoints(flat, matrix, self.lens.array)
@@ -79,14 +84,11 @@ class Undistortion:
     def from_taken(self, points: ArrayLike) -> FloatArray:
         """Points (n, 2) of the photo as taken, px, to the undistorted photo (n, 2)."""
         taken = points_as_integer_centres(np.asarray(points, dtype=float).reshape(1, -1, 2))
-        matrix, wanted = _opencv_matrix(self.taken), _opencv_matrix(self.camera)
+        matrix, wanted = opencv_matrix(self.taken), opencv_matrix(self.camera)
         enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-        if self.lens.model == "fisheye":
-            found = cv2.fisheye.undistortPoints(
-                taken, matrix, self.lens.array, P=wanted, criteria=enough
-            )
-        else:
-            found = cv2.undistortPoints(taken, matrix, self.lens.array, P=wanted, criteria=enough)
+        found = self.lens.module.undistortPoints(
+            taken, matrix, self.lens.array, P=wanted, criteria=enough
+        )
         return from_integer_centres(found.reshape(-1, 2))
 
 
@@ -115,10 +117,9 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
 
 def _maps(undistortion: Undistortion, strip: Perspective) -> tuple[NDArray, NDArray]:
     """For each pixel of a strip of the undistorted photo, where it is in the photo as taken."""
-    module = cv2.fisheye if undistortion.lens.model == "fisheye" else cv2
-    taken, wanted = _opencv_matrix(undistortion.taken), _opencv_matrix(strip)
+    taken, wanted = opencv_matrix(undistortion.taken), opencv_matrix(strip)
     size = (strip.width, strip.height)
-    u, v = module.initUndistortRectifyMap(
+    u, v = undistortion.lens.module.initUndistortRectifyMap(
         taken, undistortion.lens.array, np.eye(3), wanted, size, cv2.CV_32FC1
     )
     return u, v
@@ -166,7 +167,7 @@ def _seen_radii(lens: Lens, radii: FloatArray) -> FloatArray:
         return np.asarray(radii * above / below, dtype=float)
 
 
-def _opencv_matrix(camera: Perspective) -> FloatArray:
-    """(3, 3): the camera matrix, which counts from pixel centres."""
+def opencv_matrix(camera: Perspective) -> FloatArray:
+    """(3, 3): the camera matrix as OpenCV has it, which counts from pixel centres."""
     camera = camera_as_integer_centres(camera)
     return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])

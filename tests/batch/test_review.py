@@ -19,7 +19,7 @@ from poseviewer.batch.run import Batch, open_batch, save_outcome
 from poseviewer.batch.scene import SceneOptions
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import read_bop
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.conversion import Request
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective

@@ -1,1 +1,1 @@
-"""Poses in the files of other tools, one format a module; ``table`` lists them."""
+"""Poses in the files of other tools; ``table`` lists the formats."""

@@ -19,22 +19,22 @@ import numpy as np
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import bop_cameras, camera_of_matrix
 from poseviewer.files.checks import Reading, checked_rotation
-from poseviewer.files.formats.opencv import intrinsics_matrix
-from poseviewer.files.formats.request import (
+from poseviewer.files.formats.conversion import (
+    Format,
     Request,
     Written,
     make_folder,
     make_record,
     metres_per_unit,
     photo_name,
-    refuse_lens,
-    require_perspective,
+    require_pinhole,
     size_of,
     unit_of,
 )
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
 UNIT = "mm"
@@ -96,8 +96,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
         PoseFileError: parallel projection; the unit, image or object is not known; the image is
             there with another camera; the folder cannot be written to.
     """
-    refuse_lens(record, "BOP")
-    matrix = intrinsics_matrix(require_perspective(record, "BOP")).reshape(-1).tolist()
+    matrix = opencv_matrix(require_pinhole(record, "BOP")).reshape(-1).tolist()
     image = str(_number(request.image, PHOTO_NAME, photo_name(record), "image", "000003.png"))
     entry = _entry(record, request)
     paths = out / CAMERAS, out / POSES
@@ -292,3 +291,6 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
 
 def _nine(reading: Reading, value: Any, what: str) -> list[float]:
     return reading.numbers(value, what, 9)
+
+
+BOP = Format(write_bop, read_bop)

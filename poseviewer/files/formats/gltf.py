@@ -25,11 +25,11 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
-from poseviewer.files.formats.lens import load_photo_of
-from poseviewer.files.formats.matrices import as_4x4, from_4x4
-from poseviewer.files.formats.request import (
+from poseviewer.files.formats.conversion import (
+    Format,
     Request,
     Written,
+    load_photo_of,
     make_record,
     metres_per_unit,
     refuse_lens,
@@ -39,6 +39,7 @@ from poseviewer.files.formats.request import (
     unit_of,
     write_new,
 )
+from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.arrays import FloatArray
@@ -323,3 +324,6 @@ def _camera(reading: Reading, entry: dict[str, Any], request: Request, metres: f
     return Perspective(
         half_width / (tangent * aspect), half_height / tangent, cx, cy, width, height
     )
+
+
+GLTF = Format(write_gltf, read_gltf, parallel=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PhotoFileError, RendererUnavailableError
-from poseviewer.files.formats.blender import blender_view
+from poseviewer.files.formats.scenes import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.state.folder import state_folder

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.conversion import Request
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh

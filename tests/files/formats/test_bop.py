@@ -11,7 +11,7 @@ import pytest
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import read_bop, write_bop
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.conversion import Request
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record

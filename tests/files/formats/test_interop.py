@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 
 from poseviewer.files.demo import demo_case
-from poseviewer.files.formats.blender import write_blender
-from poseviewer.files.formats.colmap import write_colmap
+from poseviewer.files.formats.conversion import Request
 from poseviewer.files.formats.gltf import write_gltf
-from poseviewer.files.formats.meshlab import write_meshlab
-from poseviewer.files.formats.nerfstudio import write_nerfstudio
-from poseviewer.files.formats.opencv import write_opencv
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.matrices import write_opencv
+from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
+from poseviewer.files.formats.scenes import write_blender, write_meshlab
 from poseviewer.files.formats.table import read_own
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord

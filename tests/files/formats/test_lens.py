@@ -12,11 +12,15 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.colmap import read_colmap, write_colmap
-from poseviewer.files.formats.lens import colmap_lens, nerfstudio_lens
-from poseviewer.files.formats.nerfstudio import write_nerfstudio
-from poseviewer.files.formats.opencv import write_opencv
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.matrices import write_opencv
+from poseviewer.files.formats.reconstructions import (
+    colmap_lens,
+    nerfstudio_lens,
+    read_colmap,
+    write_colmap,
+    write_nerfstudio,
+)
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.request import Request
+from poseviewer.files.formats.conversion import Request
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
@@ -158,4 +158,4 @@ def test_the_documentation_has_the_table():
         said = {key: value != "no" and value != "none" for key, value in rows[name].items()}
         assert said["parallel"] == known.parallel, name
         assert said["read"] == (known.read is not None), name
-        assert said["lens"] == (known.lens is not None or known.both_photos), name
+        assert said["lens"] == (known.lens_as is not None or known.both_photos), name

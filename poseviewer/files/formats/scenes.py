@@ -1,45 +1,69 @@
-"""MeshLab's project: the model, and the photo as a raster with its camera.
+"""Model, camera and photo together, to be looked at: MeshLab's project, and a Python script that
+makes a scene in Blender.
 
-The VCG library's ``Shot``: the axes of the rows of ``RotationMatrix`` are OpenGL's,
+MeshLab (the VCG library's ``Shot``): the axes of the rows of ``RotationMatrix`` are OpenGL's,
 ``TranslationVector`` is minus the camera's place, and ``CenterPx`` counts from the lower left
-corner of the picture, with pixel centres at i + 0.5.
+corner of the picture, with pixel centres at i + 0.5. Blender's camera has OpenGL's axes; its lens
+is in mm on a sensor, its principal point a shift in widths of the photo, and unequal focal lengths
+are the shape of its pixels.
 """
 
 from __future__ import annotations
 
+import json
 import os
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
-from poseviewer.files.formats.matrices import as_4x4, from_4x4
-from poseviewer.files.formats.request import (
+from poseviewer.files.formats.conversion import (
+    Format,
     Request,
     Written,
     make_record,
     refuse_lens,
     require_file,
-    require_perspective,
+    require_pinhole,
     size_of,
     the_one,
     write_new,
 )
+from poseviewer.files.formats.gltf import in_front, view_depths
+from poseviewer.files.formats.matrices import as_4x4, from_4x4
+from poseviewer.files.mesh.load import GLTF as GLTF_ENDINGS
+from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
+from poseviewer.geometry.frames import (
+    BLENDER_FROM_GLTF,
+    OPENGL_FROM_OPENCV,
+    camera_with_rows_from_below,
+)
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 
 SENSOR_MM = 36.0
-"""Width of the sensor we claim; MeshLab wants mm, and only their ratio to px counts."""
+"""Width of the sensor we claim: both tools want mm, of which only ratios count."""
+IMPORTED = (*GLTF_ENDINGS, ".obj", ".ply", ".stl")
+"""What Blender's own importers read."""
+DOC = '''"""A model where poseviewer found it, seen by the camera of the photo, in Blender.
+
+Run it with: blender --python {name}
+It adds a scene "poseviewer" and touches no other. Lengths are in the model's unit. Blender's axes:
+x right, y up, z backward in the camera; the world is the model's frame{turned}.
+"""
+
+'''
 
 
 def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
     """Write a project that names model and photo by their paths from its folder."""
-    refuse_lens(record, "MeshLab")
-    camera = camera_with_rows_from_below(require_perspective(record, "MeshLab"))
+    camera = camera_with_rows_from_below(require_pinhole(record, "MeshLab"))
     model = require_file(request.model, "model", "MeshLab")
     photo = require_file(request.photo, "photo", "MeshLab")
     place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
@@ -118,3 +142,66 @@ def read_meshlab(path: Path, request: Request) -> PoseRecord:
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     pose = Pose(camera_with_rows_from_below(camera), place)
     return make_record(reading, pose, raster.get("label"), request.unit)
+
+
+def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Write the script; it names model and photo by their paths."""
+    refuse_lens(record, "Blender")
+    model = require_file(request.model, "model", "Blender")
+    if model.suffix.lower() not in IMPORTED:
+        raise PoseFileError(
+            f"{model.name}: Blender does not import {model.suffix} files; convert the pose "
+            "to gltf, which holds the model, and open that."
+        )
+    if out.suffix.lower() != ".py":
+        raise PoseFileError(f"{out.name}: Blender's scripts end in .py; name it so.")
+    mesh, is_gltf, photo = load_mesh(model), model.suffix.lower() in GLTF_ENDINGS, request.photo
+    view = blender_view(in_front(record.pose, mesh), mesh, is_gltf)
+    script = (
+        DOC.format(name=out.name, turned=", turned from y up to z up" if is_gltf else "")
+        + f"MODEL = {_paths(out, model)}\n"
+        + f"PHOTO = {_paths(out, photo) if photo else '[]'}\n"
+        + f"VIEW = {json.dumps(view, indent=4)}\n\n"
+        + files("poseviewer.files.formats").joinpath("blender_scene.txt").read_text("utf-8")
+    )
+    notes = () if photo else ("No photo is known: there is no background; add --photo FILE.",)
+    return write_new(request, {out: script}, *notes)
+
+
+def _paths(out: Path, path: Path) -> str:
+    """Where a file is: from the script's folder, and in full, as a list in Python."""
+    whole = path.resolve()
+    near = Path(os.path.relpath(whole, out.resolve().parent)).as_posix()
+    return json.dumps([near, str(whole)], ensure_ascii=False)
+
+
+def blender_view(pose: Pose, mesh: Mesh, is_gltf: bool = False) -> dict[str, Any]:
+    """Blender's numbers for the camera; unit of both shifts: the photo's width. ``is_gltf``: the
+    model came in by Blender's importer of glTF, which turns its axes.
+    """
+    camera = pose.camera
+    near, far = view_depths(pose, mesh)
+    place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()
+    if is_gltf:
+        place = BLENDER_FROM_GLTF @ place
+    lens: dict[str, Any] = {"type": "ORTHO", "sensor_width": SENSOR_MM}
+    stretch = 1.0
+    if isinstance(camera, Perspective):
+        stretch = camera.fx / camera.fy  # height of a pixel, in widths
+        lens |= {"type": "PERSP", "lens": camera.fx / camera.width * SENSOR_MM}
+    else:
+        lens["ortho_scale"] = camera.width / camera.scale
+    right = (camera.width / 2.0 - camera.cx) / camera.width
+    up = (camera.cy - camera.height / 2.0) * stretch / camera.width
+    return lens | {
+        "shift": [right, up],
+        "clip": [near, 2.0 * far],
+        "size": [camera.width, camera.height],
+        # Blender allows neither side below 1.
+        "pixel_aspect": [max(1.0, 1.0 / stretch), max(1.0, stretch)],
+        "world_from_camera": as_4x4(place).tolist(),
+    }
+
+
+MESHLAB = Format(write_meshlab, read_meshlab)
+BLENDER = Format(write_blender, None, parallel=True)

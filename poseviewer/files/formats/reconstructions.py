@@ -1,0 +1,196 @@
+"""Cameras as programs of 3D reconstruction keep them; the world is the model's frame, pixel centres
+are at i + 0.5.
+
+COLMAP's text model (https://colmap.github.io/format.html; ``cameras.txt``, ``images.txt``,
+``points3D.txt``): quaternions w first, world to camera, OpenCV axes; its lens models:
+https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h.
+
+nerfstudio's ``transforms.json`` (https://docs.nerf.studio/quickstart/data_conventions.html): camera
+to world, OpenGL axes; its ``Cameras.generate_rays`` looks through the pixel (i, j) at
+``((j + 0.5 - cx) / fl_x, -(i + 0.5 - cy) / fl_y, -1)``, and its ``_undistort_image`` hands ``k1 k2
+k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV, whose order is k1 k2 p1 p2 k3 k4 k5 k6 s1 s2
+s3 s4 tx ty.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.cameras import colmap_camera, lens_of
+from poseviewer.files.checks import Reading
+from poseviewer.files.formats.conversion import (
+    Format,
+    Request,
+    Written,
+    json_text,
+    make_folder,
+    make_record,
+    photo_name,
+    seen_as_taken,
+    size_of,
+    the_one,
+    write_new,
+)
+from poseviewer.files.formats.matrices import as_4x4, from_4x4
+from poseviewer.files.pose import PoseRecord
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from poseviewer.geometry.lens import Lens, LensModel
+from poseviewer.geometry.transform import RigidTransform
+
+INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
+"""nerfstudio's names."""
+LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
+    "opencv": ("OPENCV", ("k1", "k2", "p1", "p2", "k3")),
+    "fisheye": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
+}
+"""What nerfstudio calls OpenCV's lens models, and their coefficients."""
+
+
+def write_colmap(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Write a model of one camera and one image, without points, into the folder ``out``."""
+    camera, (model, distortion) = seen_as_taken(record, "COLMAP", colmap_lens)
+    transform = record.pose.camera_from_model
+    quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
+    place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
+    numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
+    make_folder(out)
+    texts = {
+        "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
+        f"1 {model} {camera.width} {camera.height} {numbers}\n",
+        "images.txt": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+        "# POINTS2D[] as (X, Y, POINT3D_ID)\n"
+        f"1 {place} 1 {photo_name(record) or 'photo'}\n\n",
+        "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
+        "POINT2D_IDX)\n",
+    }
+    return write_new(request, {out / name: text for name, text in texts.items()})
+
+
+def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
+    """COLMAP's model, with two focal lengths, and its distortion parameters; None: it has none."""
+    if lens is None:
+        return "PINHOLE", ()
+    k = lens.coefficients
+    if lens.model == "fisheye":
+        return "OPENCV_FISHEYE", k
+    if any(k[8:]):
+        return None
+    return ("FULL_OPENCV", (*k, 0.0, 0.0, 0.0)[:8]) if any(k[4:]) else ("OPENCV", k[:4])
+
+
+def read_colmap(path: Path, request: Request) -> PoseRecord:
+    """Read one image of a text model: ``request.image`` by its name, or the only one.
+
+    The model's world is taken for the frame of poseviewer's model.
+    """
+    reading = Reading(path / "images.txt")
+    lines, images = _lines(reading.path), []
+    for line in lines:
+        if line:
+            images.append(line.split())
+            next(lines, None)  # its points
+    names = [" ".join(words[9:]) for words in images]
+    words = the_one(reading, request, "images", names, images)
+    if len(words) < 10:
+        raise reading.error(f"an image has {len(words)} entries", "wanted 10")
+    numbers = reading.words(" ".join(words[1:8]), "the image's pose")
+    quaternion = np.array(numbers[:4])
+    if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
+        raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
+    rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    place = RigidTransform(rotation, np.array(numbers[4:]))
+    rows = map(str.split, _lines(path / "cameras.txt"))
+    row = next((row for row in rows if row[:1] == [words[8]]), None)
+    of_cameras = Reading(path / "cameras.txt", reading.warnings)
+    if row is None:
+        raise of_cameras.error(
+            f"it has no camera {words[8]}", "wanted the one that the image names"
+        )
+    camera, lens = colmap_camera(of_cameras, row)
+    size_of(of_cameras, request, camera.width, camera.height)
+    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """The lines that are no comments, empty ones included: they stand for images without points."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            yield from (line.strip() for line in file if not line.startswith("#"))
+    except FileNotFoundError:
+        raise PoseFileError(
+            f"{path}: no such file; name the folder of a COLMAP text model (colmap "
+            "model_converter --output_type TXT makes one)."
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not text"
+        raise PoseFileError(f"{path}: cannot be read ({reason}).") from error
+
+
+def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written:
+    """Write a file of one frame; the world is the model's frame."""
+    camera, (model, distortion) = seen_as_taken(record, "nerfstudio", nerfstudio_lens)
+    name = photo_name(record) or "photo"
+    if request.photo is not None:
+        name = Path(os.path.relpath(request.photo, out.parent)).as_posix()
+    world_from_camera = (OPENGL_FROM_OPENCV @ record.pose.camera_from_model).inverse()
+    data = {
+        "camera_model": model,
+        "w": camera.width,
+        "h": camera.height,
+        **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
+        **distortion,
+        "frames": [{"file_path": name, "transform_matrix": as_4x4(world_from_camera).tolist()}],
+    }
+    return write_new(request, {out: json_text(data)})
+
+
+def read_nerfstudio(path: Path, request: Request) -> PoseRecord:
+    """Read one frame: ``request.image`` by its path or file name, or the only one."""
+    reading = Reading(path)
+    data = reading.load_object()
+    frames = data.get("frames")
+    frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
+    paths = [str(frame.get("file_path")) for frame in frames]
+    frame = the_one(reading, request, "frames", paths, [Path(name).name for name in paths], frames)
+    own = data | frame  # a frame's own lens comes first
+    width, height = size_of(reading, request, own.get("w"), own.get("h"))
+    fx = reading.positive(own.get("fl_x"), "fl_x")
+    fy = reading.positive(own.get("fl_y", fx), "fl_y")
+    cx, cy = reading.fields(own, "", cx=Reading.number, cy=Reading.number)
+    camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
+    world_from_camera = from_4x4(reading, frame.get("transform_matrix"), "transform_matrix")
+    place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
+    name = Path(reading.text(frame.get("file_path"), "file_path") or "photo").name
+    return make_record(reading, Pose(camera, place), name, request.unit, lens)
+
+
+def nerfstudio_lens(lens: Lens | None) -> tuple[str, dict[str, float]] | None:
+    """Nerfstudio's model and its parameters; None: it has none."""
+    model, names = LENSES["opencv" if lens is None else lens.model]
+    k = (0.0,) * 4 if lens is None else lens.coefficients
+    return None if any(k[len(names) :]) else (model, dict(zip(names, k, strict=False)))
+
+
+def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
+    said, (standard, _), (fisheye, _) = data.get("camera_model", "OPENCV"), *LENSES.values()
+    if said not in (standard, "PINHOLE", "SIMPLE_PINHOLE", fisheye):
+        raise reading.error(f"camera_model is {said!r}", f"wanted {standard!r} or {fisheye!r}")
+    model: LensModel = "fisheye" if said == fisheye else "opencv"
+    k4 = reading.number(data.get("k4", 0.0), "k4")
+    if model == "opencv" and k4:
+        raise reading.error(f"k4 is {k4}", "OpenCV's lens model has no such term: wanted 0")
+    values = [reading.number(data.get(name, 0.0), name) for name in LENSES[model][1]]
+    return lens_of(reading, model, values)
+
+
+COLMAP = Format(write_colmap, read_colmap, lens_as=colmap_lens)
+NERFSTUDIO = Format(write_nerfstudio, read_nerfstudio, lens_as=nerfstudio_lens)
