@@ -16,6 +16,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from poseviewer.app.page.controls import STEPS
+
 FLAGS = (
     "--no-sandbox",
     "--disable-quic",
@@ -55,8 +57,12 @@ def open_browser() -> Iterator[Browser]:
 class AppPage:
     """One tab; places are px of the photo, pixel centres at i + 0.5."""
 
-    def __init__(self, browser: Browser, url: str, size: tuple[int, int] = (1400, 900)) -> None:
-        self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    def __init__(
+        self, browser: Browser, url: str, size: tuple[int, int] = (1400, 900), **options: Any
+    ) -> None:
+        """``options``: as playwright's ``new_page`` has them."""
+        viewport: Any = {"width": size[0], "height": size[1]}
+        self.page: Page = browser.new_page(viewport=viewport, **options)
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
@@ -89,14 +95,12 @@ class AppPage:
         )
 
     def view(self) -> dict[str, Any]:
-        """Zoom, centre and scale, and the canvas's box, as the page has them."""
+        """Zoom, centre and scale, and the canvas's box above the maps, as the page has them."""
         return self.page.evaluate(
             """() => {
                 const box = window.__viserMutable.canvas.getBoundingClientRect();
-                return {
-                    ...JSON.parse(document.documentElement.dataset.poseviewerView),
-                    box: [box.left, box.top, box.width, box.height],
-                };
+                const view = JSON.parse(document.documentElement.dataset.poseviewerView);
+                return { ...view, box: [box.left, box.top, box.width, box.height - view.covered] };
             }"""
         )
 
@@ -110,6 +114,10 @@ class AppPage:
             left + width / 2 + (point[0] - centre[0] * photo[0]) * scale,
             top + height / 2 + (point[1] - centre[1] * photo[1]) * scale,
         )
+
+    def open_step(self, number: int) -> None:
+        """Open a step of the left panel, and close the others."""
+        self.page.evaluate("label => window.poseviewer.openStep(label)", STEPS[number - 1])
 
     def drag(
         self,

@@ -1,8 +1,9 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
-// (world units), keys (event.code or event.key that are taken), leave (of them, those left to the
-// browser where ctrl is held), largest (bytes of an upload), wide (CSS px), title, style, icon.
+// (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
+// at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
+// where ctrl is held), largest (bytes of an upload), title, style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -15,6 +16,7 @@ const state = {
   zoom: 1, // canvas px per px of the fitted view
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
+  covered: 0, // CSS px at the canvas's lower end that the maps lie over
   pointer: null, // "drag" or "pan" while a button is down
   last: [0, 0],
   pending: null,
@@ -56,22 +58,29 @@ function send(message) {
 function fitted() {
   // Where the whole photo lies in the canvas at zoom 1: CSS px per photo px.
   const [w, h] = state.photo;
-  return Math.min(state.size[0] / w, state.size[1] / h);
+  return Math.min(state.size[0] / w, (state.size[1] - state.covered) / h);
+}
+
+function middle() {
+  // Of what the photo has of the canvas.
+  return [state.size[0] / 2, (state.size[1] - state.covered) / 2];
 }
 
 function photoFromCanvas(x, y) {
   const k = fitted() * state.zoom;
+  const [mx, my] = middle();
   return [
-    state.centre[0] * state.photo[0] + (x - state.size[0] / 2) / k,
-    state.centre[1] * state.photo[1] + (y - state.size[1] / 2) / k,
+    state.centre[0] * state.photo[0] + (x - mx) / k,
+    state.centre[1] * state.photo[1] + (y - my) / k,
   ];
 }
 
 function canvasFromPhoto(x, y) {
   const k = fitted() * state.zoom;
+  const [mx, my] = middle();
   return [
-    (x - state.centre[0] * state.photo[0]) * k + state.size[0] / 2,
-    (y - state.centre[1] * state.photo[1]) * k + state.size[1] / 2,
+    (x - state.centre[0] * state.photo[0]) * k + mx,
+    (y - state.centre[1] * state.photo[1]) * k + my,
   ];
 }
 
@@ -89,16 +98,17 @@ function applyView() {
   camera.aspect = w / h;
   const k = fitted();
   const [vw, vh] = [w / state.zoom, h / state.zoom];
-  const middle = [
+  const seenAt = [
     w / 2 + (state.centre[0] - 0.5) * state.photo[0] * k,
     h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k,
   ];
-  camera.setViewOffset(w, h, middle[0] - vw / 2, middle[1] - vh / 2, vw, vh);
+  const [mx, my] = middle();
+  camera.setViewOffset(w, h, seenAt[0] - mx / state.zoom, seenAt[1] - my / state.zoom, vw, vh);
   camera.updateProjectionMatrix();
   sizeHandles();
   viewer.requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
-    zoom: state.zoom, centre: state.centre, scale: k * state.zoom,
+    zoom: state.zoom, centre: state.centre, scale: k * state.zoom, covered: state.covered,
   });
 }
 
@@ -130,9 +140,10 @@ function zoomAt(x, y, factor) {
   state.zoom *= factor;
   clampView();
   const k = fitted() * state.zoom;
+  const [mx, my] = middle();
   state.centre = [
-    (anchor[0] - (x - state.size[0] / 2) / k) / state.photo[0],
-    (anchor[1] - (y - state.size[1] / 2) / k) / state.photo[1],
+    (anchor[0] - (x - mx) / k) / state.photo[0],
+    (anchor[1] - (y - my) / k) / state.photo[1],
   ];
   clampView();
   applyView();
@@ -252,6 +263,10 @@ function typing(event) {
   const element = event.target;
   if (!element || !element.tagName) return false;
   const kind = element.tagName;
+  // viser's dropdowns are text fields: they take keys only while their list is open.
+  if (element.getAttribute("aria-haspopup") === "listbox") {
+    return element.getAttribute("aria-expanded") === "true";
+  }
   if (kind === "TEXTAREA" || kind === "SELECT" || element.isContentEditable) return true;
   const silent = ["checkbox", "radio", "range", "button"];
   return kind === "INPUT" && !silent.includes(element.type);
@@ -275,6 +290,7 @@ listen(window, "keydown", (event) => {
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
   taken(event);
+  if (document.activeElement) document.activeElement.blur();
   if (event.code === "KeyF") { showAll(); return; }
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   send({
@@ -330,6 +346,117 @@ listen(window, "drop", (event) => {
   }
 }, true);
 
+// --- the panels ---------------------------------------------------------------------------------
+
+function stored(storage, name, value) {
+  // What a page remembers; a browser may forbid it.
+  try {
+    if (value !== undefined) storage.setItem(`poseviewer.${name}`, value);
+    return storage.getItem(`poseviewer.${name}`);
+  } catch (error) { return null; }
+}
+
+const folders = () => [...document.querySelectorAll(".mantine-Paper-root > .mantine-Paper-root")]
+  .filter((header) => CONFIG.steps.includes(header.textContent));
+const isOpen = (header) => header.querySelector(".tabler-icon-chevron-up") !== null;
+
+function openStep(label) {
+  for (const header of folders()) {
+    if (isOpen(header) !== (header.textContent === label)) header.click();
+  }
+  stored(sessionStorage, "step", label);
+}
+
+// A step that is opened closes the others.
+listen(window, "click", (event) => {
+  if (!event.isTrusted) return;
+  const header = folders().find((one) => one.contains(event.target));
+  if (!header || isOpen(header)) return;
+  folders().filter(isOpen).forEach((other) => other.click());
+  stored(sessionStorage, "step", header.textContent);
+}, true);
+
+let stepsFound = false;
+function findSteps() {
+  if (stepsFound || folders().length < CONFIG.steps.length) return;
+  stepsFound = true;
+  openStep(stored(sessionStorage, "step") || CONFIG.first);
+}
+
+// The maps lie beside the photo, below it, or are away; below, the photo is fitted above them.
+const BESIDE_WIDTH = 420; // CSS px
+const BELOW_SHARE = 0.29; // of the window's height
+const BELOW_HEAD = 84; // CSS px: the strip's title, its buttons and margins
+
+function placeOfMaps() {
+  const chosen = stored(localStorage, "maps");
+  if (chosen) return chosen;
+  // Where the photo is larger.
+  const [w, h] = state.photo;
+  const [width, height] = [window.innerWidth - CONFIG.panel, window.innerHeight];
+  const beside = Math.min((width - BESIDE_WIDTH) / w, height / h);
+  return beside < Math.min(width / w, (height * (1 - BELOW_SHARE)) / h) ? "below" : "beside";
+}
+
+let arranged = "";
+function arrange(only) {
+  const place = placeOfMaps();
+  const message = {
+    kind: "arrange", maps: place,
+    light: window.matchMedia("(prefers-color-scheme: light)").matches,
+    width: window.innerWidth, height: Math.round(window.innerHeight * BELOW_SHARE),
+    only: only === "width" ? only : "",
+  };
+  const root = document.documentElement;
+  root.dataset.poseviewerMaps = place;
+  root.style.setProperty("--pv-cell", `${Math.max((message.height - BELOW_HEAD) / 2 - 4, 48)}px`);
+  if (arranged === JSON.stringify(message)) return;
+  arranged = JSON.stringify(message);
+  send(message);
+}
+
+let arranging = null;
+function arrangeSoon() {
+  clearTimeout(arranging);
+  arranging = setTimeout(arrange, 150);
+}
+listen(window, "resize", arrangeSoon);
+listen(window.matchMedia("(prefers-color-scheme: light)"), "change", arrangeSoon);
+
+function placeMaps(place) {
+  stored(localStorage, "maps", place);
+  if (place === "below") { arrange(); return; }
+  // The width first: a window that is docked keeps the one that it floats with.
+  arrange("width");
+  const until = performance.now() + 3000;
+  (function whenNarrow() {
+    const box = document.querySelector(".pv-places").getBoundingClientRect();
+    if (box.width < window.innerWidth / 2 || performance.now() > until) arrange();
+    else requestAnimationFrame(whenNarrow);
+  })();
+}
+
+function measureCovered() {
+  // The window of the maps, where it lies along the canvas's lower end; the user may have moved it.
+  const canvas = vm().canvas.getBoundingClientRect();
+  let covered = 0;
+  let element = document.querySelector(".pv-places");
+  while (element && element !== document.body) {
+    const box = element.getBoundingClientRect();
+    if (getComputedStyle(element).position === "absolute" && box.width > canvas.width / 2) {
+      if (canvas.bottom - box.bottom < 24 && box.top > canvas.top + canvas.height / 3) {
+        covered = Math.round(canvas.bottom - box.top);
+      }
+      break;
+    }
+    element = element.parentElement;
+  }
+  if (covered === state.covered) return;
+  state.covered = covered;
+  bar.style.bottom = `${14 + covered}px`;
+  applyView();
+}
+
 // --- what lies over the photo -------------------------------------------------------------------
 
 const bar = document.createElement("div");
@@ -356,7 +483,8 @@ function showHint() {
 // --- life ---------------------------------------------------------------------------------------
 
 let timer = null;
-function watch() {
+let measured = 0;
+function watch(now) {
   const viewer = vm();
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
     viewer.cameraControl.enabled = false;
@@ -366,6 +494,8 @@ function watch() {
     const view = viewer.camera.view;
     if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
     sizeHandles();
+    findSteps();
+    if (now - measured > 200) { measured = now; measureCovered(); }
   }
   timer = requestAnimationFrame(watch);
 }
@@ -377,12 +507,13 @@ window.poseviewerModel = (wish, index) => send({ kind: "model", wish, index });
 window.poseviewer = {
   setPhoto(width, height) {
     state.photo = [width, height];
+    arrange();
     if (resume()) applyView();
     else showAll();
   },
   setHint(text) { state.hint = text; showHint(); },
   canvasFromPhoto, photoFromCanvas,
-  zoomAt, showAll,
+  zoomAt, showAll, openStep, placeMaps,
   view() { return { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
   dispose() { cleanups.forEach((undo) => undo()); },
 };
@@ -398,5 +529,5 @@ if (!icon) {
   document.head.appendChild(icon);
 }
 icon.href = CONFIG.icon;
-if (window.innerWidth < CONFIG.wide) send({ kind: "narrow" });
-watch();
+arrange();
+watch(0);

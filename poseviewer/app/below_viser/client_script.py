@@ -1,20 +1,22 @@
 """The page's own script, ``client.js``, and what it reports.
 
-Why: viser has no zoom and pan that keep the registration, no keys, no drop of files, and no way to
-make a panel narrower on one page.
-Written for viser 1.1.1: the messages ``RunJavascriptMessage`` and ``GuiSetPanelWidthMessage``, put
+Why: viser has no zoom and pan that keep the registration, no keys, no drop of files, no folders of
+which one is open, and no way to place a panel on one page alone.
+Written for viser 1.1.1: the messages ``RunJavascriptMessage`` and ``GuiSetPanel...Message``, put
 into ``client.gui._websock_interface``; a panel's ``_placement_uuid``, a field's ``_impl.uuid``; and
-in the page ``window.__viserMutable`` (its camera, canvas, nodes and ``sendMessage``).
+in the page ``window.__viserMutable`` (its camera, canvas, nodes and ``sendMessage``), the headers
+of folders (Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open).
 """
 
 from __future__ import annotations
 
 import base64
 import json
-import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import viser
 from viser import _messages
@@ -23,6 +25,19 @@ _SOURCE = Path(__file__).with_name("client.js")
 _ICON = Path(__file__).with_name("icon.svg")
 
 Report = dict[str, Any]
+Panel = viser.MainPanelHandle | viser.PanelHandle
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where a panel lies on a page; lengths in CSS px."""
+
+    position: Any
+    """As viser's ``EdgePlacement`` or ``FloatPlacement``; None: where it is, with another width."""
+    width: float
+    height: float | None = None
+    """Of a floating panel."""
+    collapsed: bool = False
 
 
 class ClientScript:
@@ -32,16 +47,15 @@ class ClientScript:
         self,
         server: viser.ViserServer,
         config: Mapping[str, Any],
-        on_report: Callable[[Report, int], None],
+        on_report: Callable[[Report, viser.ClientHandle], None],
     ) -> None:
         """``config``: what the script is told, as the head of ``client.js`` says;
-        ``on_report(report, client_id)`` is called in viser's thread.
+        ``on_report(report, client)`` is called in viser's thread.
         """
         self._server = server
         self._config = config
         self._photo = (1, 1)
         self._hint = ""
-        self._narrow_panels: list[tuple[viser.MainPanelHandle | viser.PanelHandle, float]] = []
         # Pages report through a text field that nobody sees; viser has no other public way back.
         self._channel = server.gui.add_text("report", "", visible=False)
 
@@ -50,10 +64,7 @@ class ClientScript:
             report = _parsed(self._channel.value)
             if event.client is None or report is None:
                 return
-            if report["kind"] == "narrow":
-                self._narrow(event.client)
-            else:
-                on_report(report, event.client.client_id)
+            on_report(report, event.client)
 
         server.on_client_connect(self._greet)
 
@@ -68,20 +79,6 @@ class ClientScript:
         if self._hint != text:
             self._hint = text
             self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
-
-    def narrow_in_small_windows(
-        self, panel: viser.MainPanelHandle | viser.PanelHandle, width: float
-    ) -> None:
-        """Make a panel so wide, in CSS px, on every page whose window is small."""
-        self._narrow_panels.append((panel, width))
-
-    def _narrow(self, client: viser.ClientHandle) -> None:
-        for panel, width in self._narrow_panels:
-            # A run of its own: pages heed it whatever was sent before.
-            message = _messages.GuiSetPanelWidthMessage(
-                panel._placement_uuid, width, counter=1, run_id=uuid.uuid4().hex
-            )
-            client.gui._websock_interface.queue_message(message)
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
@@ -103,6 +100,24 @@ class ClientScript:
 
 def _run_on(client: viser.ClientHandle, source: str) -> None:
     client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source))
+
+
+def place_panel(client: viser.ClientHandle, panel: Panel, placement: Placement) -> None:
+    """Place a panel on one page alone."""
+    where, uuid = placement, panel._placement_uuid
+    # A run of its own: pages heed them whatever was sent before.
+    run_id = uuid4().hex
+    messages: list[_messages.Message] = [
+        _messages.GuiSetPanelWidthMessage(uuid, where.width, 1, run_id)
+    ]
+    if where.position is not None:
+        messages += [
+            _messages.GuiSetPanelPositionMessage(uuid, where.position, 1, run_id),
+            _messages.GuiSetPanelHeightMessage(uuid, where.height, 1, run_id),
+            _messages.GuiSetPanelCollapsedMessage(uuid, where.collapsed, 1, run_id),
+        ]
+    for message in messages:
+        client.gui._websock_interface.queue_message(message)
 
 
 def _parsed(text: object) -> Report | None:

@@ -4,7 +4,8 @@ written back only where it differs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,11 @@ from poseviewer.app.state.requests import Download, Export, Request, Upload
 from poseviewer.files.state.uploads import ENDINGS, Kind
 
 Post = Callable[[Request], None]
+
+STEPS = ("1 · Open", "2 · Place", "3 · Fit", "4 · Judge", "5 · Save")
+"""The folders of the left panel in the order of the work; the page's script keeps one open."""
+FIRST_STEP = STEPS[1]
+"""Open at first: photo and model are there by the command line."""
 
 
 class Field:
@@ -42,6 +48,19 @@ class Controls:
 
     gui: viser.GuiApi
     post: Post
+
+    @contextmanager
+    def step(self, label: str) -> Iterator[None]:
+        """The folder of one of the ``STEPS``; last in it stands a button to the next one."""
+        following = STEPS[STEPS.index(label) + 1 :]
+        with self.gui.add_folder(label, expand_by_default=label == FIRST_STEP):
+            yield
+            if following:
+                name = following[0].partition(" · ")[2].lower()
+                self.gui.add_html(
+                    f'<button type="button" class="pv-next" onclick="poseviewer.openStep'
+                    f"('{following[0]}')\">Next: {name} &rsaquo;</button>"
+                )
 
     def field(self, handle: Any, command: Callable[[Any], Request | None]) -> Field:
         """An input whose new values ask for ``command(value)``."""

@@ -208,6 +208,7 @@ def _cell(
         f"<title>{what}{f': least loss {least.loss:.4g}' if least else ''}</title>"
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
+        f'<span class="pv-name">{what}</span>'
         f'<button type="button" title="{what}: open large" onpointerdown="{enlarge}" '
         f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
     )

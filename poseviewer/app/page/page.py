@@ -12,8 +12,9 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.page.candidates_panel import CandidatesPanel
-from poseviewer.app.page.controls import Controls, Post
-from poseviewer.app.page.landscape import LandscapePanel
+from poseviewer.app.page.controls import FIRST_STEP, STEPS, Controls, Post
+from poseviewer.app.page.landscape import ORDER, LandscapePanel
+from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
 from poseviewer.app.page.panels import (
     FitPanel,
     LookPanel,
@@ -34,16 +35,14 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
-PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
-"""CSS px: at the left and at the right, in a wide and in a small window."""
-WIDE_WINDOW = 1280
-"""CSS px: in a window less wide the panels leave room to the photo."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
+    "steps": STEPS,
     "keys": FORWARDED,
     "leave": LEFT_TO_BROWSER,
     "largest": LARGEST_UPLOAD,
-    "wide": WIDE_WINDOW,
+    "first": FIRST_STEP,
+    "panel": PANEL_WIDTHS[0],
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
@@ -57,35 +56,28 @@ class Page:
         self._server = server
         self._post = post
         gui = server.gui
-        gui.configure_theme(
-            dark_mode=True,
-            show_logo=False,
-            show_share_button=False,
-            brand_color=(23, 162, 184),
-        )
+        choose_theme(gui)
         gui.set_panel_label("poseviewer")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(PANEL_WIDTHS[0])
         self.scene = PhotoScene(server)
-        self._script = ClientScript(
-            server, PAGE_CONFIG, lambda content, client: post(Report(content, client))
-        )
+        self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
         self._review = ReviewPanel(controls) if reviewing else None
         self._open = OpenPanel(controls, fixed=reviewing)
         self._place = PlacePanel(controls)
         self._fit = FitPanel(controls)
-        self._candidates = None if reviewing else CandidatesPanel(controls)
-        self._look = LookPanel(controls)
+        with controls.step(STEPS[3]):
+            self._look = LookPanel(controls)
+            self._candidates = None if reviewing else CandidatesPanel(controls)
         self._save = SavePanel(controls)
-        right = gui.add_panel()
-        tab = right.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
+        self._maps = gui.add_panel()
+        tab = self._maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
         with tab:
+            gui.add_html(PLACES, order=ORDER - 1.0)
             self._landscape = LandscapePanel(controls, tab)
-        right.dock_right()
-        right.set_width(MAPS_WIDTHS[0])
-        self._script.narrow_in_small_windows(gui.main_panel, PANEL_WIDTHS[1])
-        self._script.narrow_in_small_windows(right, MAPS_WIDTHS[1])
+        self._maps.dock_right()
+        self._maps.set_width(MAPS_WIDTHS[0])
         self._next_panels = 0.0
         self._shown: Session | None = None
         self._late = False
@@ -127,6 +119,12 @@ class Page:
             self._save.show(session, where)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
+
+    def _reported(self, content: dict[str, Any], client: viser.ClientHandle) -> None:
+        if content["kind"] == "arrange":
+            arrange(client, self._maps, content)
+        else:
+            self._post(Report(content, client.client_id))
 
     def show_error(self, sentence: str) -> None:
         """Tell all pages what could not be done, and why."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.controls import Controls, Field, set_properties
+from poseviewer.app.page.controls import STEPS, Controls, Field, set_properties
 from poseviewer.app.page.methods_panel import MethodsPanel
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
@@ -68,7 +68,7 @@ class OpenPanel:
     """Folder "Open"; where photo and model are ``fixed``, pose files alone."""
 
     def __init__(self, controls: Controls, fixed: bool = False) -> None:
-        with controls.gui.add_folder("1 · Open"):
+        with controls.step(STEPS[0]):
             self._what = controls.gui.add_markdown("")
             if not fixed:
                 controls.upload("Photo ...", "photo", "photo")
@@ -97,7 +97,7 @@ class PlacePanel:
         self._shown: object = None
         self._error_message = ""
         self._session: Session | None = None
-        with gui.add_folder("2 · Place"):
+        with controls.step(STEPS[1]):
             self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
             controls.field(self._view, self._look_from)
             controls.choices("History", {"Undo (Z)": c.Undo(), "Redo (Y)": c.Redo()})
@@ -255,7 +255,7 @@ class FitPanel:
         self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
         self._running = False
         self._before = False
-        with gui.add_folder("3 · Fit"):
+        with controls.step(STEPS[2]):
             self._method = controls.field(
                 gui.add_dropdown("Method", tuple(METHODS.values())),
                 lambda name: c.SetMethod(next(m for m, n in METHODS.items() if n == name)),
@@ -419,26 +419,25 @@ class FitPanel:
 
 
 class LookPanel:
-    """Folder "Look": how the model is shown."""
+    """How the model is shown."""
 
     def __init__(self, controls: Controls) -> None:
         gui, field = controls.gui, controls.field
-        with gui.add_folder("Look"):
-            self._look = field(
-                gui.add_dropdown("Model (1-5, 0)", LOOKS),
-                lambda name: c.ChangeView(look=name, hidden=False),
-            )
-            self._opacity = field(
-                gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-                lambda share: c.ChangeView(opacity=float(share)),
-            )
-            self._wipe = field(
-                gui.add_slider("Wipe", 0.0, 1.0, 0.01, 1.0),
-                lambda share: c.ChangeView(wipe=float(share)),
-            )
-            self._hidden = field(
-                gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
-            )
+        self._look = field(
+            gui.add_dropdown("Model (1-5, 0)", LOOKS),
+            lambda name: c.ChangeView(look=name, hidden=False),
+        )
+        self._opacity = field(
+            gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
+            lambda share: c.ChangeView(opacity=float(share)),
+        )
+        self._wipe = field(
+            gui.add_slider("Wipe", 0.0, 1.0, 0.01, 1.0),
+            lambda share: c.ChangeView(wipe=float(share)),
+        )
+        self._hidden = field(
+            gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
+        )
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
@@ -453,7 +452,7 @@ class SavePanel:
     """Folder "Save"."""
 
     def __init__(self, controls: Controls) -> None:
-        with controls.gui.add_folder("4 · Save"):
+        with controls.step(STEPS[4]):
             self._state = controls.gui.add_markdown("")
             controls.button("Save pose (S)", SavePose(), "cyan", icon="device-floppy")
             controls.download("Download pose", "pose")
