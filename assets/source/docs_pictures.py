@@ -198,6 +198,7 @@ def which_model(folder: Path) -> None:
     with open_browser() as browser, AppProcess(folder, *files, "--pose", case.start) as process:
         tab = AppPage(browser, process.url, (1400, 1000))
         tab.wait_for_text("at this pose")
+        tab.open_step(4)
         tab.page.get_by_text("Which model is it?", exact=True).click()
         tab.page.get_by_role("button", name="Tell them apart").click()
         tab.wait_for_text("Press a row to see its fit")

@@ -183,6 +183,7 @@ class AppPage:
 
     def choose_file(self, button: str, path: Path) -> None:
         """Give a file to an upload button."""
+        self.open_step(1)
         with self.page.expect_file_chooser() as chooser:
             self.page.get_by_role("button", name=button).click()
         chooser.value.set_files(str(path))

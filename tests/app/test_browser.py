@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from poseviewer.app.page.controls import STEPS
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -56,6 +57,7 @@ def page(tab: AppPage) -> Iterator[AppPage]:
 def test_the_page_opens_on_the_demo(page: AppPage):
     assert page.page.title() == "poseviewer"
     assert page.page.locator("link[rel~=icon]").get_attribute("href", timeout=5000)
+    page.open_step(1)
     page.wait_for_text("demo_photo.jpg")
     page.wait_for_text("89,728 triangles")
     page.wait_for_text("at this pose")
@@ -185,6 +187,7 @@ def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     saved = page.saved_pose(path)
     page.page.keyboard.press("ArrowDown")
+    page.open_step(5)
     page.wait_for_text("● unsaved changes")
     # "false": the browser is kept from opening the files itself.
     dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
@@ -212,6 +215,58 @@ def test_the_help_has_the_keys_until_it_is_closed(page: AppPage):
     assert not page.page.get_by_label("Rotation rings (G)").is_checked()
 
 
+def test_one_step_is_open_and_offers_the_next_one(page: AppPage):
+    page.open_step(2)
+    search = page.page.get_by_role("button", name="Search (space)")
+    search.wait_for(state="hidden")
+    page.page.get_by_role("button", name="Next: fit").click()
+    search.wait_for()
+    page.page.get_by_role("button", name="Undo (Z)").wait_for(state="hidden")
+    page.page.get_by_text(STEPS[4], exact=True).click()
+    page.page.get_by_role("button", name="Save pose (S)").wait_for()
+    search.wait_for(state="hidden")
+
+
+def test_the_photo_has_the_room_that_the_maps_leave(page: AppPage):
+    """The page keeps where they were put; the registration holds wherever that is."""
+    for place, seen in (
+        ("beside", lambda view: view["box"][2] < 700 and view["box"][3] > 880),
+        ("away", lambda view: view["box"][2] > 1000 and view["box"][3] > 880),
+        ("below", lambda view: view["box"][2] > 1000 and 500 < view["box"][3] < 700),
+    ):
+        page.page.evaluate("place => window.poseviewer.placeMaps(place)", place)
+        page.until(lambda seen=seen: seen(page.view()))
+        box = page.view()["box"]
+        middle = (DEMO_PHOTO[0] / 2, DEMO_PHOTO[1] / 2)
+        expected = (box[0] + box[2] / 2, box[1] + box[3] / 2)
+        np.testing.assert_allclose(page.on_screen(middle, DEMO_PHOTO), expected, atol=0.5)
+        at = page.page.evaluate("([x, y]) => poseviewer.canvasFromPhoto(x, y)", list(middle))
+        np.testing.assert_allclose((at[0] + box[0], at[1] + box[1]), expected, atol=0.5)
+    assert page.page.evaluate("localStorage.getItem('poseviewer.maps')") == "below"
+
+
+def test_a_dropdown_that_is_closed_leaves_the_keys_alone(page: AppPage):
+    page.open_step(4)
+    look = page.page.get_by_label("Model (1-5, 0)")
+    look.click()
+    page.page.get_by_role("option", name="solid").click()
+    look.focus()
+    page.page.keyboard.press("4")
+    page.until(lambda: look.input_value() == "normals")
+    page.page.keyboard.press("1")
+    page.until(lambda: look.input_value() == "outline")
+
+
+def test_a_page_is_light_where_the_browser_prefers_it(
+    page: AppPage, browser: Browser, demo: AppProcess
+):
+    scheme = "document.documentElement.dataset.mantineColorScheme"
+    for wanted in ("dark", "light"):
+        tab = AppPage(browser, demo.url, color_scheme=wanted)
+        tab.page.wait_for_function(f"{scheme} === '{wanted}'")
+        tab.page.close()
+
+
 def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     def shown(tab: AppPage) -> list[str]:
         return [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
@@ -219,6 +274,7 @@ def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     other = AppPage(browser, demo.url)
     try:
         for tab in (page, other):
+            tab.open_step(2)
             tab.page.get_by_text("Numbers", exact=True).click()
         before = shown(page)
         assert len(before) >= 6
@@ -234,6 +290,7 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProce
     start = json.loads(case.start.read_text())
     page.choose_file("Pose file ...", case.start)  # another test may have set the start
     page.until(lambda: same_pose(page.saved_pose(path), start))
+    page.open_step(3)
     page.page.get_by_text("Settings", exact=True).click()
     limit = page.page.get_by_label("Most evaluations")
     limit.fill(str(EVALUATIONS))

@@ -49,6 +49,7 @@ def app(tmp_path: Path, scene: Scene, others: list[Path]) -> Iterator[AppProcess
 def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
     tab = AppPage(browser, app.url)
     tab.wait_for_text("at this pose")
+    tab.open_step(4)
     tab.page.get_by_text("Which model is it?", exact=True).click()
     yield tab
     assert tab.errors == []
@@ -124,9 +125,11 @@ def test_what_cannot_be_compared_is_said_and_nothing_is_lost(
     add(page, scene.model)
     page.page.get_by_text("M.ply: is among the models already").first.wait_for()
     assert rows(page).count() == 2
+    page.open_step(3)
     page.page.get_by_text("Settings", exact=True).click()
     page.page.get_by_label("Pixels").click()
     page.page.get_by_role("option", name="what the model covers").click()
+    page.open_step(4)
     page.page.get_by_role("button", name="Tell them apart").click()
     page.page.get_by_text("cannot be compared").first.wait_for()
     assert rows(page).count() == 2

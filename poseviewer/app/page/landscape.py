@@ -35,7 +35,8 @@ PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""
 ORDER = -10.0
 """The maps come first; what is made later would come last by itself."""
-PAPER, TEXT, GRID = "#1a1b1e", "#d7dae0", "#2f333c"
+CLEAR, TEXT, GRID, RIM = "rgba(0,0,0,0)", "#8a92a0", "rgba(128,128,128,.25)", "#1a1b1e"
+"""Seen on a dark and on a light page."""
 POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", "#ffffff", "#ffd166"
 COLOURS = "Viridis_r"
 """As in the grid: bright is low."""
@@ -231,7 +232,7 @@ def contour_figure(
         x, y, shown = places[:, 0], places[:, 1], {"mode": "markers", "hoverinfo": "name"}
         traces.append(go.Scatter(x=x, y=y, name=name, marker=marker, **shown))
 
-    rim = {"color": PAPER, "width": 1}
+    rim = {"color": RIM, "width": 1}
     if markers.trail is not None and len(markers.trail) > 1:
         line(short_trail(markers.trail)[:, [first, second]], "the way here", TRAIL_COLOUR)
     if markers.candidates is not None:
@@ -287,7 +288,7 @@ def surface_figure(piece: Slice, names: Sequence[str], markers: Markers) -> go.F
         x, y, z = places[:, 0], places[:, 1], losses[rows, columns]
         marker = {"size": 4, "color": colour}
         traces.append(go.Scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker=marker))
-    axis = {"gridcolor": GRID, "backgroundcolor": PAPER, "color": TEXT}
+    axis = {"gridcolor": GRID, "backgroundcolor": CLEAR, "color": TEXT}
     scene = {
         "xaxis": {**axis, "title": short_name(names[piece.first])},
         "yaxis": {**axis, "title": short_name(names[piece.second])},
@@ -309,9 +310,9 @@ def known_part(piece: Slice) -> Slice:
 
 def _layout(left: int = 46, below: int = 36) -> dict[str, Any]:
     return {
-        "template": "plotly_dark",
-        "paper_bgcolor": PAPER,
-        "plot_bgcolor": PAPER,
+        "template": "none",
+        "paper_bgcolor": CLEAR,
+        "plot_bgcolor": CLEAR,
         "font": {"color": TEXT, "size": 11},
         "margin": {"l": left, "r": 6, "t": 8, "b": below},
         "legend": {"orientation": "h", "y": 1.08, "x": 0.0, "bgcolor": "rgba(0,0,0,0)"},

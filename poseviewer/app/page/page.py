@@ -17,11 +17,12 @@ from poseviewer.app.page.landscape import ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
 from poseviewer.app.page.panels import (
     FitPanel,
-    LookPanel,
+    JudgePanel,
     OpenPanel,
     PlacePanel,
     ReviewPanel,
     SavePanel,
+    StatusPanel,
     hint_of,
 )
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
@@ -64,11 +65,12 @@ class Page:
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
         self._review = ReviewPanel(controls) if reviewing else None
+        self._status = StatusPanel(controls)
         self._open = OpenPanel(controls, fixed=reviewing)
         self._place = PlacePanel(controls)
         self._fit = FitPanel(controls)
         with controls.step(STEPS[3]):
-            self._look = LookPanel(controls)
+            self._judge = JudgePanel(controls)
             self._candidates = None if reviewing else CandidatesPanel(controls)
         self._save = SavePanel(controls)
         self._maps = gui.add_panel()
@@ -110,12 +112,13 @@ class Page:
         self._late = False
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
+            self._status.show(session)
             self._open.show(session)
             self._place.show(session)
             self._fit.show(session)
             if self._candidates is not None:
                 self._candidates.show(session)
-            self._look.show(session)
+            self._judge.show(session)
             self._save.show(session, where)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S

@@ -64,6 +64,17 @@ BOX_HINT = "drag a rectangle about the object &nbsp;·&nbsp; Esc: leave it"
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
+class StatusPanel:
+    """Above the steps, whichever is open: the loss at the pose, or how the search stands."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._text = controls.gui.add_markdown("")
+
+    def show(self, session: Session) -> None:
+        """Bring the text to the session."""
+        set_properties(self._text, content=search_text(session))
+
+
 class OpenPanel:
     """Folder "Open"; where photo and model are ``fixed``, pose files alone."""
 
@@ -273,7 +284,6 @@ class FitPanel:
                 "cyan",
                 icon="player-play",
             )
-            self._status = gui.add_markdown("")
             self._ended = [
                 controls.button("Keep it", c.AcceptSearch(), None, icon="check"),
                 controls.button("Go back", c.RevertSearch(), icon="x"),
@@ -286,13 +296,13 @@ class FitPanel:
                 gui.add_checkbox("Outlines of the candidates", False),
                 lambda on: c.ChangeView(candidates=on),
             )
-            grid = {"stroke": "#2b2f38", "width": 1}
-            axis = uplot.Axis(stroke="#aab0bb", grid=grid, ticks=grid, size=44)  # pyright: ignore
+            grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
+            axis = uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=44)  # pyright: ignore
             self._curve = gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (
                     {"label": "evaluation"},
-                    {"label": "best loss", "stroke": "#35e6ff", "width": 2},
+                    {"label": "best loss", "stroke": "#17a2b8", "width": 2},
                     {"label": "restart", "stroke": "#ffd166", "width": 0, "points": RESTART_DOTS},
                 ),
                 scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
@@ -385,7 +395,6 @@ class FitPanel:
         )
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
-        set_properties(self._status, content=search_text(session))
         self._candidates.show(session.look.candidates)
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
@@ -418,11 +427,12 @@ class FitPanel:
             field.show(there and names[index] in settings.lock, visible=there)
 
 
-class LookPanel:
-    """How the model is shown."""
+class JudgePanel:
+    """In the step "Judge": the verdict with its reasons, and how the model is shown."""
 
     def __init__(self, controls: Controls) -> None:
         gui, field = controls.gui, controls.field
+        self._verdict = gui.add_markdown("", visible=False)
         self._look = field(
             gui.add_dropdown("Model (1-5, 0)", LOOKS),
             lambda name: c.ChangeView(look=name, hidden=False),
@@ -441,7 +451,8 @@ class LookPanel:
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
-        look = session.look
+        look, verdict = session.look, verdict_text(session)
+        set_properties(self._verdict, content=verdict, visible=bool(verdict))
         self._look.show(look.name)
         self._opacity.show(look.opacity, visible=look.name == "solid")
         self._wipe.show(look.wipe)
@@ -567,7 +578,7 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def search_text(session: Session) -> str:
-    """How the search stands and its verdict, or the loss at the pose (markdown)."""
+    """How the search stands and the verdict's word, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
     if search is None:
         if overlay is not None and overlay.loss is not None:
@@ -587,14 +598,20 @@ def search_text(session: Session) -> str:
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"
     )
-    verdict = progress.verdict
-    if verdict is not None:
-        reasons = "\n".join(f"- {reason}" for reason in verdict.reasons)
-        text += (
-            f"\n\n**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
-            f"calibrated on and that looked like this one were right.\n\n{reasons}"
-        )
-    return text
+    return text if progress.verdict is None else f"{text}  \n**Verdict: {progress.verdict.word}.**"
+
+
+def verdict_text(session: Session) -> str:
+    """The verdict on the search that ended, and why (markdown); "" where there is none."""
+    latest = None if session.search is None else session.search.latest
+    verdict = None if latest is None else latest.progress.verdict
+    if verdict is None:
+        return ""
+    reasons = "\n".join(f"- {reason}" for reason in verdict.reasons)
+    return (
+        f"**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
+        f"calibrated on and that looked like this one were right.\n\n{reasons}"
+    )
 
 
 def review_text(state: ReviewState) -> str:
