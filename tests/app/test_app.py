@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from poseviewer.app.page.page import MAPS_WIDTHS, PANEL_WIDTHS
+from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
 from poseviewer.cli.main import main
@@ -254,7 +254,9 @@ def test_panels_are_narrow_on_the_page_with_a_small_window_alone(running: Runnin
         wide = sorted([PANEL_WIDTHS[0], MAPS_WIDTHS[0]])
         for one in (page, other):
             one.wait_until(lambda one=one: sorted(one.shown.widths) == wide)
-        page.report(kind="narrow")
+        for height in ("high", float("nan"), -5):  # nonsense is dropped
+            page.report(kind="arrange", maps="below", width=1000, height=height)
+        page.report(kind="arrange", maps="beside", width=1000, height=200)
         page.wait_until(lambda: page.shown.widths[2:] == [PANEL_WIDTHS[1], MAPS_WIDTHS[1]])
         page.key("KeyB")
         other.wait_until(lambda: other.value("Photo alone (B)"))

@@ -257,9 +257,7 @@ def test_a_dropdown_that_is_closed_leaves_the_keys_alone(page: AppPage):
     page.until(lambda: look.input_value() == "outline")
 
 
-def test_a_page_is_light_where_the_browser_prefers_it(
-    page: AppPage, browser: Browser, demo: AppProcess
-):
+def test_a_page_is_light_where_the_browser_prefers_it(browser: Browser, demo: AppProcess):
     scheme = "document.documentElement.dataset.mantineColorScheme"
     for wanted in ("dark", "light"):
         tab = AppPage(browser, demo.url, color_scheme=wanted)
