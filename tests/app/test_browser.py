@@ -267,7 +267,8 @@ def test_a_page_is_light_where_the_browser_prefers_it(browser: Browser, demo: Ap
 
 def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
     def shown(tab: AppPage) -> list[str]:
-        return [field.input_value() for field in tab.page.locator("input[inputmode]").all()]
+        fields = tab.page.locator("input[inputmode]")
+        return fields.evaluate_all("fields => fields.map(field => field.value)")
 
     other = AppPage(browser, demo.url)
     try:

@@ -16,7 +16,7 @@ from poseviewer.geometry.transform import RigidTransform
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 
-SIZES = ((1400, 900), (1150, 1000), (1900, 640))
+SIZES = ((1100, 700), (900, 800), (1400, 520))
 ZOOMS = (1.0, 3.3, 9.0)
 PHOTO = (640, 400)
 

@@ -54,6 +54,7 @@ def test_maps_wait_while_the_model_is_drawn(running: RunningApp) -> None:
         page.wait_until(lambda: page.maps() == 15)
 
 
+@pytest.mark.slow
 def test_a_search_is_left_to_find_the_losses_of_its_poses(
     running: RunningApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:

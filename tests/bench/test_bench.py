@@ -175,6 +175,7 @@ def test_the_first_maps_are_those_of_the_app(work):
     assert work.covered_px / level.factor**2 >= QUICK_PIXELS > work.covered_px / level.factor**2 / 4
 
 
+@pytest.mark.slow
 def test_a_search_on_the_plain_path_is_pyrenders_alone(demo, monkeypatch):
     """Also on its coarse level: the software renderer draws and sums nothing of it."""
     require_opengl()

@@ -37,6 +37,7 @@ def save_ends(folder: Path, out: Path, shifts: list[tuple[float, float]]) -> Non
         table.append(replace(task.run(), end=end))
 
 
+@pytest.mark.slow
 def test_how_far_ends_are_apart_and_from_the_truth(folder, tmp_path):
     save_ends(folder, tmp_path, [(0.0, 0.0), (0.1, 0.0), (0.1, 0.0), (0.1, 0.001)])
     one, other = agreements(folder, tmp_path)

@@ -44,6 +44,7 @@ def box_about(scene: Scene) -> Rectangle:
     return careless_box("scene", load_mesh(scene.model), load_pose(scene.truth, *SIZE).pose)
 
 
+@pytest.mark.slow
 def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     asked = wanted(scene, box_about(scene))
     found = propose(asked).found

@@ -57,6 +57,7 @@ def test_an_edge_that_changes_its_sign_is_one_outline():
     assert best.support > 0.6
 
 
+@pytest.mark.slow
 def test_half_an_outline_has_half_the_support():
     whole = find_ellipses(picture(WHEEL, levels=(0.9,)))[0]
     hidden = picture(WHEEL, levels=(0.9,))

@@ -20,6 +20,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.render.renderers import make_renderer
+from poseviewer.render.types import Renderer
 from poseviewer.starts.registration import load_registration
 from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.vehicle.chart import VehicleChart
@@ -48,14 +49,16 @@ def photograph(mesh: Mesh, chart: VehicleChart, seed: int) -> Photo:
     return Photo(pixels, "synthetic.png", "0" * 64)
 
 
-def fit_from(registration: Registration, parameters, chart: VehicleChart) -> FitProgress:
+def fit_from(
+    registration: Registration, renderer: Renderer, parameters, chart: VehicleChart
+) -> FitProgress:
     start = chart.to_pose(parameters)
     registration = Registration(
         registration.photo, registration.mesh, "", "", registration.keypoints, start, ()
     )
     problem, note = make_problem(registration, FitSettings(chart="vehicle"))
     assert note == ""
-    *_, end = fit_pose(problem, make_renderer(registration.mesh))
+    *_, end = fit_pose(problem, renderer)
     return end
 
 
@@ -68,10 +71,10 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
     photo = photograph(mesh, chart, seed=1)
     registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
-    random = np.random.default_rng(8)
+    renderer, random = make_renderer(mesh), np.random.default_rng(8)
     for _ in range(3):
         start = THETA * (1.0 + 0.08 * random.choice([-1.0, 1.0], 6))
-        end = fit_from(registration, start, chart)
+        end = fit_from(registration, renderer, start, chart)
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
 
 
@@ -84,10 +87,10 @@ def test_the_bmw_is_found_from_five_starts_within_4_per_cent(shared_data, projec
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
     photo = photograph(mesh, chart, seed=2)
     registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
-    random = np.random.default_rng(4)
+    renderer, random = make_renderer(mesh), np.random.default_rng(4)
     for _ in range(5):
         start = THETA * (1.0 + random.uniform(-0.04, 0.04, 6))
-        end = fit_from(registration, start, chart)
+        end = fit_from(registration, renderer, start, chart)
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
 
 

@@ -255,6 +255,7 @@ def test_without_a_model_in_sight_the_photo_stays():
         assert np.array_equal(draw_look(look, view), view.photo)
 
 
+@pytest.mark.slow
 def test_large_photos_have_wider_lines():
     mesh, pose = make_cube(), cube_pose(4000)
     drawn = cyan(draw_look("outline", make_view(mesh, pose)))

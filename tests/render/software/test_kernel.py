@@ -45,6 +45,7 @@ def test_a_change_of_any_kernel_makes_the_code_of_all_kernels_old(tmp_path: Path
     assert _run(COUNT, tmp_path, NUMBA_CACHE_DIR=cache)[1] == COMPILED
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_package_is_not_compiled_again(tmp_path: Path):
     """With the machine code beside it, and whatever the times of its files."""
     package = _copy_of_the_package(tmp_path / "one")
