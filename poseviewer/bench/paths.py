@@ -119,7 +119,8 @@ def make_path(work: Workload, letter: str, threads: int) -> Path:
         draw = renderer.render
     elif letter == "b":
         renderer = OpenGLRenderer(work.model.mesh)
-        draw, close = renderer.render, renderer.close
+        draw, close = renderer.draw, renderer.close
+        sums = lambda drawn, photo: moments_of_images(drawn[0], photo, drawn[1])  # noqa: E731
     else:
         # Importing it makes the OpenGL context, which must not happen before it is wanted.
         from poseviewer.bench.plain import PlainRenderer, moments_of_picture

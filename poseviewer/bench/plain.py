@@ -17,13 +17,12 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.opengl.scene import (
+from poseviewer.render.opengl.context import opengl
+from poseviewer.render.opengl.renderer import clip_from_world
+from poseviewer.render.opengl.shading import (
     BoundedMesh,
     PictureCamera,
     SingleSampleRenderer,
-    clip_from_world,
-    depth_range,
-    make_current,
     pyrender,
 )
 from poseviewer.render.pyramid.simplified import simplify
@@ -54,13 +53,13 @@ class PlainRenderer:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        make_current()
+        opengl()
         self._mesh = mesh
         self._camera = PictureCamera()
         self._scene = pyrender.Scene(bg_color=np.array(NOTHING))
         self._scene.add(self._camera)
         self._scene.add(_attribute_mesh(mesh))
-        self._renderer = SingleSampleRenderer()
+        self._renderer = SingleSampleRenderer(1, 1)
         self._reduced: dict[int, PlainRenderer] = {}
 
     def reduced(self, faces: int) -> PlainRenderer:
@@ -73,13 +72,12 @@ class PlainRenderer:
 
     def picture(self, pose: Pose) -> Picture:
         """Draw the attributes and read them back, with the depth."""
-        make_current()
+        opengl()
         camera, shape = pose.camera, (pose.camera.height, pose.camera.width)
-        depths = pose.camera_from_model.apply(self._mesh.vertices)[:, 2]
-        planes = depth_range(camera, depths, self._mesh.diameter)
-        if planes is None:
+        clip = clip_from_world(self._mesh, pose)
+        if clip is None:
             return Picture(np.zeros((*shape, 4), np.uint8), np.zeros(shape, np.float32), pose)
-        self._camera.matrix = clip_from_world(self._mesh, pose, *planes)
+        self._camera.matrix = clip
         self._renderer.viewport_width, self._renderer.viewport_height = camera.width, camera.height
         flags = pyrender.RenderFlags
         flags = flags.FLAT | flags.RGBA | flags.OFFSCREEN
@@ -113,7 +111,7 @@ class PlainRenderer:
         """Free the graphics memory."""
         for smaller in self._reduced.values():
             smaller.close()
-        make_current()
+        opengl()
         self._renderer.delete()
 
 
@@ -132,7 +130,7 @@ def moments_of_picture(picture: Picture, photo: PhotoAttributes) -> Moments:
     joint[:, n : n + 4] = _decoded(picture.colour.reshape(-1, 4)[pixels], picture.pose)
     joint[:, n + 4 :] = 1.0
     weighted = w[:, None] * joint
-    first, second, weight = weighted.sum(axis=0), weighted.T @ joint, float(w.sum())
+    first, second, weight = w @ joint, weighted.T @ joint, float(w.sum())
     if not photo.clipped:
         region = photo.region_sums
         weight = region.weight

@@ -29,8 +29,7 @@ from poseviewer.bench.workload import (
     make_model,
     make_workload,
 )
-from poseviewer.render.opengl.context import opengl_renderer_name
-from poseviewer.render.opengl.renderer import opengl_unavailable_reason
+from poseviewer.render.opengl.context import opengl_renderer_name, opengl_unavailable_reason
 from poseviewer.render.pool import processors
 from poseviewer.render.software.renderer import SoftwareRenderer
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.colour import GREY_WEIGHTS
@@ -16,6 +19,10 @@ from poseviewer.render.structure import (
 )
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
 
+Part: TypeAlias = tuple[slice, slice]
+"""Rows and columns of a picture."""
+WHOLE: Part = (slice(None), slice(None))
+
 
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:
     """M (..., m): ``(k, k n_x, k n_y, k n_z)`` of the grey, or of each RGB, reflectance.
@@ -24,25 +31,36 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
     reflectance it is ``(k_R, k_G, k_B, k n_x, k n_y, k n_z)``: the colours, and the shading of the
     grey k. Where P is not clipped to the model, the last attribute is 1 on it and 0 beside it.
     """
-    reflectance = image.reflectance.astype(float)
-    grey = (reflectance @ GREY_WEIGHTS)[..., None]
+    colours, normals = (np.moveaxis(a, -1, 0) for a in (image.reflectance, image.normals))
+    colours = colours.astype(float)
+    grey = np.tensordot(GREY_WEIGHTS, colours, 1)
     if photo.colour_reflectance:
-        channels = np.split(reflectance, 3, axis=-1)
-        parts = [part for k in channels for part in (k, k * image.normals)]
+        planes = [plane for k in colours for plane in (k, *(k * normals))]
     else:
-        parts = [grey if photo.structure is None else reflectance, grey * image.normals]
+        planes = [*([grey] if photo.structure is None else colours), *(grey * normals)]
     if not photo.clipped:
-        parts.append(image.mask[..., None])
-    return np.concatenate(parts, axis=-1, dtype=float)
+        planes.append(image.mask)
+    # One attribute after the other in memory: sums over pixels are quicker.
+    return np.moveaxis(np.stack(planes, dtype=float), 0, -1)
 
 
-def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
-    """The plain path: pictures of all attributes, then sums over P. The measure for fast paths."""
-    if photo.structure is not None:
-        return _moments_of_classes(image, photo, photo.structure)
-    covered = np.nonzero(image.mask & (photo.weights > 0.0))
+def moments_of_images(image: AttributeImage, photo: PhotoAttributes, part: Part = WHOLE) -> Moments:
+    """The plain path: pictures of all attributes, then sums over P. The measure for fast paths.
+
+    The image is of the photo's ``part`` that the model is in, with ``MARGIN_PX`` about it.
+    """
+    weights = photo.weights[part]
+    covered = np.flatnonzero(image.mask & (weights > 0.0))
     model = model_attributes(image.at(covered), photo)
-    w, seen = photo.weights[covered].astype(float), photo.channels[covered].astype(float)
+    w = weights.ravel()[covered].astype(float)
+    planes = (plane[part].ravel() for plane in photo.planar)
+    seen = np.stack([plane[covered] for plane in planes], dtype=float).T
+    if photo.structure is not None:
+        labels = photo.structure.labels[part].ravel()[covered]
+        memberships = np.eye(len(photo.structure.shares))[labels]
+        cosine = _edge_cosine(image, photo.structure.field[part], weights)
+        seen = np.concatenate([seen, memberships], axis=1)
+        return _moments_of_classes(w, seen, model, photo.structure, cosine)
     if not photo.clipped:
         return moments_of_region(w, seen, model, photo)
     total, n = float(w.sum()), seen.shape[1]
@@ -65,31 +83,34 @@ def moments_of_region(
     n, region = seen.shape[1], photo.region_sums
     joint = np.concatenate([seen - photo.origin, model], axis=1)
     weighted = w[:, None] * joint
-    first, second = weighted.sum(axis=0), weighted.T @ joint
+    first, second = w @ joint, weighted.T @ joint
     first[:n], second[:n, :n] = region.first, region.second
     return Moments.from_sums(len(w), region.weight, first, second, photo.origin)
 
 
 def _moments_of_classes(
-    image: AttributeImage, photo: PhotoAttributes, structure: PhotoStructure
+    w: FloatArray, seen: FloatArray, model: FloatArray, structure: PhotoStructure, cosine: float
 ) -> Moments:
     """F is the colours and the memberships in the classes, over the whole region."""
-    covered = np.nonzero(image.mask & (photo.weights > 0.0))
-    model = model_attributes(image.at(covered), photo)
-    weighted = photo.weights[covered].astype(float)[:, None] * model
-    memberships = np.eye(len(structure.shares))[structure.labels[covered]]
-    seen = np.concatenate([photo.channels[covered], memberships], axis=1)
-    rows, columns = bounding_slices(image.mask, MARGIN_PX)
-    grey = image.reflectance @ GREY_WEIGHTS
-    shown = np.dstack([grey, image.normals, image.mask])[rows, columns].astype(np.float32)
-    field = orientation_field(shown, MODEL_NOISE)
-    cosine = edge_agreement(structure, photo.weights, field, rows, columns) if shown.size else 0.0
+    weighted = w[:, None] * model
     n, m = seen.shape[1], model.shape[1]
     weight = float(structure.shares.sum())
     if weight <= 0.0:
         return Moments(0, 0.0, np.zeros(n + m), np.zeros((n + m, n + m)), n, cosine)
-    mean = np.concatenate([structure.first, weighted.sum(axis=0)]) / weight
+    mean = np.concatenate([structure.first, w @ model]) / weight
     photo_model = seen.T @ weighted
     joint = np.block([[structure.second, photo_model], [photo_model.T, weighted.T @ model]])
     covariance = joint / weight - np.outer(mean, mean)
     return Moments(len(model), weight, mean, covariance, n, cosine)
+
+
+def _edge_cosine(
+    image: AttributeImage, photo_field: NDArray[np.float32], weights: NDArray[np.float32]
+) -> float:
+    """Of the orientation fields; the model's is 0 but near the model."""
+    box = bounding_slices(image.mask, MARGIN_PX)
+    grey = image.reflectance[box] @ GREY_WEIGHTS
+    shown = np.dstack([grey, image.normals[box], image.mask[box]]).astype(np.float32)
+    if not shown.size:
+        return 0.0
+    return edge_agreement(photo_field[box], weights[box], orientation_field(shown, MODEL_NOISE))

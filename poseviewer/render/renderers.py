@@ -25,7 +25,8 @@ def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
 
         compile_kernels()
         return SoftwareRenderer(mesh)
-    from poseviewer.render.opengl.renderer import OpenGLRenderer, opengl_unavailable_reason
+    from poseviewer.render.opengl.context import opengl_unavailable_reason
+    from poseviewer.render.opengl.renderer import OpenGLRenderer
 
     reason = opengl_unavailable_reason()
     if reason:

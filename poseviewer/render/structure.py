@@ -153,22 +153,18 @@ def orientation_field(
 
 
 def edge_agreement(
-    structure: PhotoStructure,
-    weights: NDArray[np.float32],
-    field: NDArray[np.float32],
-    rows: slice,
-    columns: slice,
+    photo_field: NDArray[np.float32], weights: NDArray[np.float32], field: NDArray[np.float32]
 ) -> float:
-    """Cosine in [-1, 1] between the fields of the photo and of the model over P; 0 without edges.
+    """Cosine in [-1, 1] between the fields (h, w, 2) of photo and model over P; 0 without edges.
 
-    The model's, not yet blurred, is ``field`` (h, w, 2) in these rows and columns and 0 elsewhere.
+    The model's ``field`` is not yet blurred, and 0 beside this part of the photo.
     """
     field = _blurred(field)
-    weighted = field * weights[rows, columns, None]
+    weighted = field * weights[..., None]
     length = float(np.vdot(weighted, field))
     if length <= 0.0:
         return 0.0
-    return float(np.vdot(weighted, structure.field[rows, columns])) / length**0.5
+    return float(np.vdot(weighted, photo_field)) / length**0.5
 
 
 def _blurred(field: NDArray[np.float32]) -> NDArray[np.float32]:

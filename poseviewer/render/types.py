@@ -184,9 +184,12 @@ class AttributeImage:
         """(height, width): where the model is."""
         return self.face_ids >= 0
 
-    def at(self, pixels: tuple[NDArray[np.intp], ...]) -> AttributeImage:
-        """Arrays (N,) and (N, 3), of N ``pixels`` as ``np.nonzero`` gives them."""
-        return AttributeImage(self.face_ids[pixels], self.reflectance[pixels], self.normals[pixels])
+    def at(self, pixels: NDArray[np.intp]) -> AttributeImage:
+        """Arrays (N,) and (N, 3), of N ``pixels`` as ``np.flatnonzero`` gives them."""
+        reflectance, normals = (
+            image.reshape(-1, 3).take(pixels, axis=0) for image in (self.reflectance, self.normals)
+        )
+        return AttributeImage(self.face_ids.ravel()[pixels], reflectance, normals)
 
 
 class Renderer(Protocol):

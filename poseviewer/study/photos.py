@@ -31,7 +31,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.opengl.renderer import opengl_unavailable_reason
+from poseviewer.render.opengl.context import opengl_unavailable_reason
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_model
 from poseviewer.study.cycles.photographer import CyclesPhotographer, draw_traced

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.opengl.renderer import clip_from_world
 
 if TYPE_CHECKING:
     from poseviewer.render.opengl.shading import ShadedCanvas, Shading
@@ -146,16 +147,14 @@ class Photographer:
             self._canvas = None
 
     def _draw(self, pose: Pose, lighting: Lighting, shadows: bool) -> NDArray[np.uint8]:
-        # Importing them makes the OpenGL context, which must not happen before it is wanted.
-        from poseviewer.render.opengl import scene as gl_scene
-        from poseviewer.render.opengl import shading as gl_shading
+        # Importing it makes the OpenGL context, which must not happen before it is wanted.
+        from poseviewer.render.opengl.shading import ShadedCanvas
 
         mesh = self.mesh
         if self._canvas is None:
-            self._canvas = gl_shading.ShadedCanvas([mesh], mesh.centre, self.shading)
-        depths = pose.camera_from_model.apply(mesh.vertices)[:, 2]
-        planes = gl_scene.depth_range(pose.camera, depths, mesh.diameter)
-        if planes is None:
+            self._canvas = ShadedCanvas(mesh, self.shading)
+        clip = clip_from_world(mesh, pose)
+        if clip is None:
             return np.zeros((pose.camera.height, pose.camera.width, 4), np.uint8)
         model_from_camera = pose.camera_from_model.inverse()
         eye = -FAR_EYE_PER_DIAMETER * mesh.diameter * model_from_camera.rotation[:, 2]
@@ -163,7 +162,7 @@ class Photographer:
             eye = model_from_camera.translation - mesh.centre
         return self._canvas.draw(
             (pose.camera.width, pose.camera.height),
-            gl_scene.clip_from_world(mesh, pose, *planes),
+            clip,
             eye,
             lighting.ambient,
             [(model_from_camera.rotation @ o.towards, o.intensity) for o in lighting.lights],

@@ -16,8 +16,7 @@ import ctypes.util
 import os
 import sys
 import warnings
-from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -27,48 +26,36 @@ ADVICE = (
     "install EGL (Debian: libegl1 libgl1 libgl1-mesa-dri) or OSMesa (Debian: libosmesa6), "
     "or use the software renderer"
 )
-
 _OSMESA_CONTEXT = (0x22, 0x1908, 0x30, 24, 0x33, 0x34, 0x36, 3, 0x37, 3, 0)
 """RGBA, 24 bits of depth, OpenGL 3.3, core profile."""
 _GL_UNSIGNED_BYTE = 0x1401
 
-
-class Context(Protocol):
-    """What pyrender's renderer needs around it."""
-
-    def make_current(self) -> None:
-        """Let OpenGL calls of this thread go to the context."""
-        ...
+_context: Any = None
 
 
-_context: Context | None = None
+def opengl() -> Any:
+    """PyOpenGL's functions, made to go to the process's context.
 
-
-def current_context() -> Context:
-    """The context, made on the first call, in the thread that alone may use it.
+    The first call makes the context, in the thread that alone may use it.
 
     Raises:
         RendererUnavailableError: this machine gives no context; the message says what to install.
+        RuntimeError: another thread made the context.
     """
-    global _context
-    if _context is None:
-        platform = _choose_platform()
-        os.environ["PYOPENGL_PLATFORM"] = platform
-        try:
-            _context = _OSMesaContext() if platform == "osmesa" else _egl_context()
-            _context.make_current()
-        except Exception as error:
-            _context = None
-            raise RendererUnavailableError(
-                f"OpenGL by {platform} gave no context ({type(error).__name__}: {error}); {ADVICE}."
-            ) from error
-    return _context
+    _make_context()
+    from OpenGL import GL
+
+    try:
+        _context.make_current()
+    except Exception as error:
+        raise RuntimeError("the OpenGL context belongs to the thread that made it") from error
+    return GL
 
 
 def opengl_unavailable_reason() -> str | None:
     """Why there is no OpenGL here, in a sentence, or None. Makes the context if there is."""
     try:
-        current_context()
+        _make_context()
     except RendererUnavailableError as error:
         return str(error)
     return None
@@ -78,28 +65,27 @@ def opengl_renderer_name() -> str | None:
     """What draws: the graphics card, or Mesa's own rasteriser; None where there is no OpenGL."""
     if opengl_unavailable_reason():
         return None
-    current_context().make_current()
-    from OpenGL import GL
-
-    name: Any = GL.glGetString(GL.GL_RENDERER)
+    gl = opengl()
+    name = gl.glGetString(gl.GL_RENDERER)
     return name.decode(errors="replace") if name else "unnamed"
 
 
-def import_pyrender() -> ModuleType:
-    """pyrender, imported once the platform is chosen, with third-party warnings kept in.
-
-    Raises:
-        RendererUnavailableError: this machine gives no context.
-    """
-    current_context()
-    return _quiet_import()
-
-
-def _quiet_import() -> ModuleType:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import pyrender
-    return pyrender
+def _make_context() -> None:
+    global _context
+    if _context is not None:
+        return
+    platform = os.environ["PYOPENGL_PLATFORM"] = _choose_platform()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import pyrender  # noqa: F401 - while its warnings are kept in
+        context = _OSMesaContext() if platform == "osmesa" else _egl_context()
+        context.make_current()
+    except Exception as error:
+        raise RendererUnavailableError(
+            f"OpenGL by {platform} gave no context ({type(error).__name__}: {error}); {ADVICE}."
+        ) from error
+    _context = context
 
 
 def _choose_platform() -> str:
@@ -134,9 +120,8 @@ def _has_egl_device() -> bool:
     return bool(address and query(address)(0, None, ctypes.byref(count)) and count.value)
 
 
-def _egl_context() -> Context:
+def _egl_context() -> Any:
     """An EGL context on the first device that gives one, or on ``EGL_DEVICE_ID``."""
-    _quiet_import()
     from OpenGL.error import Error
     from pyrender.platforms import egl
 
@@ -157,7 +142,6 @@ class _OSMesaContext:
     """A context in memory; drawing goes to framebuffers, so its own buffer is one pixel."""
 
     def __init__(self) -> None:
-        _quiet_import()
         from OpenGL import platform
 
         self._mesa: Any = platform.PLATFORM.OSMesa  # pyright: ignore[reportAttributeAccessIssue]
@@ -169,6 +153,7 @@ class _OSMesaContext:
         self._buffer = np.zeros((1, 1, 4), np.uint8)
 
     def make_current(self) -> None:
+        """Let OpenGL calls of this thread go to the context."""
         buffer = ctypes.c_void_p(self._buffer.ctypes.data)
         if not self._mesa.OSMesaMakeCurrent(self._handle, buffer, _GL_UNSIGNED_BYTE, 1, 1):
             raise RuntimeError("OSMesa did not make its context current")

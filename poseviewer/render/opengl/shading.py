@@ -1,12 +1,13 @@
-"""Lit pictures by pyrender, for synthetic photographs. Importing it makes the OpenGL context.
+"""Pictures by pyrender: lit ones, for synthetic photographs. Importing it makes the OpenGL context.
 
 Nothing of it is shared with the renderers that a fit uses, but the camera's projection: surfaces
-are interpolated, textured, lit and shadowed on the graphics card.
+are interpolated, textured, lit and shadowed on the graphics card. The scene's world is the model's
+frame, moved so that the model's centre is the origin.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -14,14 +15,13 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.opengl.scene import (
-    SHADERS,
-    BoundedMesh,
-    PictureCamera,
-    ShaderProgramCache,
-    make_current,
-    pyrender,
-)
+from poseviewer.render.opengl.context import opengl
+from poseviewer.render.opengl.renderer import SHADERS
+
+GL = opengl()
+
+import pyrender  # noqa: E402 - its platform had to be chosen first
+from pyrender.shader_program import ShaderProgramCache  # noqa: E402
 
 Shading = Literal["diffuse", "phong", "physical"]
 """``diffuse``: Lambert's law, exactly, in display-encoded values. ``phong``: highlights on top.
@@ -33,14 +33,50 @@ DISPLAY_GAMMA = 2.2
 """What pyrender's shader encodes its result with."""
 
 
-class ShadedCanvas:
-    """Meshes on the graphics card, to be drawn lit. World: as in ``gl_scene``."""
+class PictureCamera(pyrender.Camera):
+    """A pyrender camera that takes its projection matrix (4, 4) as it is given."""
 
-    def __init__(self, meshes: Iterable[Mesh], origin: FloatArray, shading: Shading) -> None:
-        """``origin`` (3,), in the meshes' frame, becomes the world's."""
-        make_current()
+    matrix: FloatArray = np.eye(4)
+
+    def get_projection_matrix(self, width: int, height: int) -> FloatArray:  # noqa: ARG002
+        """The matrix, whatever the size of the viewport."""
+        return self.matrix
+
+
+class BoundedMesh(pyrender.Mesh):
+    """A pyrender mesh whose bounds do not ask for ``numpy.infty``, which NumPy 2 has no more."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(2, 3): the corners of the bounding box."""
+        bounds = np.array([primitive.bounds for primitive in self.primitives])
+        return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+
+
+class SingleSampleRenderer(pyrender.Renderer):
+    """pyrender without its fourfold multisampling, which takes half of its time where no graphics
+    card helps.
+    """
+
+    def _configure_main_framebuffer(self) -> None:
+        before = self._main_fb_dims
+        super()._configure_main_framebuffer()
+        if self._main_fb_dims != before:
+            kinds = GL.GL_RGBA, GL.GL_DEPTH_COMPONENT24
+            for buffer, kind in zip((self._main_cb_ms, self._main_db_ms), kinds, strict=True):
+                GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+                GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *self._main_fb_dims)
+
+
+class ShadedCanvas:
+    """A mesh on the graphics card, to be drawn lit."""
+
+    def __init__(self, mesh: Mesh, shading: Shading) -> None:
+        opengl()
         self._shading = shading
-        self._meshes = [_shaded_mesh(mesh, origin, shading) for mesh in meshes]
+        # One primitive for each texture, and one for the faces without.
+        textures = np.unique(mesh.face_texture)
+        self._mesh = BoundedMesh([_primitive(mesh, texture, shading) for texture in textures])
         self._camera = PictureCamera()
         self._renderer = pyrender.Renderer(1, 1)
         if shading != "physical":
@@ -60,13 +96,14 @@ class ShadedCanvas:
         ``size`` is (width, height); ``eye`` (3,) and ``lights``, each a unit direction towards the
         light (3,) and its RGB, are in the world's frame.
         """
-        make_current()
+        opengl()
         scene = pyrender.Scene(bg_color=np.zeros(4), ambient_light=np.asarray(ambient))
-        for mesh in self._meshes:
-            scene.add(mesh)
-        scene.add(self._camera, pose=_translation(eye))
+        scene.add(self._mesh)
+        at_eye = np.eye(4)
+        at_eye[:3, 3] = eye
+        scene.add(self._camera, pose=at_eye)
         # pyrender multiplies by the inverse of the camera's pose, which is in the matrix already.
-        self._camera.matrix = clip_from_world @ _translation(eye)
+        self._camera.matrix = clip_from_world @ at_eye
         # Lambert's factor 1 / pi, which our shader leaves out, is a matter of the light's unit.
         unit = np.pi if self._shading == "physical" else 1.0
         for towards, colour in lights:
@@ -81,56 +118,30 @@ class ShadedCanvas:
 
     def delete(self) -> None:
         """Free the graphics memory."""
-        make_current()
+        opengl()
         self._renderer.delete()
 
 
-def _shaded_mesh(mesh: Mesh, origin: FloatArray, shading: Shading) -> BoundedMesh:
-    """One primitive for each texture, and one for the faces without."""
-    return BoundedMesh(
-        [
-            _primitive(mesh, mesh.faces[mesh.face_texture == texture], texture, origin, shading)
-            for texture in np.unique(mesh.face_texture)
-        ]
-    )
-
-
-def _primitive(
-    mesh: Mesh, faces: NDArray[np.int32], texture: int, origin: FloatArray, shading: Shading
-) -> pyrender.Primitive:
-    used, indices = np.unique(faces, return_inverse=True)
-    colours = mesh.colours[used].astype(float)
-    if shading == "physical":
-        colours = colours**DISPLAY_GAMMA
+def _primitive(mesh: Mesh, texture: int, shading: Shading) -> pyrender.Primitive:
+    """The faces of one texture, or those without (-1)."""
+    used, indices = np.unique(mesh.faces[mesh.face_texture == texture], return_inverse=True)
+    colours, picture = mesh.colours[used].astype(float), None
+    if texture >= 0:
+        picture = pyrender.Texture(source=mesh.textures[texture], source_channels="RGB")
     return pyrender.Primitive(
-        mesh.vertices[used] - origin,
+        mesh.vertices[used] - mesh.centre,
         normals=mesh.normals[used],
-        color_0=colours,
+        color_0=colours**DISPLAY_GAMMA if shading == "physical" else colours,
         texcoord_0=mesh.uvs[used] if texture >= 0 else None,
         indices=indices.reshape(-1, 3),
-        material=_material(mesh.textures[texture] if texture >= 0 else None, shading),
+        material=pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=(1.0, 1.0, 1.0, 1.0),
+            baseColorTexture=picture,
+            metallicFactor=PHONG_STRENGTH if shading == "phong" else 0.0,
+            roughnessFactor=HIGHLIGHT_ROUGHNESS,
+            doubleSided=True,
+        ),
     )
-
-
-def _material(
-    texture: NDArray[np.uint8] | None, shading: Shading
-) -> pyrender.MetallicRoughnessMaterial:
-    picture = None
-    if texture is not None:
-        picture = pyrender.Texture(source=texture, source_channels="RGB")
-    return pyrender.MetallicRoughnessMaterial(
-        baseColorFactor=(1.0, 1.0, 1.0, 1.0),
-        baseColorTexture=picture,
-        metallicFactor=PHONG_STRENGTH if shading == "phong" else 0.0,
-        roughnessFactor=HIGHLIGHT_ROUGHNESS,
-        doubleSided=True,
-    )
-
-
-def _translation(offset: FloatArray) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = offset
-    return matrix
 
 
 def _pose_shining_from(towards: FloatArray) -> FloatArray:
