@@ -292,10 +292,6 @@ class FitPanel:
                 ),
             ]
             self._blink = self._ended[-1]
-            self._candidates = controls.field(
-                gui.add_checkbox("Outlines of the candidates", False),
-                lambda on: c.ChangeView(candidates=on),
-            )
             grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
             axis = uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=44)  # pyright: ignore
             self._curve = gui.add_uplot(
@@ -311,6 +307,10 @@ class FitPanel:
                 height=150,
                 padding=(10, 12, 0, 0),
                 visible=False,
+            )
+            self._candidates = controls.field(
+                gui.add_checkbox("Outlines of the candidates", False),
+                lambda on: c.ChangeView(candidates=on),
             )
             self._methods = MethodsPanel(controls)
             with gui.add_folder("Settings", expand_by_default=False):

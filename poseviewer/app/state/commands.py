@@ -884,7 +884,7 @@ class OverlayDrawn(WorkerUpdate):
     def __call__(self, session: Session) -> Session:
         new, old = self.overlay, session.overlay
         if not new.loss_is_current and old is not None:
-            current = old.request.pose is new.request.pose and old.loss_is_current
+            current = old.request.has_loss_of(new.request) and old.loss_is_current
             new = replace(new, loss=old.loss, note=old.note, loss_is_current=current)
         return replace(session, overlay=new)
 
@@ -899,6 +899,6 @@ class LossComputed(WorkerUpdate):
         new, old = self.overlay, session.overlay
         if old is None or old.loss_is_current:
             return session
-        current = old.request.pose is new.request.pose
+        current = old.request.has_loss_of(new.request)
         drawn = replace(old, loss=new.loss, note=new.note, loss_is_current=current)
         return replace(session, overlay=drawn)

@@ -48,6 +48,16 @@ class OverlayRequest:
     moving: bool = False
     """Whether the next pose will follow at once: then the quick drawing is all there is."""
 
+    def compares_same(self, other: OverlayRequest) -> bool:
+        """Whether both compare the same pixels by the same loss."""
+        own, its = self.registration, other.registration
+        same_files = own.photo is its.photo and own.mesh is its.mesh
+        return same_files and self.anchor is other.anchor and self.settings == other.settings
+
+    def has_loss_of(self, other: OverlayRequest) -> bool:
+        """Whether the losses of both are one."""
+        return self.pose is other.pose and self.compares_same(other)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overlay:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -72,37 +73,38 @@ class MapMaker:
         self._prepared: Mesh | None = None
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
-        """The maps by each loss, coarse to fine.
+        """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
+        was shown before is to stay until then.
 
         Raises:
             PoseViewerError: there are none with these settings at this pose.
         """
         centre, mesh = job.document.pose, job.document.registration.mesh
         cases = [self._case(job, settings) for settings in job.losses]
-        known: list[LandscapeUpdate | None] = [None] * len(cases)
+        known: dict[Method, LandscapeUpdate] = {}
 
-        def all_with(place: int, latest: LandscapeUpdate) -> tuple[LandscapeUpdate, ...]:
-            known[place] = latest
-            return tuple(update for update in known if update is not None)
+        def made(case: Case, size: int | None) -> Iterator[LandscapeUpdate]:
+            """The maps by one loss; with a ``size``, coarse ones."""
+            method = case.settings.method
+            shown = known[method].slices if method in known else ()
+            quick, level = (case, self._fine) if size is None else self._quick_case(case, centre)
+            for latest in maps(quick, centre, level, job.half_width, size or SIZE, shown):
+                known[method] = replace(latest, case=case, known=0.0) if size else latest
+                yield known[method]
 
-        for place, case in enumerate(cases):
-            quick, level = self._quick_case(case, centre)
-            shown: tuple[Slice, ...] = ()
-            for size in QUICK_SIZES:
-                before = shown
-                for latest in maps(quick, centre, level, job.half_width, size, before):
-                    shown = latest.slices
-                    yield all_with(place, replace(latest, case=case, known=0.0))
-        if job.moving:
-            return
-        if self._prepared is not mesh:  # now, and not when it is waited for
-            self._prepared = mesh
-            cases[0].prepare()
-        for place, case in enumerate(cases):
-            coarse = known[place]
-            shown = () if coarse is None else coarse.slices
-            for latest in maps(case, centre, self._fine, job.half_width, SIZE, shown):
-                yield all_with(place, latest)
+        first, *more = QUICK_SIZES
+        for case in cases:
+            deque(made(case, first), maxlen=0)
+        yield tuple(known.values())
+        for size in (*more, None):
+            if size is None and job.moving:
+                return
+            if size is None and self._prepared is not mesh:  # now, and not when it is waited for
+                self._prepared = mesh
+                cases[0].prepare()
+            for case in cases:
+                for _ in made(case, size):
+                    yield tuple(known.values())
 
     def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
         """The case on a coarser level of the photo, and what draws it; made once."""

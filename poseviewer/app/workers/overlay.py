@@ -82,7 +82,7 @@ class OverlayDrawer:
         return np.concatenate([np.zeros((0, 2, 2)), *lines])
 
     def _find_loss(self, request: OverlayRequest) -> float | None:
-        if self._anchored is None or not _same_loss(request, self._anchored):
+        if self._anchored is None or not request.compares_same(self._anchored):
             self._anchored, self._attributes, self._note = request, None, ""
             own = request.registration
             try:
@@ -223,20 +223,10 @@ def _shows_same(request: OverlayRequest, session: Session) -> bool:
     return own.photo is its.photo and own.mesh is its.mesh
 
 
-def _same_loss(one: OverlayRequest, other: OverlayRequest) -> bool:
-    """Whether two requests compare the same pixels."""
-    return (
-        one.anchor is other.anchor
-        and one.registration.photo is other.registration.photo
-        and one.registration.mesh is other.registration.mesh
-        and one.settings == other.settings
-    )
-
-
 def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
     looks = (one.look, one.opacity) == (other.look, other.opacity)
     same_candidates = one.candidates is other.candidates
-    return one.pose is other.pose and looks and same_candidates and _same_loss(one, other)
+    return looks and same_candidates and one.has_loss_of(other)
 
 
 def _last(overlays: Iterator[Overlay]) -> Iterator[Overlay]:
