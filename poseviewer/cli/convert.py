@@ -52,7 +52,6 @@ def run(options: Namespace) -> int:
     Raises:
         PoseViewerError: the pose cannot be read, or not be said in the format wanted.
     """
-    from poseviewer.files.formats.conversion import for_one_photo
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo import is_stored_turned
 
@@ -71,18 +70,17 @@ def run(options: Namespace) -> int:
     def beside() -> Path:
         return _undistorted_beside(options, record)
 
-    with for_one_photo(record, request, known.held(record), beside) as chosen:
-        written = known.write(chosen.record, options.out, chosen.request)
-    photo = chosen.request.photo
+    written = known.convert(record, options.out, request, beside)
+    photo = written.undistorted_photo or request.photo
     if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
         print(
             f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
-    for note in (*chosen.notes, *written.notes):
+    for note in written.notes:
         print(f"note: {note}")
-    for path in chosen.files:
-        print(f"undistorted photo: {path}")
+    if written.undistorted_photo:
+        print(f"undistorted photo: {written.undistorted_photo}")
     for path in written.files:
         print(f"{options.out_format}: {path}")
     return 0

@@ -340,17 +340,13 @@ def load_calibration(choice: Calibration, photo: str, width: int, height: int) -
     return replace(found, camera=_for_size(choice, found.camera, width, height))
 
 
-def _error(name: str, found: str, wanted: str) -> CalibrationFileError:
-    return CalibrationFileError(f"{name}: {found}; {wanted}.")
-
-
 def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileCamera:
-    name = choice.path.name
+    reading = Reading(choice.path, error_type=CalibrationFileError)
     if choice.camera is not None:
         for camera in cameras:
             if camera.name == choice.camera:
                 return camera
-        raise _error(name, f"no camera {choice.camera[:30]!r} in it", f"it has {_names(cameras)}")
+        raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {_names(cameras)}")
     if len(cameras) == 1:
         return cameras[0]
     stem = Path(photo).stem
@@ -360,7 +356,7 @@ def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileC
     if len(named) == 1:
         return named[0]
     found = f"{len(cameras)} cameras, {_names(cameras)}, and none of them named after {photo}"
-    raise _error(name, found, "choose one by --calibration-camera NAME")
+    raise reading.error(found, "choose one by --calibration-camera NAME")
 
 
 def _names(cameras: list[FileCamera]) -> str:
@@ -371,25 +367,26 @@ def _names(cameras: list[FileCamera]) -> str:
 
 def _for_size(choice: Calibration, camera: Perspective, width: int, height: int) -> Perspective:
     """The camera of the photo: cropped and resized as the user says, or of its size already."""
-    name, sized = choice.path.name, camera.width > 0
+    reading = Reading(choice.path, error_type=CalibrationFileError)
+    sized = camera.width > 0
     if choice.crop is not None:
         left, top, across, down = choice.crop
         outside = sized and (left + across > camera.width or top + down > camera.height)
         if min(left, top) < 0 or min(across, down) < 1 or outside:
             found = f"is for {_size_text(camera)}, and {left},{top},{across},{down} is not inside"
-            raise _error(name, found, "give --calibration-crop left,top,width,height in its px")
+            raise reading.error(found, "give --calibration-crop left,top,width,height in its px")
         camera = camera.cropped(left, top, across, down)
     elif not sized:
         if choice.resized:
             found = "says no size of its pictures"
-            raise _error(name, found, "give it as --calibration-crop 0,0,WIDTH,HEIGHT")
+            raise reading.error(found, "give it as --calibration-crop 0,0,WIDTH,HEIGHT")
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) == (width, height):
         return camera
     if choice.resized and _is_scaling(camera, width, height):
         return camera.resized(width, height)
-    raise _error(name, f"the camera is for {_size_text(camera)}, the photo has {width}x{height} px",
-           _advice(choice, camera, width, height))  # fmt: skip
+    found = f"the camera is for {_size_text(camera)}, the photo has {width}x{height} px"
+    raise reading.error(found, _advice(choice, camera, width, height))
 
 
 def _advice(choice: Calibration, camera: Perspective, width: int, height: int) -> str:

@@ -53,23 +53,24 @@ def load_photo(path: str | Path) -> Photo:
     Raises:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
     """
-    path = Path(path)
-    data = _read(path)
+    reading = _reading(path)
+    data = reading.load_bytes()
     if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
-        pixels, focal = _decode_heic(path.name, data)
+        pixels, focal = _decode_heic(reading, data)
     else:
-        orientation, focal = _inspect(path.name, data)
-        pixels = _upright(_decode(path.name, data), orientation)
+        orientation, focal = _inspect(reading, data)
+        pixels = _upright(_decode(reading, data), orientation)
     notes = []
     if pixels.dtype not in (np.uint8, np.uint16):
-        pixels = _as_16_bit(path.name, pixels)
+        pixels = _as_16_bit(reading, pixels)
         notes.append("Its numbers were rounded to 16 bits.")
     if pixels.shape[2] in (2, 4):
         pixels = pixels[..., :-1]
         notes.append("Its transparency is left out.")
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
-    return Photo(pixels, path.name, hashlib.sha256(data).hexdigest(), focal, tuple(notes))
+    sha256 = hashlib.sha256(data).hexdigest()
+    return Photo(pixels, reading.path.name, sha256, focal, tuple(notes))
 
 
 def is_stored_turned(path: str | Path) -> bool:
@@ -78,8 +79,8 @@ def is_stored_turned(path: str | Path) -> bool:
     Raises:
         PhotoFileError: it cannot be read.
     """
-    path = Path(path)
-    return _inspect(path.name, _read(path))[0] != 1
+    reading = _reading(path)
+    return _inspect(reading, reading.load_bytes())[0] != 1
 
 
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
@@ -90,10 +91,8 @@ def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
     """
     mask = load_photo(path)
     if (mask.width, mask.height) != (width, height):
-        raise PhotoFileError(
-            f"{mask.name}: the mask has {mask.width}x{mask.height} px, the photo "
-            f"{width}x{height} px; save the mask in the photo's size."
-        )
+        found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
+        raise _reading(path).error(found, "save the mask in the photo's size")
     return mask.grey()
 
 
@@ -112,17 +111,16 @@ def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
     except cv2.error:
         ok, data = False, np.zeros(0, np.uint8)
     if not ok:
-        raise PhotoFileError(
-            f"{path.name}: pictures cannot be written as {path.suffix!r}; use .png or .jpg."
-        )
+        found = f"pictures cannot be written as {path.suffix!r}"
+        raise _reading(path).error(found, "use .png or .jpg")
     write_whole(path, described(data.tobytes(), description), PhotoFileError)
 
 
-def _read(path: Path) -> bytes:
-    return Reading(path, [], PhotoFileError, "photo", LARGEST_FILE).load_bytes()
+def _reading(path: str | Path) -> Reading:
+    return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
 
 
-def _inspect(name: str, data: bytes) -> tuple[int, float | None]:
+def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
     """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file.
 
     Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
@@ -131,34 +129,28 @@ def _inspect(name: str, data: bytes) -> tuple[int, float | None]:
     with quiet_libraries():
         try:
             with Image.open(BytesIO(data)) as image:
-                _refuse_size(name, *image.size)
+                _refuse_size(reading, *image.size)
                 exif = image.getexif()
                 # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
                 turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
                 focal = focal_35mm(exif, image.width, image.height)
                 image.load()
         except UnidentifiedImageError:
-            raise PhotoFileError(
-                f"{name}: not a picture that can be read; wanted JPEG, PNG, TIFF, WebP or BMP "
-                "with 8 or 16 bits."
-            ) from None
+            wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
+            raise reading.error("not a picture that can be read", wanted) from None
         except Image.DecompressionBombError:
-            raise PhotoFileError(
-                f"{name}: more than {MAX_MEGAPIXELS:.0f} megapixels; make it smaller first."
-            ) from None
+            found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
+            raise reading.error(found, "make it smaller first") from None
         except (OSError, SyntaxError, ValueError, EOFError) as error:
-            raise PhotoFileError(
-                f"{name}: the picture is damaged or cut short ({str(error)[:80]}); copy it again."
-            ) from error
+            found = f"the picture is damaged or cut short ({str(error)[:80]})"
+            raise reading.error(found, "copy it again") from error
     return turned if turned in range(1, 9) else 1, focal
 
 
-def _refuse_size(name: str, width: int, height: int) -> None:
+def _refuse_size(reading: Reading, width: int, height: int) -> None:
     if width * height > MAX_MEGAPIXELS * 1e6:
-        raise PhotoFileError(
-            f"{name}: {width}x{height} px; poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, "
-            "make it smaller first."
-        )
+        wanted = f"poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, make it smaller first"
+        raise reading.error(f"{width}x{height} px", wanted)
 
 
 def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
@@ -180,7 +172,7 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     return focal if 1.0 < focal < 10000.0 else None
 
 
-def _decode(name: str, data: bytes) -> NDArray:
+def _decode(reading: Reading, data: bytes) -> NDArray:
     """(h, w, 1 to 4), grey or RGB, not yet turned upright."""
     try:
         with quiet_libraries():
@@ -188,15 +180,14 @@ def _decode(name: str, data: bytes) -> NDArray:
     except cv2.error:
         picture = None
     if picture is None:
-        raise PhotoFileError(
-            f"{name}: OpenCV cannot read this kind of picture; save it as PNG or JPEG."
-        )
+        found = "OpenCV cannot read this kind of picture"
+        raise reading.error(found, "save it as PNG or JPEG")
     picture = picture if picture.ndim == 3 else picture[..., None]
     order = {3: slice(None, None, -1), 4: [2, 1, 0, 3]}.get(picture.shape[2], slice(None))
     return picture[..., order]
 
 
-def _decode_heic(name: str, data: bytes) -> tuple[NDArray, float | None]:
+def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
     """(h, w, 1 to 4), 8 bits, or 10 and 12 bits in the upper part of 16; and 35-mm focal length.
 
     libheif turns the picture as the file says; EXIF's orientation does not count in HEIC.
@@ -204,20 +195,17 @@ def _decode_heic(name: str, data: bytes) -> tuple[NDArray, float | None]:
     try:
         import pillow_heif
     except ImportError:
-        raise PhotoFileError(
-            f"{name}: HEIC photos need pillow-heif; pip install 'poseviewer[heic]', or save the "
-            "photo as JPEG."
-        ) from None
+        wanted = "pip install 'poseviewer[heic]', or save the photo as JPEG"
+        raise reading.error("HEIC photos need pillow-heif", wanted) from None
     try:
         picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
         width, height = picture.size
-        _refuse_size(name, width, height)
+        _refuse_size(reading, width, height)
         pixels = np.array(picture)
     except HEIC_ERRORS as error:
         words = " ".join(str(error).split())[:80]
-        raise PhotoFileError(
-            f"{name}: the HEIC photo is damaged or cut short ({words}); copy again."
-        ) from error
+        found = f"the HEIC photo is damaged or cut short ({words})"
+        raise reading.error(found, "copy again") from error
     exif = Image.Exif()
     try:
         exif.load(picture.info.get("exif") or b"")
@@ -226,13 +214,13 @@ def _decode_heic(name: str, data: bytes) -> tuple[NDArray, float | None]:
     return pixels if pixels.ndim == 3 else pixels[..., None], focal_35mm(exif, width, height)
 
 
-def _as_16_bit(name: str, picture: NDArray) -> NDArray[np.uint16]:
+def _as_16_bit(reading: Reading, picture: NDArray) -> NDArray[np.uint16]:
     """Pictures of floats in [0, 1]; other ranges have no known white."""
-    wanted = "save it with 8 or 16 bits."
+    wanted = "save it with 8 or 16 bits"
     if picture.dtype.kind != "f":
-        raise PhotoFileError(f"{name}: pixels of type {picture.dtype}; {wanted}")
+        raise reading.error(f"pixels of type {picture.dtype}", wanted)
     if not np.isfinite(picture).all() or picture.min() < 0.0 or picture.max() > 1.0:
-        raise PhotoFileError(f"{name}: floating-point pixels outside 0 to 1; {wanted}")
+        raise reading.error("floating-point pixels outside 0 to 1", wanted)
     return np.rint(picture * 65535.0).astype(np.uint16)
 
 

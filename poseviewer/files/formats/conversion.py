@@ -9,8 +9,7 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -58,6 +57,8 @@ class Written:
     files: tuple[Path, ...]
     notes: tuple[str, ...] = ()
     """What the user should know about it."""
+    undistorted_photo: Path | None = None
+    """The photo that all belongs to, where it was written as well."""
 
 
 LensAs = Callable[[Lens | None], tuple[str, Any] | None]
@@ -92,6 +93,52 @@ class Format:
         same = np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME)
         found = self.lens_as(undistortion.lens) if same else None
         return None if found is None else found[0]
+
+    def convert(
+        self, record: PoseRecord, out: Path, request: Request, beside: Callable[[], Path]
+    ) -> Written:
+        """Write a pose for the photo as taken where the format has its lens, else for the
+        undistorted photo, which is written to ``request.undistorted_photo`` or ``beside()``, and
+        taken away again where what follows fails.
+
+        Raises:
+            PoseViewerError: the pose cannot be written; the photo is not known or unusable; a file
+                is in the way; there is nothing to undistort.
+        """
+        if record.undistortion is None:
+            if request.undistorted_photo is not None:
+                raise PoseFileError(
+                    "--undistorted-photo, and the pose is one in the photo as taken, without a "
+                    "lens; leave it out."
+                )
+            return self.write(record, out, request)
+        held, name = self.held(record), photo_name(record) or "the photo"
+        if held is not None and request.undistorted_photo is None:
+            note = f"Camera and lens ({held}) are those of {name} as taken."
+            if held == "both":
+                note = (
+                    "The pose and its camera belong to the undistorted photo; the file's "
+                    "distortion block says how that is made of the photo as taken."
+                )
+            written = self.write(record, out, request)
+            return replace(written, notes=(note, *written.notes))
+        path = request.undistorted_photo or beside()
+        is_new = _write(path, _undistorted(record, request), request)
+        camera = record.pose.camera
+        photo = PhotoReference(path.name, camera.width, camera.height, sha256_of(path))
+        note = (
+            f"All numbers belong to {path.name}, the undistorted photo, which is written; not to "
+            f"{name} as taken."
+        )
+        # BOP numbers its images by the names of their files.
+        asked = replace(request, photo=path, image=request.image or photo_name(record))
+        try:
+            written = self.write(replace(record, undistortion=None, photo=photo), out, asked)
+        except PoseViewerError:
+            if is_new:
+                path.unlink()
+            raise
+        return Written(written.files, (note, *written.notes), path)
 
 
 def refuse_existing(request: Request, *paths: Path) -> None:
@@ -275,66 +322,6 @@ def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Persp
     found = lens_as(lens)
     refuse_lens(record, tool, found)
     return camera, found
-
-
-@dataclass(frozen=True, slots=True)
-class ForPhoto:
-    """A pose, ready to be written for one photo."""
-
-    record: PoseRecord
-    """Without an undistortion where it is written for the undistorted photo."""
-    request: Request
-    files: tuple[Path, ...] = ()
-    """The undistorted photo, where it was written."""
-    notes: tuple[str, ...] = ()
-
-
-@contextmanager
-def for_one_photo(
-    record: PoseRecord, request: Request, held: str | None, beside: Callable[[], Path]
-) -> Iterator[ForPhoto]:
-    """The pose for the photo as taken where a format has its lens (``held``: what that calls it),
-    else for the undistorted photo, which is written to ``request.undistorted_photo`` or
-    ``beside()``, and taken away again where what follows fails.
-
-    Raises:
-        PoseViewerError: the photo is not known or unusable; a file is in the way; there is nothing
-            to undistort.
-    """
-    if record.undistortion is None:
-        if request.undistorted_photo is not None:
-            raise PoseFileError(
-                "--undistorted-photo, and the pose is one in the photo as taken, without a lens; "
-                "leave it out."
-            )
-        yield ForPhoto(record, request)
-        return
-    name = photo_name(record) or "the photo"
-    if held is not None and request.undistorted_photo is None:
-        note = f"Camera and lens ({held}) are those of {name} as taken."
-        if held == "both":
-            note = (
-                "The pose and its camera belong to the undistorted photo; the file's distortion "
-                "block says how that is made of the photo as taken."
-            )
-        yield ForPhoto(record, request, notes=(note,))
-        return
-    path = request.undistorted_photo or beside()
-    is_new = _write(path, _undistorted(record, request), request)
-    camera = record.pose.camera
-    photo = PhotoReference(path.name, camera.width, camera.height, sha256_of(path))
-    note = (
-        f"All numbers belong to {path.name}, the undistorted photo, which is written; not to "
-        f"{name} as taken."
-    )
-    # BOP numbers its images by the names of their files.
-    asked = replace(request, photo=path, image=request.image or photo_name(record))
-    try:
-        yield ForPhoto(replace(record, undistortion=None, photo=photo), asked, (path,), (note,))
-    except PoseViewerError:
-        if is_new:
-            path.unlink()
-        raise
 
 
 def _undistorted(record: PoseRecord, request: Request) -> Photo:
