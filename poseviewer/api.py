@@ -49,7 +49,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay.looks import LOOKS, SOLID_OPACITY, Picture, View, draw_look
+from poseviewer.render.overlay import LOOKS
+from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture, View, draw_look
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer

@@ -8,6 +8,7 @@ from pathlib import Path
 from poseviewer.cli.options import add_files, add_settings, option
 from poseviewer.cli.terminal import require_writable
 from poseviewer.errors import PhotoFileError
+from poseviewer.render.overlay import LOOKS
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -20,9 +21,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 def add_look(parser: ArgumentParser, text: str | None = None) -> None:
     """How the model is drawn; ``text`` helps."""
-    from poseviewer.render.overlay.looks import LOOKS
-
-    option(parser, "--look", text, choices=LOOKS, default="outline")
+    option(parser, "--look", text, choices=LOOKS, default=LOOKS[0])
 
 
 def run(options: Namespace) -> int:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING
 
 from poseviewer.errors import PoseFileError, PoseViewerError
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 
 def tell(text: str) -> None:
@@ -30,6 +32,8 @@ def tell_of_compiling() -> None:
 
 def progress_bar(total: int | None, quiet: bool) -> tqdm:
     """A progress bar on standard error, for what takes longer than a second."""
+    from tqdm import tqdm
+
     shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
     if total is not None:
         shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"

@@ -26,7 +26,7 @@ from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.overlay.looks import LOOKS
+from poseviewer.render.overlay import LOOKS
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
 from tests.ctrl_c import ctrl_c_ends_them

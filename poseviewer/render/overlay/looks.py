@@ -1,10 +1,9 @@
-"""Pictures for a person: the model over the photo, in one of several looks."""
+"""The model over the photo, in one of several looks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,36 +61,33 @@ class View:
 
 
 def draw_look(name: str, view: View) -> Picture:
-    """The photo (H, W, 3) with the model in the look ``name``, one of ``LOOKS``.
+    """The photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``.
 
     Raises:
         KeyError: there is no such look.
         ValueError: the look needs ``view.relight``.
     """
-    return LOOKS[name](view)
+    match name:
+        case "outline":  # the silhouette, with the feature edges in fainter and thinner lines
+            return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
+        case "edges":
+            return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
+        case "relit":  # as the recovered lighting shows it, in place of what the photo shows there
+            return _painted(view, lambda image: _relit(view, image), opacity=1.0)
+        case "residual":
+            return _draw_residual(view)
+        case "normals":  # red to the right, green upwards, blue towards the camera
+            towards = np.array([1.0, -1.0, -1.0], np.float32)
+            return _painted(view, lambda image: 0.5 + 0.5 * image.normals * towards, opacity=0.9)
+        case "solid":
+            return _painted(view, _under_light_at_camera, view.opacity)
+        case "none":
+            return view.photo.copy()
+        case _:
+            raise KeyError(name)
 
 
-def draw_none(view: View) -> Picture:
-    """The photo alone."""
-    return view.photo.copy()
-
-
-def draw_outline(view: View) -> Picture:
-    """The model's silhouette, with its feature edges in fainter and thinner lines."""
-    return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
-
-
-def draw_edges(view: View) -> Picture:
-    """The feature edges in full strength, and the silhouette as one of them."""
-    return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
-
-
-def draw_relit(view: View) -> Picture:
-    """The model as the recovered lighting shows it, in place of what the photo shows there."""
-    return _painted(view, lambda image: _relit(view, image), opacity=1.0)
-
-
-def draw_residual(view: View) -> Picture:
+def _draw_residual(view: View) -> Picture:
     """What the lighting leaves unexplained: photo minus relit model, blue to red about white."""
     window = model_window(view.mesh, view.pose)
     if window is None:
@@ -100,41 +96,14 @@ def draw_residual(view: View) -> Picture:
     relit = _relit(view, image)
     grey = relit @ GREY_WEIGHTS if relit.shape[2] == 3 else relit[..., 0]
     part = window.of_photo(view.pose.camera.width, view.pose.camera.height)
-    return paint_residual(
-        view.photo, part, view.photo[part] @ GREY_WEIGHTS - 255.0 * grey, image.mask
-    )
+    residual = view.photo[part] @ GREY_WEIGHTS - 255.0 * grey
+    return paint_residual(view.photo, part, residual, image.mask)
 
 
-def draw_normals(view: View) -> Picture:
-    """Normals as colours: red to the right, green upwards, blue towards the camera."""
-    towards = np.array([1.0, -1.0, -1.0], np.float32)
-    return _painted(view, lambda image: 0.5 + 0.5 * image.normals * towards, opacity=0.9)
-
-
-def draw_solid(view: View) -> Picture:
-    """The model in its own colours under a light at the camera, and the photo faintly through."""
-
-    def shade(image: AttributeImage) -> NDArray:
-        facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
-        colour = 0.3 + 0.7 * image.reflectance  # black paint must show its shape as well
-        return colour * (0.25 + 0.75 * facing)
-
-    return _painted(view, shade, view.opacity)
-
-
-LOOKS: Mapping[str, Callable[[View], Picture]] = MappingProxyType(
-    {
-        "outline": draw_outline,
-        "edges": draw_edges,
-        "relit": draw_relit,
-        "residual": draw_residual,
-        "normals": draw_normals,
-        "solid": draw_solid,
-        "none": draw_none,
-    }
-)
-"""Every look, by the name that the command line and the viewer call it; the first is the default.
-"""
+def _under_light_at_camera(image: AttributeImage) -> NDArray:
+    """(h, w, 3) in [0, 1]: the model's own colours; black paint must show its shape as well."""
+    facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
+    return (0.3 + 0.7 * image.reflectance) * (0.25 + 0.75 * facing)
 
 
 def line_scale(width: int, height: int) -> float:

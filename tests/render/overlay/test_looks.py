@@ -11,8 +11,9 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import LINE_COLOUR, LOOKS, View, draw_look
+from poseviewer.render.overlay.looks import LINE_COLOUR, View, draw_look
 from poseviewer.render.overlay.residual import (
     ROUND_RANGES,
     diverging_colours,
