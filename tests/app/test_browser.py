@@ -22,7 +22,7 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
 from tests.app.app_process import AppProcess
-from tests.app.browser import AppPage
+from tests.app.browser import AppPage, keep_picture
 
 pytestmark = pytest.mark.slow
 
@@ -262,6 +262,27 @@ def test_a_page_is_light_where_the_browser_prefers_it(browser: Browser, demo: Ap
     for wanted in ("dark", "light"):
         tab = AppPage(browser, demo.url, color_scheme=wanted)
         tab.page.wait_for_function(f"{scheme} === '{wanted}'")
+        tab.page.close()
+
+
+def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, tmp_path: Path):
+    with AppProcess(tmp_path) as app:
+        tab = AppPage(browser, app.url)
+        guide = tab.page.locator(".pv-guide")
+        tab.wait_for_text("1 of 4: Drag the model")
+        tab.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
+        tab.wait_for_text("2 of 4: Press space")
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("evaluations, restart")
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("3 of 4: Press 5")
+        keep_picture(tab, "hints")
+        tab.page.get_by_title("No more hints").click()
+        guide.wait_for(state="hidden")
+        tab.reload()
+        tab.page.keyboard.press("5")
+        tab.page.get_by_text("4 of 4").first.wait_for(state="attached")
+        assert not guide.is_visible()
         tab.page.close()
 
 

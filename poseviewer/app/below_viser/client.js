@@ -480,6 +480,23 @@ function showHint() {
   ].map((text) => `<span style="white-space:nowrap">${text}</span>`).join(" &nbsp; ");
 }
 
+// Hints for who is new, away for good with one press.
+const guide = document.createElement("div");
+guide.className = "pv-guide";
+const guideText = document.createElement("span");
+const guideAway = document.createElement("button");
+guideAway.type = "button";
+guideAway.textContent = "×";
+guideAway.title = "No more hints";
+guideAway.onclick = () => { stored(localStorage, "guide", "away"); setGuide(""); };
+guide.append(guideText, guideAway);
+cleanups.push(() => guide.remove());
+
+function setGuide(text) {
+  guide.hidden = !text || stored(localStorage, "guide") === "away";
+  guideText.innerHTML = text;
+}
+
 // --- life ---------------------------------------------------------------------------------------
 
 let timer = null;
@@ -489,7 +506,7 @@ function watch(now) {
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
     viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) { host.appendChild(bar); showHint(); }
+    if (bar.parentElement !== host) { host.append(bar, guide); showHint(); }
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
     const view = viewer.camera.view;
     if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
@@ -512,6 +529,7 @@ window.poseviewer = {
     else showAll();
   },
   setHint(text) { state.hint = text; showHint(); },
+  setGuide,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   view() { return { photo: state.photo, zoom: state.zoom, centre: state.centre }; },

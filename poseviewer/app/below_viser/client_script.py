@@ -55,7 +55,7 @@ class ClientScript:
         self._server = server
         self._config = config
         self._photo = (1, 1)
-        self._hint = ""
+        self._hint = self._guide = ""
         # Pages report through a text field that nobody sees; viser has no other public way back.
         self._channel = server.gui.add_text("report", "", visible=False)
 
@@ -80,6 +80,12 @@ class ClientScript:
             self._hint = text
             self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
 
+    def show_guide(self, text: str) -> None:
+        """A hint above the photo for who is new, on pages that have not sent such hints away."""
+        if self._guide != text:
+            self._guide = text
+            self._run(f"window.poseviewer && window.poseviewer.setGuide({json.dumps(text)})")
+
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
         config = {
@@ -90,8 +96,8 @@ class ClientScript:
         }
         source = _SOURCE.read_text(encoding="utf-8")
         source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-        hint = f"\nwindow.poseviewer.setHint({json.dumps(self._hint)});"
-        _run_on(client, source + hint)
+        hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
+        _run_on(client, source + "".join(f"\nwindow.poseviewer.{hint};" for hint in hints))
 
     def _run(self, source: str) -> None:
         for client in self._server.get_clients().values():

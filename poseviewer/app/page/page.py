@@ -13,6 +13,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.page.candidates_panel import CandidatesPanel
 from poseviewer.app.page.controls import FIRST_STEP, STEPS, Controls, Post
+from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
 from poseviewer.app.page.panels import (
@@ -80,6 +81,7 @@ class Page:
             self._landscape = LandscapePanel(controls, tab)
         self._maps.dock_right()
         self._maps.set_width(MAPS_WIDTHS[0])
+        self._guide = Guide()
         self._next_panels = 0.0
         self._shown: Session | None = None
         self._late = False
@@ -104,6 +106,8 @@ class Page:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
+            if self._review is None:
+                self._script.show_guide(self._guide.text(session))
             self.scene.show(session)
         self._shown, self._late = session, True
         now = time.monotonic()
