@@ -17,7 +17,7 @@ from typing import Any
 
 from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
@@ -95,13 +95,8 @@ def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -
     Raises:
         BatchError: they cannot be made.
     """
-    try:
-        for name in names:
-            (folder / name).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BatchError(
-            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from None
+    for name in names:
+        make_folder(folder / name, BatchError)
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:

@@ -88,7 +88,7 @@ def run(options: Namespace) -> int:
 
 def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
-    from poseviewer.files.formats.conversion import make_folder
+    from poseviewer.files.writing import make_folder
 
     name = Path((record.photo.file if record.photo else None) or "photo").stem
     if options.out_format == "bop":

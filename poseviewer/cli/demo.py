@@ -5,8 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from poseviewer.cli.terminal import make_folder, tell_of_compiling
+from poseviewer.cli.terminal import tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED
+from poseviewer.files.writing import make_folder
 
 LOOKS = ("outline", "relit", "residual")
 

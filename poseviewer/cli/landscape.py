@@ -14,7 +14,8 @@ from poseviewer.cli.options import (
     option,
     positive,
 )
-from poseviewer.cli.terminal import make_folder, progress_bar
+from poseviewer.cli.terminal import progress_bar
+from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
 
 

@@ -143,19 +143,29 @@ def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
     return of(**{name: value for name, value in given.items() if value is not None} | more)
 
 
+def refuse_with_paper(options: Namespace) -> None:
+    """Refuse the paper's method with what it does not have.
+
+    Raises:
+        SettingsError: it is asked for.
+    """
+    if getattr(options, "method", None) != "paper":
+        return
+    if options.pixels == "near":
+        raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+    if getattr(options, "colour_reflectance", False):
+        raise SettingsError(
+            "--method paper with --colour-reflectance; it compares grey: leave one of them out"
+        )
+
+
 def settings_of(options: Namespace) -> FitSettings:
     """How a fit is made.
 
     Raises:
         SettingsError: the paper's method, with what it does not have.
     """
-    if getattr(options, "method", None) == "paper":
-        if options.pixels == "near":
-            raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
-        if options.colour_reflectance:
-            raise SettingsError(
-                "--method paper with --colour-reflectance; it compares grey: leave one of them out"
-            )
+    refuse_with_paper(options)
     return made(
         FitSettings,
         options,

@@ -5,12 +5,27 @@ study.md and study.png. Rows that are there are not run again.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from poseviewer.cli.options import add_fields, listed, names, option, positive, size, whole
+from poseviewer.cli.options import (
+    add_fields,
+    listed,
+    made,
+    names,
+    option,
+    positive,
+    refuse_with_paper,
+    size,
+    whole,
+)
 from poseviewer.cli.terminal import ignore, progress_bar, tell
-from poseviewer.errors import EXIT_INTERRUPTED
+from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
+
+if TYPE_CHECKING:
+    from poseviewer.study.plan import RealPlan, StudyPlan
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -18,9 +33,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--out DIR", kind=Path, required=True)
     fit = {"method": ("--method",), "pixels": ("--pixels", "as of fit")}
     add_fields(parser, FitSettings, fit)
-    parser.set_defaults(method="default")
-    limit = Limits().evaluations
-    option(parser, "--evaluations N", f"limit of a fit ({limit})", whole, default=limit)
+    limit = ("--evaluations N", "limit of a fit ({:g})", whole)
+    add_fields(parser, Limits, {"evaluations": limit})
     option(parser, "--jobs N", "processes (one per processor)", whole)
     option(parser, "--quiet", "no progress")
     drawn = parser.add_argument_group("deviations of a vehicle's parameters")
@@ -39,7 +53,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(drawn, "--cars FOLDER", "of cases.json, for photo-...", Path)
     option(drawn, "--seed SEED", kind=int)
     real = parser.add_argument_group("real photos with fixed starts")
-    option(real, "--real FOLDER", "of cases.json and starts.json", Path)
+    option(real, "--real FOLDER", "of cases.json and starts.json", Path, dest="folder")
     option(real, "--degrees N,...", "(5,15)", listed(whole))
     option(real, "--cases PATTERN", "a part of the id, or with * and ?")
     option(real, "--draws N", "starts of each case (5)", whole)
@@ -48,10 +62,9 @@ def add_options(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the table."""
     from poseviewer.render.pool import processors
-    from poseviewer.study.plan import read_plan
     from poseviewer.study.run import open_study, write_report
 
-    plan = read_plan(options)
+    plan = _plan_of(options)
     try:
         run = open_study(plan, ignore if options.quiet else tell)
         with progress_bar(len(run.left), options.quiet) as bar:
@@ -63,3 +76,23 @@ def run(options: Namespace) -> int:
     print(write_report(run).as_text())
     print(f"\nrows, summary: {run.out}")
     return 0
+
+
+def _plan_of(options: Namespace) -> StudyPlan | RealPlan:
+    """The study that is wanted; what was not typed is as its plan has it.
+
+    Raises:
+        SettingsError: the options do not go together, or one is out of range.
+    """
+    from poseviewer.study.plan import RealPlan, StudyPlan
+
+    refuse_with_paper(options)
+    kinds = (StudyPlan, RealPlan, "goes with --real FOLDER: name one, or leave out")
+    if options.folder is not None:
+        kinds = (RealPlan, StudyPlan, "goes with synthetic photos: leave out")
+    wanted, other, why = kinds
+    known = {field.name for field in fields(wanted)}
+    for name in (field.name for field in fields(other) if field.name not in known):
+        if getattr(options, name) is not None:
+            raise SettingsError(f"--{name} {why} --{name}")
+    return made(wanted, options, limits=made(Limits, options))

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.errors import PoseViewerError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -61,17 +61,3 @@ def require_writable(path: Path, error: type[PoseViewerError]) -> None:
         raise error(f"{path}: is a folder; name a file in it")
     if not os.access(path.parent, os.W_OK):
         raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
-
-
-def make_folder(path: Path, *, parents: bool = True) -> None:
-    """Make a folder for results where there is none.
-
-    Raises:
-        PoseFileError: it cannot be made.
-    """
-    try:
-        path.mkdir(parents=parents, exist_ok=True)
-    except OSError as error:
-        raise PoseFileError(
-            f"{path}: cannot be made ({error.strerror}); name a folder of yours"
-        ) from None

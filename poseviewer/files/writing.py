@@ -1,4 +1,4 @@
-"""Write a file whole or not at all, and fingerprint one."""
+"""Write a file whole or not at all, make a folder for results, and fingerprint a file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseFileError, PoseViewerError
 
 
 def write_whole(
@@ -39,6 +39,22 @@ def write_whole(
             f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
             "check that the folder exists and is yours to write to."
         ) from problem
+
+
+def make_folder(
+    folder: Path, error: type[PoseViewerError] = PoseFileError, *, parents: bool = True
+) -> None:
+    """Make a folder, and with ``parents`` those above it, unless it is there.
+
+    Raises:
+        error: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=parents, exist_ok=True)
+    except OSError as problem:
+        raise error(
+            f"{folder}: cannot be made ({problem.strerror}); name a folder of yours."
+        ) from None
 
 
 def _usual_mode(path: Path) -> int:

@@ -12,7 +12,7 @@ from poseviewer.figures.save import save_figure
 from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import RowTable
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.starts.registration import load_model
 from poseviewer.study.photos import (
     DRAWN,
@@ -63,7 +63,7 @@ def open_study(plan: StudyPlan | RealPlan, tell: Callable[[str], None]) -> Run[A
     about = plan.about()
     tasks: Sequence[Task | RealTask] = []
     if isinstance(plan, RealPlan):
-        tasks = real_tasks(plan.folder, plan.degrees, plan.draws, plan.pattern, plan.settings)
+        tasks = real_tasks(plan.folder, plan.degrees, plan.draws, plan.cases, plan.settings)
     open_folder(plan.out, about)
     table: RowTable[Any]
     if isinstance(plan, RealPlan):
@@ -71,8 +71,10 @@ def open_study(plan: StudyPlan | RealPlan, tell: Callable[[str], None]) -> Run[A
     else:
         table = RowTable(plan.out / TRIALS, Trial)
         tasks = _study_tasks(plan, tell)
-    done = {trial.key for trial in table.rows}
-    return Run(plan.out, table, [task for task in tasks if task.key not in done])
+    names = list(tasks[0].identity) if tasks else []
+    done = {tuple(getattr(row, name) for name in names) for row in table.rows}
+    left = [task for task in tasks if tuple(task.identity.values()) not in done]
+    return Run(plan.out, table, left)
 
 
 def write_report(run: Run[Any]) -> Table:
@@ -100,7 +102,7 @@ def write_report(run: Run[Any]) -> Table:
 
 def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> list[Task]:
     tasks = []
-    for kind in plan.kinds:
+    for kind in plan.photo_kinds:
         photos = _photos(plan, kind, tell)
         # Photo by photo: what a process has loaded serves the next trials as well.
         for draw in sorted(range(plan.starts), key=lambda draw: draw % len(photos)):
@@ -108,7 +110,7 @@ def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> list[Task]:
                 Task(photos[draw % len(photos)], settings, reading, percent, draw, plan.seed)
                 for settings in plan.settings(kind)
                 for reading in plan.readings
-                for percent in plan.percents
+                for percent in plan.deviations
             ]
     return tasks
 
@@ -117,7 +119,7 @@ def _photos(plan: StudyPlan, kind: Kind, tell: Callable[[str], None]) -> list[St
     if kind not in (*DRAWN, *TRACED):
         return load_cars(kind, plan.cars)
     folder = plan.out / PHOTOS
-    folder.mkdir(exist_ok=True)
+    make_folder(folder, SettingsError)
     tell(f"{kind}: drawing photos, or taking those in {folder}")
     path = plan.model_path
     model = load_model(path)
@@ -128,6 +130,12 @@ def _photos(plan: StudyPlan, kind: Kind, tell: Callable[[str], None]) -> list[St
         )
     backgrounds = load_backgrounds(plan.backgrounds) if kind.startswith("background") else []
     studio = Studio(
-        path, model.mesh, model.keypoints, plan.size, plan.parallel, backgrounds, plan.seed
+        path,
+        model.mesh,
+        model.keypoints,
+        plan.size,
+        plan.projection == "parallel",
+        backgrounds,
+        plan.seed,
     )
     return list(make_photos(studio, kind, min(plan.photos, plan.starts), folder, tell))

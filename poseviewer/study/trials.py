@@ -86,11 +86,6 @@ class Trial(Outcome):
     end: str
     found: bool
 
-    @property
-    def key(self) -> tuple[object, ...]:
-        """As the task's."""
-        return self.method, self.kind, self.pixels, self.reading, self.percent, self.draw
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealTrial(Outcome):
@@ -106,11 +101,6 @@ class RealTrial(Outcome):
     end: str
     """The parameters of the chart about the start, with blanks between them."""
 
-    @property
-    def key(self) -> tuple[object, ...]:
-        """As the task's."""
-        return self.case, self.degrees, self.draw, self.method, self.pixels
-
 
 @dataclass(frozen=True, slots=True)
 class Task:
@@ -125,11 +115,16 @@ class Task:
     study_seed: int
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """What tells it from all others of the study."""
-        settings = self.settings
-        kind = self.photo.kind
-        return settings.method, kind, settings.pixels, self.reading, self.percent, self.draw
+    def identity(self) -> dict[str, Any]:
+        """The columns that tell it from all others of the study."""
+        return {
+            "method": self.settings.method,
+            "kind": self.photo.kind,
+            "pixels": self.settings.pixels,
+            "reading": self.reading,
+            "percent": self.percent,
+            "draw": self.draw,
+        }
 
     @property
     def seed(self) -> int:
@@ -166,12 +161,7 @@ class Task:
         )  # fmt: skip
         outcome = fit_from(registration, settings, renderer, photo.truth)
         return Trial(
-            method=settings.method,
-            kind=photo.kind,
-            pixels=settings.pixels,
-            reading=self.reading,
-            percent=self.percent,
-            draw=self.draw,
+            **self.identity,
             photo=photo.photo.name,
             seed=self.seed,
             names=" ".join(chart.names),
@@ -191,10 +181,15 @@ class RealTask:
     settings: FitSettings
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """What tells it from all others."""
-        start, settings = self.start, self.settings
-        return start.case, start.degrees, start.draw, settings.method, settings.pixels
+    def identity(self) -> dict[str, Any]:
+        """The columns that tell it from all others."""
+        return {
+            "case": self.case.name,
+            "degrees": self.start.degrees,
+            "draw": self.start.draw,
+            "method": self.settings.method,
+            "pixels": self.settings.pixels,
+        }
 
     def open(self) -> tuple[Registration, Renderer]:
         """Photo, model and start, and a renderer of the model.
@@ -216,11 +211,7 @@ class RealTask:
         """
         registration, renderer = self.open()
         return RealTrial(
-            case=self.case.name,
-            degrees=self.start.degrees,
-            draw=self.start.draw,
-            method=self.settings.method,
-            pixels=self.settings.pixels,
+            **self.identity,
             set=self.case.set,
             accuracy_percent=self.case.accuracy_percent,
             **fit_from(registration, self.settings, renderer, self.case.truth),

@@ -23,7 +23,6 @@ from poseviewer.files.formats.conversion import (
     Format,
     Request,
     Written,
-    make_folder,
     make_record,
     metres_per_unit,
     photo_name,
@@ -32,7 +31,7 @@ from poseviewer.files.formats.conversion import (
     unit_of,
 )
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform

@@ -171,16 +171,6 @@ def json_text(data: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=2) + "\n"
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, unless it is there; raises PoseFileError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PoseFileError(
-            f"{folder}: cannot be made ({error.strerror}); name a folder of yours."
-        ) from error
-
-
 def require_pinhole(record: PoseRecord, tool: str) -> Perspective:
     """The record's camera, pixel centres at i + 0.5.
 

@@ -31,7 +31,6 @@ from poseviewer.files.formats.conversion import (
     Request,
     Written,
     json_text,
-    make_folder,
     make_record,
     photo_name,
     seen_as_taken,
@@ -41,6 +40,7 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens, LensModel

@@ -22,6 +22,7 @@ from poseviewer.files.formats.scenes import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.state.folder import state_folder
+from poseviewer.files.writing import make_folder
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -152,10 +153,7 @@ def draw_traced(
         PoseViewerError: the cache cannot be written to.
     """
     folder = state_folder() / CACHE
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise PhotoFileError(f"{folder}: cannot be made ({error.strerror})") from None
+    make_folder(folder, PhotoFileError)
     path = folder / f"{photographer.fingerprint(pose, scene, QUALITY)}.png"
     if path.is_file():
         return load_photo(path).as_rgb8(pose.camera.width, pose.camera.height)
