@@ -295,6 +295,12 @@ class FitResult:
         return None if self.progress is None else self.progress.verdict
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user of the pose should know: a sentence where its camera is a guess."""
+        note = self.case.registration.photo.focal_note(self.pose.camera)
+        return (note,) if note else ()
+
+    @property
     def record(self) -> PoseRecord:
         """All that the pose file says."""
         case, verdict = self.case, None
@@ -316,6 +322,7 @@ class FitResult:
             {"name": "poseviewer", "version": version("poseviewer")},
             photo.undistortion,
             verdict,
+            self.notes,
         )
 
     def save(self, path: str | Path) -> None:

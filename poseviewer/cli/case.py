@@ -82,6 +82,6 @@ def search(case: Case, quiet: bool) -> FitResult:
     )
     if verdict is not None:
         print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
-        for reason in verdict.reasons:
+        for reason in (*verdict.reasons, *found.notes):
             print(f"  {reason}")
     return found

@@ -93,6 +93,8 @@ class PoseRecord:
     undistortion: Undistortion | None = None
     """Where the pose belongs to the undistorted photo: how that is made of the one as taken."""
     verdict: RecordedVerdict | None = None
+    notes: tuple[str, ...] = ()
+    """What the user of the pose should know, such as a camera that is a guess."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -144,6 +146,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("software", Reading.object),
         optional("distortion", lambda r, v, _: distortion_from_json(r, v, width, height)),
         optional("verdict", _verdict),
+        optional("notes", Reading.texts) or (),
     )
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
@@ -206,6 +209,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
             "reasons": list(verdict.reasons),
             "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
         }
+    if record.notes:
+        data["notes"] = list(record.notes)
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
     if (chart := record.chart) is not None:

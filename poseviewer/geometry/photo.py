@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Perspective
+from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Camera, Parallel, Perspective
 from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.lens import Undistortion
 
@@ -94,3 +94,16 @@ class Photo:
             focal = self.focal_length_35mm
             return Perspective.from_focal_length_35mm(focal, self.width, self.height)
         return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, self.width, self.height)
+
+    def focal_note(self, camera: Camera) -> str:
+        """A sentence where the camera's focal length is the one that is taken for want of any; else
+        "".
+        """
+        known = self.camera is not None or self.focal_length_35mm is not None
+        if known or isinstance(camera, Parallel) or camera.fx != self.default_camera().fx:
+            return ""
+        return (
+            f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), so "
+            "the distance is unknown, too: six point pairs, a search with a free focal length, "
+            "or a calibration tell them."
+        )

@@ -45,6 +45,7 @@ def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
         loss=0.1 + 0.2,
         settings={"restarts": 8, "clipped": True},
         software={"name": "poseviewer", "version": "0.1.0"},
+        notes=("The focal length is assumed.",),
     )
 
 

@@ -72,7 +72,8 @@ class StatusPanel:
 
     def show(self, session: Session) -> None:
         """Bring the text to the session."""
-        set_properties(self._text, content=search_text(session))
+        lines = (search_text(session), focal_note(session))
+        set_properties(self._text, content="  \n".join(filter(None, lines)))
 
 
 class OpenPanel:
@@ -472,7 +473,8 @@ class SavePanel:
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
         text = "● unsaved changes" if session.unsaved else "no unsaved changes"
-        set_properties(self._state, content=f"{text}  \n{escape(where)}")
+        lines = (text, escape(where), focal_note(session))
+        set_properties(self._state, content="  \n".join(filter(None, lines)))
 
 
 class ReviewPanel:
@@ -577,6 +579,13 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
     return evaluations, best, np.where(np.isin(evaluations, begun), best, np.nan)
 
 
+def focal_note(session: Session) -> str:
+    """What is to be known of a focal length that is a guess (markdown); "" where it is none."""
+    document = session.document
+    note = document.registration.photo.focal_note(document.pose.camera)
+    return note and f"⚠ {note}"
+
+
 def search_text(session: Session) -> str:
     """How the search stands and the verdict's word, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
@@ -607,7 +616,8 @@ def verdict_text(session: Session) -> str:
     verdict = None if latest is None else latest.progress.verdict
     if verdict is None:
         return ""
-    reasons = "\n".join(f"- {reason}" for reason in verdict.reasons)
+    note = focal_note(session)
+    reasons = "\n".join(f"- {reason}" for reason in (*verdict.reasons, *filter(None, (note,))))
     return (
         f"**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
         f"calibrated on and that looked like this one were right.\n\n{reasons}"

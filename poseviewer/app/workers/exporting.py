@@ -53,6 +53,7 @@ def _plain_record(session: Session) -> PoseRecord:
         settings_as_json(document.settings),
         {"name": "poseviewer", "version": version("poseviewer")},
         photo.undistortion,
+        notes=tuple(filter(None, (photo.focal_note(document.pose.camera),))),
     )
 
 
