@@ -50,7 +50,11 @@ class OpenGLRenderer:
         self.two_sided = two_sided
         self._textures = TexturePyramid.from_textures(mesh.textures)
         self._texel_areas = self._textures.texel_areas(mesh)
-        self._card: _Card | None = None
+        # Texture coordinates are read back only where they are needed.
+        self._targets = 3 if mesh.textures else 2
+        self._size = 0, 0
+        self._programs: dict[bool, Any] = {}
+        self._objects: dict[str, Any] = {}
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre.
@@ -81,116 +85,53 @@ class OpenGLRenderer:
     def draw(self, pose: Pose, numbered: bool = False) -> tuple[AttributeImage, Part]:
         """The model in those rows and columns of the photo that it is in, and a margin.
 
-        If not ``numbered``, all faces have the number 0: that takes three quarters of the time.
+        If not ``numbered``, all faces have the number 0: that takes less time.
         """
-        mesh, size = self.mesh, (pose.camera.width, pose.camera.height)
-        window = model_window(mesh, pose, MARGIN_PX)
-        rows, columns = window.of_photo(*size) if window else (slice(0, 0), slice(0, 0))
-        width, height = columns.stop - columns.start, rows.stop - rows.start
-        if window:
-            pose = Window(columns.start, rows.start, width, height).pose(pose)
-        clip = clip_from_world(mesh, pose)
-        if window is None or clip is None:
-            nothing = np.zeros((height, width, 3), np.float32)
-            return AttributeImage(np.full((height, width), -1), nothing, nothing), (rows, columns)
-        if self._card is None:
-            self._card = _Card(mesh)
-        rotation = pose.camera_from_model.rotation
-        numbered |= bool(mesh.textures)
-        shaped, seen, *v = self._card.draw(
-            (width, height), clip, rotation, self.two_sided, numbered
-        )
-        face_ids = shaped[..., 3].astype(np.int32) - 1
-        if v:
-            self._apply_textures(pose, face_ids, np.dstack([seen[..., 3], v[0][..., 0]]), seen)
-        reflectance, normals = (
-            np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGBA2RGB), np.float32)
-            for picture in (seen, shaped)
-        )
-        return AttributeImage(face_ids, reflectance, normals), (rows, columns)
+        window = model_window(self.mesh, pose, MARGIN_PX)
+        if window is not None:
+            rows, columns = window.of_photo(pose.camera.width, pose.camera.height)
+            size = columns.stop - columns.start, rows.stop - rows.start
+            pose = Window(columns.start, rows.start, *size).pose(pose)
+            clip = clip_from_world(self.mesh, pose)
+            if clip is not None:
+                return self._draw(pose, clip, numbered), (rows, columns)
+        nothing = np.zeros((0, 0, 3), np.float32)
+        nowhere = slice(0, 0), slice(0, 0)
+        return AttributeImage(np.zeros((0, 0), np.int32), nothing, nothing), nowhere
 
     def close(self) -> None:
         """Free the graphics memory; the next picture takes it again."""
-        if self._card is not None:
-            self._card.delete()
-            self._card = None
-
-    def _apply_textures(
-        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, seen: NDArray[np.float32]
-    ) -> None:
-        """Multiply the colours in ``seen`` (height, width, 4) by the textures at ``uv``."""
-        mesh = self.mesh
-        textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
-        faces = face_ids[textured]
-        pixel_areas = doubled_areas(pose.project(mesh.vertices)[mesh.faces])
-        levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
-        colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
-        seen[textured, :3] *= colours
-
-
-class _Card:
-    """A mesh on the graphics card, drawn without light as pictures of its attributes."""
-
-    def __init__(self, mesh: Mesh) -> None:
+        if not self._objects:
+            return
         gl = opengl()
-        self._corners = 3 * len(mesh.faces)
-        # Texture coordinates are read back only where they are needed.
-        self._targets = 3 if mesh.textures else 2
+        for kind, made in self._objects.items():
+            getattr(gl, f"glDelete{kind}")(len(made), made)
+        for program in self._programs.values():
+            gl.glDeleteProgram(program)
         self._size = 0, 0
-        self._programs: dict[bool, Any] = {}
-        self._framebuffer = gl.glGenFramebuffers(1)
-        self._renderbuffers = gl.glGenRenderbuffers(self._targets + 1)
-        self._vertex_array = gl.glGenVertexArrays(1)
-        self._buffers = gl.glGenBuffers(2)
-        # In the order in which faces use them, vertices are found sooner.
-        used, first, faces = np.unique(mesh.faces, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        columns = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
-        vertices = np.column_stack(columns)[used[order]].astype(np.float32)
-        faces = np.argsort(order)[faces].astype(np.uint32)
-        gl.glBindVertexArray(self._vertex_array)
-        for kind, buffer, data in zip(
-            (gl.GL_ARRAY_BUFFER, gl.GL_ELEMENT_ARRAY_BUFFER),
-            self._buffers,
-            (vertices, faces),
-            strict=True,
-        ):
-            gl.glBindBuffer(kind, buffer)
-            gl.glBufferData(kind, data.nbytes, data, gl.GL_STATIC_DRAW)
-        for location, (size, offset) in enumerate(((3, 0), (3, 12), (3, 24), (2, 36))):
-            gl.glEnableVertexAttribArray(location)
-            place = ctypes.c_void_p(offset)
-            gl.glVertexAttribPointer(location, size, gl.GL_FLOAT, False, 44, place)
-        gl.glBindVertexArray(0)
+        self._objects.clear()
+        self._programs.clear()
 
-    def draw(
-        self,
-        size: tuple[int, int],
-        clip_from_world: FloatArray,
-        camera_from_world: FloatArray,
-        two_sided: bool,
-        numbered: bool,
-    ) -> list[NDArray[np.float32]]:
-        """Pictures (height, width, 4) of this ``size`` (width, height).
-
-        They hold the unit normals on the side that is seen, turned by ``camera_from_world`` (3, 3),
-        and 1 on the model (the number of the visible face from 1, if ``numbered``), else 0; the
-        colours; and, where the mesh has textures, u beside these and v.
-        """
+    def _draw(self, pose: Pose, clip: FloatArray, numbered: bool) -> AttributeImage:
+        """Of the camera's size; textured faces are numbered in any case."""
         gl = opengl()
-        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._framebuffer)
+        if not self._objects:
+            self._upload(gl)
+        numbered |= bool(self.mesh.textures)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._objects["Framebuffers"][0])
+        gl.glBindVertexArray(self._objects["VertexArrays"][0])
+        size = pose.camera.width, pose.camera.height
         targets = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(self._targets)]
         self._make_room(gl, size, targets)
-        gl.glBindVertexArray(self._vertex_array)
         if numbered not in self._programs:
             self._programs[numbered] = _program(gl, numbered)
         program = self._programs[numbered]
         gl.glUseProgram(program)
         # OpenGL's first row is the lowest: it draws upside down, where faces wind the other way.
-        flipped = np.diag([1.0, -1.0, 1.0, 1.0]) @ clip_from_world
+        flipped = np.diag([1.0, -1.0, 1.0, 1.0]) @ clip
         for name, matrix, put in (
             ("clip_from_world", flipped, gl.glUniformMatrix4fv),
-            ("camera_from_world", camera_from_world, gl.glUniformMatrix3fv),
+            ("camera_from_world", pose.camera_from_model.rotation, gl.glUniformMatrix3fv),
         ):
             put(gl.glGetUniformLocation(program, name), 1, True, matrix.astype(np.float32))
         gl.glFrontFace(gl.GL_CW)
@@ -198,32 +139,52 @@ class _Card:
         gl.glEnable(gl.GL_DEPTH_TEST)
         gl.glDepthMask(True)
         gl.glDisable(gl.GL_BLEND)
-        (gl.glDisable if two_sided else gl.glEnable)(gl.GL_CULL_FACE)
+        (gl.glDisable if self.two_sided else gl.glEnable)(gl.GL_CULL_FACE)
         gl.glCullFace(gl.GL_BACK)
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
         gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
-        gl.glDrawElements(gl.GL_TRIANGLES, self._corners, gl.GL_UNSIGNED_INT, None)
-        pictures = []
-        for target in targets:
-            picture = np.empty((size[1], size[0], 4), np.float32)
+        gl.glDrawElements(gl.GL_TRIANGLES, self.mesh.faces.size, gl.GL_UNSIGNED_INT, None)
+        pictures = np.empty((len(targets), size[1], size[0], 4), np.float32)
+        for target, picture in zip(targets, pictures, strict=True):
             gl.glReadBuffer(target)
             gl.glReadPixels(0, 0, *size, gl.GL_RGBA, gl.GL_FLOAT, picture)
-            pictures.append(picture)
         # As pyrender expects to find it.
         gl.glFrontFace(gl.GL_CCW)
         gl.glBindVertexArray(0)
         gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, 0)
-        return pictures
+        face_ids = pictures[0, ..., 3].astype(np.int32) - 1
+        normals, reflectance = (
+            np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGBA2RGB), np.float32)
+            for picture in pictures[:2]
+        )
+        if self.mesh.textures:
+            uv = np.dstack([pictures[1, ..., 3], pictures[2, ..., 0]])
+            self._apply_textures(pose, face_ids, uv, reflectance)
+        return AttributeImage(face_ids, reflectance, normals)
 
-    def delete(self) -> None:
-        """Free the graphics memory."""
-        gl = opengl()
-        gl.glDeleteFramebuffers(1, [self._framebuffer])
-        gl.glDeleteRenderbuffers(len(self._renderbuffers), self._renderbuffers)
-        gl.glDeleteVertexArrays(1, [self._vertex_array])
-        gl.glDeleteBuffers(2, self._buffers)
-        for program in self._programs.values():
-            gl.glDeleteProgram(program)
+    def _upload(self, gl: Any) -> None:
+        """The mesh to the graphics card."""
+        counts = {"Framebuffers": 1, "Renderbuffers": self._targets + 1}
+        for kind, count in (counts | {"VertexArrays": 1, "Buffers": 2}).items():
+            self._objects[kind] = np.atleast_1d(getattr(gl, f"glGen{kind}")(count))
+        mesh = self.mesh
+        # In the order in which faces use them, vertices are found sooner.
+        used, first, faces = np.unique(mesh.faces, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        columns = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
+        vertices = np.column_stack(columns)[used[order]].astype(np.float32)
+        faces = np.argsort(order)[faces].astype(np.uint32)
+        gl.glBindVertexArray(self._objects["VertexArrays"][0])
+        kinds = gl.GL_ARRAY_BUFFER, gl.GL_ELEMENT_ARRAY_BUFFER
+        for kind, buffer, data in zip(
+            kinds, self._objects["Buffers"], (vertices, faces), strict=True
+        ):
+            gl.glBindBuffer(kind, buffer)
+            gl.glBufferData(kind, data.nbytes, data, gl.GL_STATIC_DRAW)
+        for location, (size, offset) in enumerate(((3, 0), (3, 12), (3, 24), (2, 36))):
+            gl.glEnableVertexAttribArray(location)
+            place = ctypes.c_void_p(offset)
+            gl.glVertexAttribPointer(location, size, gl.GL_FLOAT, False, 44, place)
 
     def _make_room(self, gl: Any, size: tuple[int, int], targets: list[int]) -> None:
         """Let the framebuffer hold ``size`` (width, height), and hardly more: all is cleared."""
@@ -232,12 +193,24 @@ class _Card:
             return
         self._size = width, height
         places = [*targets, gl.GL_DEPTH_ATTACHMENT]
-        for buffer, place in zip(self._renderbuffers, places, strict=True):
+        for buffer, place in zip(self._objects["Renderbuffers"], places, strict=True):
             kind = gl.GL_RGBA32F if place in targets else gl.GL_DEPTH_COMPONENT24
             gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
             gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, kind, width, height)
             gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, place, gl.GL_RENDERBUFFER, buffer)
         gl.glDrawBuffers(len(targets), targets)
+
+    def _apply_textures(
+        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, seen: NDArray[np.float32]
+    ) -> None:
+        """Multiply the colours ``seen`` (height, width, 3) by the textures at ``uv``."""
+        mesh = self.mesh
+        textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
+        faces = face_ids[textured]
+        pixel_areas = doubled_areas(pose.project(mesh.vertices)[mesh.faces])
+        levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
+        colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
+        seen[textured] *= colours
 
 
 def _program(gl: Any, numbered: bool) -> Any:
