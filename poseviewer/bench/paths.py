@@ -15,7 +15,6 @@ from time import perf_counter
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.bench.workload import POSES, Workload
 from poseviewer.fit.loss import lighting_loss
@@ -24,7 +23,8 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl.renderer import OpenGLRenderer
 from poseviewer.render.pool import CHUNK, RendererPool
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 
 NAMES = {
     "a": "plain: pyrender, read back, NumPy",
@@ -85,19 +85,8 @@ class StageTime:
     """Pixels of the photo that show the model at its true pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class SummedImages:
-    """A renderer without its own way to the moments: images, summed up by NumPy."""
-
-    renderer: Renderer
-
-    def render(self, pose: Pose) -> AttributeImage:
-        """The renderer's own image."""
-        return self.renderer.render(pose)
-
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
-        """The renderer's own coverage."""
-        return self.renderer.covers(pose)
+class SummedImages(SoftwareRenderer):
+    """Our rasteriser's images, summed up by NumPy."""
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The plain way."""
@@ -115,7 +104,7 @@ def make_path(work: Workload, letter: str, threads: int) -> Path:
     sums: Callable[[Any, PhotoAttributes], Moments] = moments_of_images
     close: Callable[[], None] = lambda: None  # noqa: E731
     if letter == "c":
-        renderer = SummedImages(software.clone())
+        renderer = SummedImages(work.model.mesh)
         draw = renderer.render
     elif letter == "b":
         renderer = OpenGLRenderer(work.model.mesh)

@@ -23,24 +23,10 @@ CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
 """Side of a map, and least side of all maps together."""
 POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
 
-
-_MINIMUM = {
-    "marker": "o",
-    "markersize": 4.5,
-    "markerfacecolor": MINIMUM_COLOUR,
-    "markeredgecolor": "black",
-    "markeredgewidth": 0.7,
-    "linestyle": "none",
-    "label": "least loss of the map",
-}
-_POSE = {
-    "marker": "x",
-    "markersize": 7,
-    "markeredgecolor": POSE_COLOUR,
-    "markeredgewidth": 1.6,
-    "linestyle": "none",
-    "label": "current pose",
-}
+_MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": MINIMUM_COLOUR}
+_MINIMUM |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least loss of the map"}
+_POSE = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
+_POSE |= {"markeredgewidth": 1.6, "label": "current pose"}
 
 
 def make_landscape_sheet(
@@ -67,16 +53,11 @@ def make_landscape_sheet(
     # A triangle leaves a corner free for the colour bar and the key; a single map does not.
     above = 0.65 if len(rows) > 1 else 2.0
     figure = Figure(figsize=(side + 1.2, side + 0.75 + above), facecolor="white")
+    width, height = figure.get_size_inches()
     grid = figure.add_gridspec(
-        len(rows),
-        len(columns),
-        left=0.95 / figure.get_figwidth(),
-        right=1.0 - 0.25 / figure.get_figwidth(),
-        bottom=0.75 / figure.get_figheight(),
-        top=1.0 - above / figure.get_figheight(),
-        wspace=0.09,
-        hspace=0.09,
-    )
+        len(rows), len(columns), left=0.95 / width, right=1.0 - 0.25 / width,
+        bottom=0.75 / height, top=1.0 - above / height, wspace=0.09, hspace=0.09,
+    )  # fmt: skip
     scale = _range([piece.losses for piece in slices]) if shared_scale else None
     for piece in slices:
         row, column = rows.index(piece.second), columns.index(piece.first)
@@ -84,7 +65,7 @@ def make_landscape_sheet(
         _draw_map(axes, piece, pose, scale or _range([piece.losses]))
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
     _add_key(figure, scale)
-    figure.suptitle(title, x=0.95 / figure.get_figwidth(), ha="left", fontsize=12, color=INK)
+    figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
     return figure
 
 
@@ -104,8 +85,8 @@ def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> N
             axes.contour(x, y, losses, levels[1:-1], colors="white", linewidths=0.35, alpha=0.55)
     least = slice_minimum(piece)
     if least is not None:
-        axes.plot(least.first_value, least.second_value, **_MINIMUM)
-    axes.plot(pose[piece.first], pose[piece.second], **_POSE)
+        axes.plot(least.first_value, least.second_value, linestyle="none", **_MINIMUM)
+    axes.plot(pose[piece.first], pose[piece.second], linestyle="none", **_POSE)
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
 
@@ -144,7 +125,7 @@ def readable(name: str) -> str:
 
 def _add_key(figure: Figure, scale: Normalize | None) -> None:
     """The colour bar and the marks' meaning, in the upper right, which the maps leave free."""
-    width, height = figure.get_figwidth(), figure.get_figheight()
+    width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
     span = min(0.32, 2.6 / width)
     if scale is not None:
@@ -154,7 +135,7 @@ def _add_key(figure: Figure, scale: Normalize | None) -> None:
         bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
         bar.ax.xaxis.set_major_locator(MaxNLocator(4))
         bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
-    marks = [Line2D([], [], **_POSE), Line2D([], [], **_MINIMUM)]
+    marks = [Line2D([], [], linestyle="none", **kind) for kind in (_POSE, _MINIMUM)]
     figure.legend(
         handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),
         fontsize=8, frameon=False, labelcolor=INK, borderaxespad=0.0,

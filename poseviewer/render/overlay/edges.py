@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.render.overlay.window import Window, model_window
 from poseviewer.render.types import AttributeImage, Renderer
 
@@ -129,11 +130,9 @@ def _are_creases(normals: NDArray[np.float32], one: NDArray, other: NDArray) -> 
 
 def _face_planes(mesh: Mesh, pose: Pose) -> FloatArray:
     """(F, 4): unit normal n and offset d of each face, in the camera frame: ``n . x = d``."""
-    corners = pose.camera_from_model.apply(mesh.vertices)[mesh.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
-    return np.column_stack([normal, np.einsum("ij,ij->i", normal, corners[:, 0])])
+    points = pose.camera_from_model.apply(mesh.vertices)
+    normals, _ = face_normals_and_areas(points, mesh.faces)
+    return np.column_stack([normals, np.einsum("ij,ij->i", normals, points[mesh.faces[:, 0]])])
 
 
 def _are_steps(

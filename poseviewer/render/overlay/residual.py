@@ -10,22 +10,8 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 
-STOPS = np.array(
-    [
-        [5, 48, 97],
-        [33, 102, 172],
-        [67, 147, 195],
-        [146, 197, 222],
-        [209, 229, 240],
-        [247, 247, 247],
-        [253, 219, 199],
-        [244, 165, 130],
-        [214, 96, 77],
-        [178, 24, 43],
-        [103, 0, 31],
-    ],
-    float,
-)
+_HEX = "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f"
+STOPS = np.array([list(bytes.fromhex(colour)) for colour in _HEX.split()], float)
 """RGB from the most negative to the most positive: ColorBrewer's RdBu, 11 classes, reversed
 (C. Brewer, colorbrewer2.org); told apart by the colour-blind as well."""
 PERCENTILE = 95.0
