@@ -50,13 +50,8 @@ CURVE_POINTS = 300
 LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
 PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
-RESTART_DOTS: uplot.Series_Points = {
-    "show": True,
-    "size": 7,
-    "fill": "#ffd166",
-    "stroke": "#16181d",
-}
-"""On the curve of the search."""
+BESIDE_RESTART = 1e-3
+"""Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
@@ -300,9 +295,20 @@ class FitPanel:
                 (
                     {"label": "evaluation"},
                     {"label": "best loss", "stroke": "#17a2b8", "width": 2},
-                    {"label": "restart", "stroke": "#ffd166", "width": 0, "points": RESTART_DOTS},
+                    {
+                        "label": "restart",
+                        "stroke": "#e0a92e",
+                        "width": 1,
+                        "scale": "restart",
+                        "points": {"show": False},
+                    },
                 ),
-                scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+                scales={
+                    "x": uplot.Scale(time=False, auto=True),
+                    "y": uplot.Scale(auto=True),
+                    # From above 0: where there is no restart, nothing is drawn.
+                    "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
+                },
                 axes=(axis, axis),
                 legend=uplot.Legend(show=False),
                 height=150,
@@ -567,16 +573,17 @@ def _has_proposals(session: Session) -> bool:
 
 
 def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluations (n,), the best loss at each of them, and the same where a restart began, nan
-    elsewhere.
+    """(n,) each: evaluations, the best loss by then, and whether a restart began: 1, else 0. About
+    each restart there are three evaluations, so that it is a line.
     """
     found = update.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
-    begun = [p.evaluations for p in update.restarts if p.evaluations >= counts[0]]
+    begun = np.array([p.evaluations for p in update.restarts if p.evaluations > counts[0]], float)
     end = max(update.progress.evaluations, counts[-1] + 1)
-    evaluations = np.array(sorted({*counts, *begun, end}), float)
+    beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
+    evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
     best = np.array(losses)[np.searchsorted(counts, evaluations, side="right") - 1]
-    return evaluations, best, np.where(np.isin(evaluations, begun), best, np.nan)
+    return evaluations, best, np.isin(evaluations, begun).astype(float)
 
 
 def focal_note(session: Session) -> str:
@@ -599,7 +606,7 @@ def search_text(session: Session) -> str:
     stopped = not search.running and progress.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
     settings = search.latest.case.settings
-    count = len(search.methods)
+    count = len(search.methods) if search.running else 1
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
     text = (
         f"by {settings.method_name}{which}  \n"
