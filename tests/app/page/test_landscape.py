@@ -110,6 +110,34 @@ def test_the_page_names_the_parameters_that_the_maps_are_about():
     np.testing.assert_array_equal([float(number) for number in centre.split()], CENTRE)
 
 
+def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
+    corners = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
+    slices = make_slices(9)
+    page = html.fromstring(landscape_grid(slices, NAMES, Markers(CENTRE, corners), GridOptions()))
+    cells = page.xpath("//div[@class='pv-cell']")
+    assert len(cells) == len(slices)
+    for piece, cell in zip(slices, cells, strict=True):
+        dots = cell.xpath(".//g[@class='pv-dots']/path")[-1].get("d")
+        shown = np.array([place.split() for place in dots.split("M")[1:]])
+        places = np.array([[float(x), float(y.removesuffix("h0"))] for x, y in shown])
+        wanted = 100.0 * on_map(piece, corners)
+        wanted[:, 1] = 100.0 - wanted[:, 1]
+        np.testing.assert_allclose(places, wanted, atol=0.01)
+    for figure in (
+        contour_figure(slices[0], NAMES, Markers(CENTRE, corners), np.ones(6), CENTRE),
+        surface_figure(slices[0], NAMES, Markers(CENTRE, corners)),
+    ):
+        (dots,) = [trace for trace in traces_of(figure) if trace.get("name") == "candidates"]
+        np.testing.assert_allclose(dots["x"], corners[:, 0])
+        np.testing.assert_allclose(dots["y"], corners[:, 1])
+
+
+def test_the_maps_say_whose_loss_they_show():
+    options = GridOptions(whose="<ours> & theirs")
+    page = html.fromstring(landscape_grid(make_slices(9), NAMES, Markers(CENTRE), options))
+    assert page.xpath("//div[@class='pv-key']//b")[0].text_content() == "<ours> & theirs"
+
+
 def test_unknown_maps_keep_their_place():
     some = make_slices(9)[:4]
     page = landscape_grid(some, NAMES, Markers(CENTRE), GridOptions())

@@ -8,9 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.session import OverlayRequest
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import OverlayRequest, Session
+from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_at, search
-from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.maps import MapJob, MapMaker, maps
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.landscape import free_pairs
 from poseviewer.fit.problem import make_problem, pose_loss
@@ -166,3 +169,59 @@ def test_maps_become_known_until_they_are_complete(registration, renderer, lock)
     for piece in updates[-1].slices:
         assert piece.losses[2, 2] == pytest.approx(loss, rel=1e-9)
         assert math.isclose(piece.first_values[2], problem.start[piece.first], abs_tol=1e-12)
+
+
+def test_restarts_are_told_where_they_begin(registration, renderer):
+    settings = FitSettings("paper", limits=Limits(evaluations=900))
+    *_, last = search(registration, registration.start, settings, renderer)
+    begun = last.restarts
+    assert [step.restart for step in begun] == list(range(1, last.progress.restart + 1))
+    counts = [step.evaluations for step in begun]
+    assert counts == sorted(counts)
+    assert len(counts) > 1
+
+
+@pytest.mark.parametrize("pixels", ["clip", "whole"])
+def test_the_papers_loss_is_drawn_as_it_is_searched(registration, renderer, pixels):
+    settings = FitSettings("paper", pixels=pixels)
+    problem, _ = make_problem(registration, settings)
+    (overlay,) = OverlayDrawer(renderer).draw(
+        replace(request_of(registration, "none"), settings=settings)
+    )
+    assert overlay.loss == pytest.approx(pose_loss(problem, renderer, problem.start.copy()))
+    assert overlay.loss is not None
+    assert 0.0 < overlay.loss <= 1.0
+
+
+def test_candidates_are_drawn_where_they_are(registration, renderer):
+    updates = search(registration, registration.start, FitSettings("paper"), renderer)
+    now = next(item for item in updates if item.progress.evaluations == 9)
+    assert len(now.candidate_poses) == 7  # a corner more than there are parameters
+    request = replace(request_of(registration, moving=True), candidates=now)
+    first, _ = OverlayDrawer(renderer).draw(request)
+    seen = np.concatenate(
+        [pose.project(registration.mesh.vertices) for pose in now.candidate_poses]
+    )
+    points = first.candidates.reshape(-1, 2)
+    assert points.min(axis=0) == pytest.approx(seen.min(axis=0), abs=1.0)
+    assert points.max(axis=0) == pytest.approx(seen.max(axis=0), abs=1.0)
+    assert len(points) > len(first.outline.reshape(-1, 2))
+
+
+def test_two_losses_are_mapped_about_one_pose(registration, renderer):
+    session = Session(Document(registration, registration.start, SETTINGS))
+    session = update(session, c.ChangeLandscape(whose="both"))
+    job = MapJob.wanted(session, moving=True)
+    found = list(MapMaker(renderer).run(job))
+    assert all(len(item) == 2 for item in found)  # none is shown without the other
+    ours, paper = found[-1]
+    assert (ours.case.settings, paper.case.settings) == session.mapped
+    assert ours.case.problem.chart.names == paper.case.problem.chart.names
+    for one, other in zip(ours.slices, paper.slices, strict=True):
+        assert one.complete
+        assert other.complete
+        assert np.array_equal(one.first_values, other.first_values)
+        assert np.array_equal(one.second_values, other.second_values)
+        assert other.losses.max() <= 1.0 < one.losses.max()
+    other = replace(session, maps=replace(session.maps, whose="paper"))
+    assert MapJob.wanted(other, moving=True).replaces(job, busy=True)
