@@ -102,21 +102,21 @@ def make_path(work: Workload, letter: str, threads: int) -> Path:
     if letter == "d":
         return Path("d", software, partial(_run_fused, work))
     sums: Callable[[Any, PhotoAttributes], Moments] = moments_of_images
-    close: Callable[[], None] = lambda: None  # noqa: E731
     if letter == "c":
         renderer = SummedImages(work.model.mesh)
-        draw = renderer.render
-    elif letter == "b":
+        return Path("c", renderer, partial(_run_images, work, renderer, renderer.render, sums))
+    if letter == "b":
         renderer = OpenGLRenderer(work.model.mesh)
-        draw, close = renderer.draw, renderer.close
+        draw = renderer.draw
         sums = lambda drawn, photo: moments_of_images(drawn[0], photo, drawn[1])  # noqa: E731
     else:
         # Importing it makes the OpenGL context, which must not happen before it is wanted.
         from poseviewer.bench.plain import PlainRenderer, moments_of_picture
 
         renderer = PlainRenderer(work.model.mesh)
-        draw, close, sums = renderer.picture, renderer.close, moments_of_picture
-    return Path(letter, renderer, partial(_run_images, work, renderer, draw, sums), 1, close)
+        draw, sums = renderer.picture, moments_of_picture
+    run = partial(_run_images, work, renderer, draw, sums)
+    return Path(letter, renderer, run, close=renderer.close)
 
 
 def _run_images(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from math import inf
 from time import perf_counter
@@ -112,11 +113,8 @@ def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
     # Importing it makes the OpenGL context, which must not happen before it is wanted.
     from poseviewer.bench.plain import PlainRenderer
 
-    plain = PlainRenderer(demo.registration.mesh)
-    try:
+    with closing(PlainRenderer(demo.registration.mesh)) as plain:
         return _time_fit(demo, problem, plain, "lit", letter, 1)
-    finally:
-        plain.close()
 
 
 def time_method(
