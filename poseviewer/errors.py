@@ -24,6 +24,10 @@ class CalibrationFileError(PoseViewerError):
     """A file of cameras that cannot be used, or not with this photo."""
 
 
+class FileSetError(PoseViewerError):
+    """Files that came together (a drop, a zip, a folder) and cannot be used."""
+
+
 class AutosaveError(PoseViewerError):
     """A session that could not be kept for later, or cannot be taken up again."""
 

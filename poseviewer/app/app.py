@@ -28,6 +28,7 @@ from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
 from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
+    Asked,
     Exported,
     Found,
     Result,
@@ -136,6 +137,8 @@ class App:
             case r.Upload():
                 self._tasks.add_upload(request)
                 self._page.working(f"Reading {request.name[:60]} ...")
+            case r.Answer():
+                self._tasks.add_answer(request)
             case r.Unfit():
                 self._page.show_error_to(request.client, request.why)
             case r.SavePose():
@@ -222,6 +225,8 @@ class App:
                 for command in result.commands:
                     self._command(command)
                 self._page.tell_all(result.warnings)
+            case Asked():
+                self._page.ask(result)
             case Exported():
                 self._page.send(result)
 
@@ -232,6 +237,8 @@ class App:
             self._command(c.SetPose(opened.document.pose, as_start=True))
         else:
             self._command(c.Open(opened.document, unsaved=opened.restored))
+        for candidate in opened.candidates.models:
+            self._command(c.AddCandidate(candidate))
         if opened.row and self._review is not None:
             self._review.opened(opened)
             self.session = replace(self.session, history=History())  # undo stays in the row

@@ -26,6 +26,8 @@ from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
 from poseviewer.geometry.photo import Photo
 
+ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
+"""Of files that photos come in."""
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of three 32-bit floats have 1.2e9."""
@@ -81,6 +83,21 @@ def is_stored_turned(path: str | Path) -> bool:
     """
     reading = _reading(path)
     return _inspect(reading, reading.load_bytes())[0] != 1
+
+
+def was_taken_by_a_camera(path: str | Path) -> bool:
+    """Whether a picture's EXIF names the camera or its exposure, or it is HEIC, which cameras alone
+    write; False for what is no picture.
+    """
+    if Path(path).suffix.lower() in (".heic", ".heif"):
+        return True
+    try:
+        with quiet_libraries(), Image.open(path) as image:
+            exif = image.getexif()
+            tags = {*exif, *exif.get_ifd(ExifTags.IFD.Exif)}
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return False
+    return bool(tags & {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength})
 
 
 def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:

@@ -25,6 +25,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from poseviewer.files.state.uploads import pack
+
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 PATIENCE_S = 60.0
 OUTLINE, PICTURE, PHOTO = "/model/outline", "/model/picture", "/photo"
@@ -185,6 +187,11 @@ class SocketPage:
 
     def upload(self, label: str, name: str, data: bytes, **announced: Any) -> None:
         """A file through an upload button; what is ``announced`` of it may be untrue."""
+        self.upload_set(label, [(name, data)], **announced)
+
+    def upload_set(self, label: str, files: list[tuple[str, bytes]], **announced: Any) -> None:
+        """Files together, as the page's script sends them."""
+        name, data = files[0][0], pack(files)
         source, transfer = self.uuid(label), str(uuid.uuid4())
         parts = [data[i : i + PART] for i in range(0, len(data), PART)]
         truth = {"part_count": len(parts), "size_bytes": len(data)}

@@ -192,8 +192,10 @@ def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
     # "false": the browser is kept from opening the files itself.
     dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
     assert page.page.evaluate(DROP, dropped) == [False, False]
-    page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
+    page.wait_for_text("Not used: notes.txt.")
     page.until(lambda: same_pose(page.saved_pose(path), saved))
+    assert page.page.evaluate(DROP, [["notes.txt", "no pose"]]) == [False, False]
+    page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
 
 
 def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):

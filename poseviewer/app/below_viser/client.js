@@ -3,7 +3,8 @@
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
 // (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
 // at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest (bytes of an upload), title, style, icon.
+// where ctrl is held), largest and most (bytes and files of an upload), title, style,
+// icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -315,35 +316,89 @@ function noteModifiers(event) {
 
 // --- files --------------------------------------------------------------------------------------
 
-function isTaken(file) {
-  if (file.size <= CONFIG.largest) return true;
-  send({ kind: "unfit", name: file.name, size: file.size });
-  return false;
+// All that is chosen or dropped at once is one set, sent as one file: a line of JSON, a list of
+// [path, bytes], then the bytes of all files. The browser reads them only as they are sent.
+const packed = new WeakSet();
+
+function pack(files) {
+  const size = files.reduce((sum, [, file]) => sum + file.size, 0);
+  const folder = files[0][0].includes("/") ? files[0][0].split("/")[0] : "";
+  const name = folder || files[0][1].name;
+  if (size > CONFIG.largest || files.length > CONFIG.most) {
+    send({ kind: "unfit", name, size, count: files.length });
+    return null;
+  }
+  const head = JSON.stringify(files.map(([path, file]) => [path, file.size])) + "\n";
+  const more = files.length > 1 && !folder ? ` and ${files.length - 1} more` : "";
+  const set = new File([head, ...files.map(([, file]) => file)], name + more);
+  packed.add(set);
+  return set;
 }
 
-// Before viser reads them: it would send all of a file that the server refuses.
-listen(window, "change", (event) => {
+function give(input, files) {
+  const set = files.length ? pack(files) : null;
+  if (!set) return;
+  const held = new DataTransfer();
+  held.items.add(set);
+  input.files = held.files;
+  input.dispatchEvent(new Event("change", { bubbles: true }));
+}
+
+// Before the browser's file chooser opens: what belongs together is chosen together.
+listen(window, "click", (event) => {
   const input = event.target;
-  if (input.type === "file" && input.files.length && !isTaken(input.files[0])) taken(event);
+  if (!(input instanceof HTMLInputElement) || input.type !== "file") return;
+  input.multiple = true;
+  input.webkitdirectory = input.accept === "folder";
 }, true);
 
-// A file dropped anywhere goes to the button that takes its kind; else the browser would open it.
+// Before viser reads them: it would send one file alone, and all of one that the server refuses.
+listen(window, "change", (event) => {
+  const input = event.target;
+  if (input.type !== "file" || !input.files.length || packed.has(input.files[0])) return;
+  taken(event);
+  give(input, [...input.files].map((file) => [file.webkitRelativePath || file.name, file]));
+}, true);
+
+// The files of a dropped file or folder, as [path, file] each.
+async function filesOf(entry, found) {
+  if (found.length > CONFIG.most) return;
+  if (entry.isFile) {
+    const file = await new Promise((done, failed) => entry.file(done, failed));
+    found.push([entry.fullPath.replace(/^\/+/, ""), file]);
+    return;
+  }
+  const reader = entry.createReader();
+  for (;;) {  // a browser gives a hundred at a time
+    const entries = await new Promise((done, failed) => reader.readEntries(done, failed));
+    if (!entries.length) return;
+    for (const inside of entries) await filesOf(inside, found);
+  }
+}
+
+// What is dropped anywhere goes to the button that takes folders; else the browser would open it.
 listen(window, "dragover", (event) => {
   if (event.dataTransfer && event.dataTransfer.types.includes("Files")) event.preventDefault();
 }, true);
-listen(window, "drop", (event) => {
-  const files = event.dataTransfer ? [...event.dataTransfer.files] : [];
-  if (!files.length) return;
+listen(window, "drop", async (event) => {
+  const input = document.querySelector("input[type=file][accept=folder]") ||
+    document.querySelector("input[type=file]");
+  const dropped = event.dataTransfer;
+  if (!dropped || !dropped.types.includes("Files") || !input) return;
   taken(event);
-  for (const file of files) {
-    const takes = (input) => input.accept.split(",").some((e) => file.name.toLowerCase().endsWith(e));
-    const input = [...document.querySelectorAll("input[type=file]")].find(takes);
-    if (!input) { send({ kind: "unfit", name: file.name, size: file.size }); continue; }
-    const held = new DataTransfer();
-    held.items.add(file);
-    input.files = held.files;
-    input.dispatchEvent(new Event("change", { bubbles: true }));
+  // Both are gone after the first wait.
+  const files = [...dropped.files].map((file) => [file.name, file]);
+  const entries = [...dropped.items].map((item) => item.webkitGetAsEntry && item.webkitGetAsEntry());
+  if (!entries.some((entry) => entry && entry.isDirectory)) { give(input, files); return; }
+  const found = [];
+  try {
+    for (const entry of entries) if (entry) await filesOf(entry, found);
+  } catch (error) {
+    send({ kind: "unreadable", name: entries.find((entry) => entry).name });
+    return;
   }
+  if (found.length) give(input, found);
+  else send({ kind: "empty", name: entries.find((entry) => entry).name });
 }, true);
 
 // --- the panels ---------------------------------------------------------------------------------

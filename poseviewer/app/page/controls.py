@@ -13,7 +13,8 @@ import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
 from poseviewer.app.state.requests import Download, Export, Request, Upload
-from poseviewer.files.state.uploads import ENDINGS, Kind
+from poseviewer.files.file_set import Kind
+from poseviewer.files.state.uploads import ACCEPTED
 
 Post = Callable[[Request], None]
 
@@ -98,17 +99,19 @@ class Controls:
         """A button that sends ``what`` to the page on which it is pressed."""
         self.button_for(label, lambda client: Download(what, client), icon=icon)
 
-    def upload(self, label: str, kind: Kind, icon: Any, beside: bool = False) -> None:
-        """A button that takes a file; a model may go ``beside`` the one at hand."""
-        handle = self.gui.add_upload_button(
-            label, mime_type=",".join(ENDINGS[kind]), icon=icon, color="gray"
-        )
+    def upload(self, label: str, kind: Kind | None, icon: Any, beside: bool = False) -> None:
+        """A button that takes files of a kind, or (None) a folder, and what is dropped; models may
+        go ``beside`` the one at hand.
+        """
+        accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
+        handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
         @handle.on_upload
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 file = take_upload(handle)
-                self.post(Upload(kind, file.name, file.content, beside))
+                client = event.client.client_id
+                self.post(Upload(kind, file.name, file.content, client, beside))
 
 
 def set_properties(handle: Any, **values: Any) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -29,20 +30,24 @@ from poseviewer.app.page.panels import (
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.reviewing import ReviewState
-from poseviewer.app.state.requests import Greet, Report, Restore
+from poseviewer.app.state.requests import Answer, Greet, Report, Restore
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Exported
+from poseviewer.app.workers.tasks import Asked, Exported
+from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
+MOST_BUTTONS = 6
+"""Answers that are buttons; of more there is a list."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": STEPS,
     "keys": FORWARDED,
     "leave": LEFT_TO_BROWSER,
     "largest": LARGEST_UPLOAD,
+    "most": MOST_FILES,
     "first": FIRST_STEP,
     "panel": PANEL_WIDTHS[0],
     "title": "poseviewer",
@@ -191,6 +196,35 @@ class Page:
             @close.on_click
             async def _(_: viser.GuiEvent) -> None:
                 modal.close()
+
+    def ask(self, asked: Asked) -> None:
+        """Ask a page what its files do not say; the page may have gone by now."""
+        handle = self._server.get_clients().get(asked.client)
+        if handle is None:
+            return
+        gui, question = handle.gui, asked.question
+        modal = gui.add_modal("What is what?")
+
+        def button(label: str, answer: Callable[[], str] | None, **looks: Any) -> None:
+            pressed = gui.add_button(label, **looks)
+
+            @pressed.on_click
+            async def _(_: viser.GuiEvent) -> None:
+                modal.close()
+                if answer is not None:
+                    self._post(Answer(asked.choosing, answer(), asked.client))
+
+        with modal:
+            gui.add_markdown(escape(question.text))
+            *options, none = question.options
+            if len(options) <= MOST_BUTTONS:
+                for option in options:
+                    button(option, lambda option=option: option, color="cyan")
+            else:
+                listed = gui.add_dropdown("Of these", tuple(options))
+                button("Open it", lambda: listed.value, color="cyan")
+            button(none[:1].upper() + none[1:], lambda: none, color="gray")
+            button("Close", None, color="gray", hint="open nothing of what came")
 
     def greet(self, client: int, offer: AutosavedSession | None) -> None:
         """Offer a page that has just connected what an earlier session left."""

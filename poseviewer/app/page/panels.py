@@ -37,6 +37,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.chart_names import label
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import SIDES
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS
@@ -80,6 +81,7 @@ class OpenPanel:
             if not fixed:
                 controls.upload("Photo ...", "photo", "photo")
                 controls.upload("Model ...", "model", "cube")
+                controls.upload("Folder ...", None, "folder-open")
             controls.upload("Pose file ...", "pose", "file-import")
             controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
@@ -90,7 +92,8 @@ class OpenPanel:
         text = (
             f"**{escape(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
             f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
-            f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}"
+            f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
+            f"{reflectance_text(mesh)}"
         )
         set_properties(self._what, content=text)
 
@@ -506,6 +509,13 @@ class ReviewPanel:
         if self._key != state.row.job.key:
             self._key = state.row.job.key
             set_properties(self._note, value=state.row.result.note)
+
+
+def reflectance_text(mesh: Mesh) -> str:
+    """Where a model's colours come from: a grey one may miss files."""
+    if mesh.textures:
+        return f"{len(mesh.textures)} texture{'s' if len(mesh.textures) > 1 else ''}"
+    return "coloured" if mesh.has_reflectance else "no colours"
 
 
 def hint_of(session: Session) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
-from poseviewer.files.state.uploads import why_unfit
+from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 LARGEST = 1e6
 """px: the largest distance of a pointer from the photo's corner."""
@@ -108,8 +108,10 @@ def _request_of(report: Report, session: Session) -> Request | None:
         case "key":
             return _key(content, session, report.client)
         case "unfit":
-            why = why_unfit(str(content["name"]), int(content["size"]))
-            return Unfit(report.client, why)
+            size, count = int(content["size"]), int(content["count"])
+            return Unfit(report.client, why_unfit(str(content["name"]), size, count))
+        case "unreadable" | "empty" as trouble:
+            return Unfit(report.client, why_not_sent(str(content["name"]), trouble))
     return None
 
 

@@ -43,7 +43,7 @@ class Comparison:
     def registrations(self) -> list[Registration]:
         """One for each model, in the frame that all share."""
         own, start = self.document.registration, self.document.pose
-        return [_with_model(replace(own, start=start), one.model) for one in self.models]
+        return [with_mesh(replace(own, start=start), one.model) for one in self.models]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +143,7 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
         return replace(document, pose=pose)
     return replace(
         document,
-        registration=_with_model(own, model),
+        registration=with_mesh(own, model),
         pose=pose,
         pins=(),
         model_path=candidate.path,
@@ -151,7 +151,8 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
     )
 
 
-def _with_model(own: Registration, model: LoadedModel) -> Registration:
+def with_mesh(own: Registration, model: LoadedModel) -> Registration:
+    """The registration of another model."""
     return replace(
         own,
         mesh=model.mesh,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from poseviewer.files.state.uploads import Kind
+from poseviewer.files.file_set import Kind
+from poseviewer.files.set_questions import Choosing
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
@@ -18,13 +19,25 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Upload(Request):
-    """A file that a page sent."""
+    """Files that a page sent together."""
 
-    kind: Kind
+    kind: Kind | None
+    """What the user called them; None: whatever they are."""
     name: str
     data: bytes
+    """See ``files.state.uploads.pack``."""
+    client: int
     beside: bool = False
-    """Of a model: whether it becomes a candidate, and the one at hand stays."""
+    """Of models: whether they become candidates, and the one at hand stays."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer(Request):
+    """What a user says of files that say nothing themselves."""
+
+    choosing: Choosing
+    answer: str
+    client: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from poseviewer.app.state.candidates import CandidateModel, Candidates
+from poseviewer.app.state.cameras import with_camera
+from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
 from poseviewer.app.state.document import Document, Marks
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import PoseFileError
@@ -19,6 +20,7 @@ from poseviewer.files.photo import (
     undistorted,
 )
 from poseviewer.files.pose import check_against, load_pose
+from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_from_json
@@ -66,58 +68,108 @@ def open_files(
     renderer_of(registration.mesh)  # made now, and not when the main loop waits for it
     candidates, warnings = Candidates(), registration.warnings
     for path in others:
-        candidate, notes = open_candidate(path, path.name)
+        candidate, notes = open_candidate(path)
         candidates = candidates.with_model_of(document).with_candidate(candidate)
         warnings = (*warnings, *notes)
     return Opened(document, warnings, candidates=candidates)
 
 
-def open_candidate(path: Path, name: str) -> tuple[CandidateModel, tuple[str, ...]]:
-    """A model that the photo may show, called by a name; and what is to be said of it.
+def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
+    """A model that the photo may show, and what is to be said of it.
 
     Raises:
         PoseViewerError: it cannot be used.
     """
-    model = replace(load_model(path), name=name)
+    model = load_model(path)
     notes = tuple(f"{path.name}: {note}" for note in model.mesh.notes)
     return CandidateModel(model, path), notes
 
 
-def open_photo(now: Document, path: Path, name: str) -> Iterator[Opened]:
-    """Another photo under the model at hand, which keeps its view.
+def open_chosen(now: Document, chosen: Chosen, models: Sequence[Path]) -> Opened:
+    """What was chosen of a set of files, on what is at hand; ``models``: where the chosen model,
+    and the others beside it, lie with all that they name.
 
     Raises:
-        PoseViewerError: the photo cannot be used.
+        PoseViewerError: one of the files cannot be used.
     """
-    photo = replace(load_photo(path), name=name)
+    document, warnings = now, list(chosen.notes)
+    photo, candidates, pose_alone = chosen.photo, Candidates(), False
+    if photo is None and chosen.calibration is not None:
+        photo = now.photo_path
+    if photo is not None:
+        opened = open_photo(document, photo, chosen.calibration)
+        document, warnings = opened.document, [*warnings, *opened.warnings]
+    if chosen.model is not None:
+        known = chosen.model.path == now.model_path
+        opened = (completed if known else open_model)(document, models[0])
+        document, warnings = opened.document, [*warnings, *opened.warnings]
+    if chosen.place is not None:
+        document = document.started_from(Pose(document.pose.camera, chosen.place))
+    if chosen.pose is not None:
+        (opened,) = open_pose(document, chosen.pose)
+        pose_alone = opened.pose_alone and document is now
+        document, warnings = opened.document, [*warnings, *opened.warnings]
+    for path in models[1:]:
+        candidate, notes = open_candidate(path)
+        candidates = candidates.with_candidate(candidate)
+        warnings += notes
+    return Opened(document, tuple(warnings), pose_alone, candidates=candidates)
+
+
+def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Opened:
+    """Another photo under the model at hand, which keeps its view; or a calibrated camera for the
+    photo at hand, in which the model keeps its place.
+
+    Raises:
+        PoseViewerError: the photo or its camera cannot be used.
+    """
+    photo = load_calibrated_photo(path, calibration)
     camera = photo.default_camera()
     mesh, rotation = now.registration.mesh, now.pose.camera_from_model.rotation
-    placed = look_from("three-quarter", mesh, now.registration.keypoints, camera).camera_from_model
-    middle = placed.apply(mesh.centre)
-    pose = Pose(camera, RigidTransform(rotation, middle - rotation @ mesh.centre))
+    if path == now.photo_path:
+        pose = with_camera(now.pose, camera, mesh.centre)
+    else:
+        keypoints = now.registration.keypoints
+        placed = look_from("three-quarter", mesh, keypoints, camera).camera_from_model
+        middle = placed.apply(mesh.centre)
+        pose = Pose(camera, RigidTransform(rotation, middle - rotation @ mesh.centre))
     registration = replace(now.registration, photo=photo, start=pose, warnings=())
     settings = replace(now.settings, region=None)
     document = replace(
         now, registration=registration, pose=pose, photo_path=path, settings=settings, marks=Marks()
     )
     warnings = [f"{photo.name}: {note}" for note in photo.notes]
-    if now.registration.photo.undistortion is not None:
-        warnings.append(f"{photo.name}: shown as taken, with its distortion; restart to calibrate.")
-    yield Opened(document, tuple(warnings))
+    if now.registration.photo.undistortion is not None and calibration is None:
+        warnings.append(
+            f"{photo.name}: shown as taken, with its distortion; drop it with its file of cameras."
+        )
+    return Opened(document, tuple(warnings))
 
 
-def open_model(now: Document, path: Path, name: str) -> Iterator[Opened]:
+def completed(now: Document, path: Path) -> Opened:
+    """The model at hand with files that it missed: its pose, and all that is marked on it, stays.
+
+    Raises:
+        PoseViewerError: the model cannot be used.
+    """
+    model = load_model(path)
+    registration = with_mesh(now.registration, model)
+    notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
+    renderer_of(model.mesh)
+    return Opened(replace(now, registration=registration, model_path=path), notes)
+
+
+def open_model(now: Document, path: Path) -> Opened:
     """Another model on the photo at hand, seen from a corner.
 
     Raises:
         PoseViewerError: the model cannot be used.
     """
     registration = _without_pose(now.registration.photo, path, now.pose)
-    registration = replace(registration, mesh_name=name)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
     document = Document(registration, registration.start, settings, (), now.photo_path, path)
     renderer_of(registration.mesh)
-    yield Opened(document, registration.warnings)
+    return Opened(document, registration.warnings)
 
 
 def open_pose(now: Document, path: Path) -> Iterator[Opened]:

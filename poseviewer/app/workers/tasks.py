@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
-from poseviewer.app.state.requests import Download, Upload
+from poseviewer.app.state.requests import Answer, Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     Opened,
     open_candidate,
-    open_model,
-    open_photo,
+    open_chosen,
     open_pose,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
 from poseviewer.batch.review import ReviewRow
-from poseviewer.errors import PoseViewerError, QuickStartError
+from poseviewer.errors import QuickStartError
+from poseviewer.files.file_set import ModelFiles, files_below, nothing_to_open, sort_set
+from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
 from poseviewer.files.state.folder import last_pose
-from poseviewer.files.state.uploads import display_name, keep_upload
+from poseviewer.files.state.uploads import gathered, keep_set
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import StartInputs
 from poseviewer.starts.wheels import find_wheels
@@ -59,7 +60,16 @@ class Found:
     warnings: tuple[str, ...] = ()
 
 
-Result = Opened | Exported | Found | Reviewed
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """What files do not say, for the page that sent them."""
+
+    client: int
+    choosing: Choosing
+    question: Question
+
+
+Result = Opened | Exported | Found | Reviewed | Asked
 Task = Callable[[Session], Iterator[Result]]
 """Work on what is open when it begins."""
 
@@ -70,6 +80,7 @@ class Tasks:
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
         self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
+        self._uploads = state / "uploads"
         self._waiting: deque[Task] = deque()
 
     def add(self, task: Task | None) -> None:
@@ -78,23 +89,47 @@ class Tasks:
             self._waiting.append(task)
 
     def add_upload(self, upload: Upload) -> None:
-        """Keep an uploaded file, and open it on what is open by then."""
+        """Keep uploaded files, and open them on what is open by then; what they do not say is
+        asked.
+        """
 
-        def run(session: Session) -> Iterator[Opened | Found]:
-            folder = self._state / "uploads"
-            path = keep_upload(folder, upload.name, upload.data, upload.kind, in_use=session.paths)
-            now, name = session.document, display_name(upload.name)
-            if upload.kind == "photo":
-                opened = open_photo(now, path, name)
-            elif upload.beside:
-                opened = _add_candidate(path, name)
-            elif upload.kind == "model":
-                opened = open_model(now, path, name)
-            else:
-                opened = open_pose(now, path)
-            return _under_its_name(opened, path.name, name)
+        def run(session: Session) -> Iterator[Opened | Asked | Found]:
+            root = keep_set(self._uploads, upload.data, in_use=session.paths)
+            at_hand = None if upload.beside else session.document.model_path
+            found = sort_set(root, files_below(root), upload.kind, at_hand)
+            if found.is_empty or (upload.beside and not found.models):
+                raise nothing_to_open(found, upload.kind)
+            if not upload.beside:
+                return self._choose(choose(found), None, upload.client, session)
+            return self._add_candidates(found.models, session)
 
         self.add(run)
+
+    def add_answer(self, given: Answer) -> None:
+        """Go on with what was asked."""
+        self.add(lambda now: self._choose(given.choosing, given.answer, given.client, now))
+
+    def _choose(
+        self, choosing: Choosing, answer: str | None, client: int, session: Session
+    ) -> Iterator[Opened | Asked | Found]:
+        try:
+            question = choosing.send(answer)
+        except StopIteration as end:
+            chosen: Chosen = end.value
+            models = () if chosen.model is None else (chosen.model, *chosen.others)
+            paths = [gathered(self._uploads, model, in_use=session.paths) for model in models]
+            opened = open_chosen(session.document, chosen, paths)
+            nothing = opened.document is session.document  # the user wanted none of it
+            yield Found((), opened.warnings) if nothing else opened
+        else:
+            yield Asked(client, choosing, question)
+
+    def _add_candidates(self, models: Sequence[ModelFiles], session: Session) -> Iterator[Found]:
+        opened = [open_candidate(gathered(self._uploads, m, in_use=session.paths)) for m in models]
+        yield Found(
+            tuple(AddCandidate(candidate) for candidate, _ in opened),
+            tuple(note for _, notes in opened for note in notes),
+        )
 
     def add_last_pose(self) -> None:
         """Open the pose that was saved last, as a start on what is open by then."""
@@ -140,20 +175,3 @@ def find_wheels_in_region(session: Session) -> Iterator[Found]:
     found = find_wheels(StartInputs(photo, own.mesh, own.keypoints), region, camera, is_guess)
     laid = LayWheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
     yield Found((SetTool("wheels"), laid))
-
-
-def _add_candidate(path: Path, name: str) -> Iterator[Found]:
-    candidate, notes = open_candidate(path, name)
-    yield Found((AddCandidate(candidate),), notes)
-
-
-def _under_its_name(
-    opened: Iterator[Opened] | Iterator[Found], kept: str, name: str
-) -> Iterator[Opened | Found]:
-    """What is said of an uploaded file calls it as its user does, not as it was ``kept``."""
-    try:
-        for item in opened:
-            warnings = tuple(warning.replace(kept, name, 1) for warning in item.warnings)
-            yield replace(item, warnings=warnings)
-    except PoseViewerError as error:
-        raise type(error)(str(error).replace(kept, name, 1)) from error

@@ -92,12 +92,7 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
 
     The model's world is taken for the frame of poseviewer's model.
     """
-    reading = Reading(path / "images.txt")
-    lines, images = _lines(reading.path), []
-    for line in lines:
-        if line:
-            images.append(line.split())
-            next(lines, None)  # its points
+    reading, images = Reading(path / "images.txt"), _images(path)
     names = [" ".join(words[9:]) for words in images]
     words = the_one(reading, request, "images", names, images)
     if len(words) < 10:
@@ -118,6 +113,25 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
     camera, lens = colmap_camera(of_cameras, row)
     size_of(of_cameras, request, camera.width, camera.height)
     return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
+
+
+def colmap_photos(path: Path) -> list[str]:
+    """The names of the photos in the text model of the folder ``path``, from its folder of photos.
+
+    Raises:
+        PoseFileError: it is no such model.
+    """
+    return [" ".join(words[9:]) for words in _images(path)]
+
+
+def _images(path: Path) -> list[list[str]]:
+    """The words of each image's first line."""
+    lines, images = _lines(path / "images.txt"), []
+    for line in lines:
+        if line:
+            images.append(line.split())
+            next(lines, None)  # its points
+    return images
 
 
 def _lines(path: Path) -> Iterator[str]:

@@ -1,80 +1,120 @@
-"""Files that come from a browser: checked, and kept under names that poseviewer gives."""
+"""Files that come from a browser: checked, and kept as the sets that they came in."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shutil
-from collections.abc import Collection
-from pathlib import Path
-from typing import Literal
+import stat
+import tempfile
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Iterator
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import IO, Literal
 
-from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError, PoseViewerError
+from poseviewer.errors import FileSetError
+from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system
 from poseviewer.files.mesh.load import READERS
-from poseviewer.files.writing import write_whole
-
-Kind = Literal["photo", "model", "pose"]
+from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.photo import ENDINGS
+from poseviewer.files.writing import sha256_of
 
 LARGEST_UPLOAD = 200_000_000
 """Bytes: viser holds an upload in memory."""
+LARGEST_UNPACKED = 1_000_000_000
+"""Bytes of a zip's content."""
 KEPT = 20
 """Newest uploads that stay."""
 LONGEST_NAME = 80
-ENDINGS: dict[Kind, tuple[str, ...]] = {
-    "photo": (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"),
-    "model": tuple(READERS),
+LONGEST_PART = 100
+"""Characters of a name on disk: file systems take 255 bytes."""
+FOLDER_NAME = re.compile(r"[0-9a-f]{16}")
+ACCEPTED = {
+    "photo": (*ENDINGS, ".json", ".yml", ".yaml", ".xml", ".zip"),
+    "model": (*READERS, ".mtl", ".bin", *ENDINGS, ".json", ".zip"),
     "pose": (".json",),
 }
-ERRORS: dict[Kind, type[PoseViewerError]] = {
-    "photo": PhotoFileError,
-    "model": MeshFileError,
-    "pose": PoseFileError,
-}
-FOLDER_NAME = re.compile(r"[0-9a-f]{16}")
+"""Endings that a file chooser offers first."""
+LEADS_OUT = re.compile(r"^([/\\]|[A-Za-z]:)|(^|[/\\])\.\.([/\\]|$)")
+"""Of a path: absolute, or with a step up."""
+NO_NAME = re.compile(r'[<>:"|?*]')
+"""What names cannot hold on Windows."""
+RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+"""Names of devices on Windows."""
 
 
-def keep_upload(
-    folder: Path,
-    name: str,
-    data: bytes,
-    kind: Kind,
-    largest_bytes: int = LARGEST_UPLOAD,
-    kept: int = KEPT,
-    in_use: Collection[Path] = (),
-) -> Path:
-    """Keep an uploaded file in ``folder`` as ``<its fingerprint>/<kind><ending>``.
+def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
+    """Files as a page sends them: a line of JSON, a list of [path, bytes], then all the bytes."""
+    files = list(files)
+    head = json.dumps([[name, len(data)] for name, data in files]).encode()
+    return b"\n".join([head, b"".join(data for _, data in files)])
 
-    Of the name that the browser gives only the ending is used, and only as a choice among
-    ``ENDINGS``. The same bytes go to the same place. All but the ``kept`` newest and those
-    ``in_use`` (paths that this function gave) are removed.
+
+def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Path] = ()) -> Path:
+    """Keep a set of files that a page sent (see ``pack``) in a folder of its own, whose path is
+    given; zips among them are unpacked beside them.
+
+    The files keep their names, as far as any system can have them, and never lie outside. The same
+    bytes go to the same place. All but the ``kept`` newest sets and those ``in_use`` (files in
+    them) are removed.
 
     Raises:
-        PoseViewerError: the kind's own: empty, too large, of an unknown ending, or the folder
-            cannot be written to.
+        FileSetError: the bytes are not such a set, a zip is damaged, leads out or is too large, or
+            the folder cannot be written to.
     """
-    error, shown = ERRORS[kind], display_name(name)
-    ending = _known_ending(name, kind)
-    if ending is None:
-        known = ", ".join(ENDINGS[kind])
-        raise error(f"{shown}: not the name of a {kind} file; wanted one that ends in {known}.")
-    if not data:
-        raise error(f"{shown}: an empty file; wanted a {kind}, choose another file.")
-    problem = too_large(shown, len(data), largest_bytes)
-    if problem:
-        raise error(problem)
-    place = folder / hashlib.sha256(data).hexdigest()[:16]
-    path = place / f"{kind}{ending}"
+    files = _unpacked(data)
+    fingerprint = hashlib.sha256(data).hexdigest()[:16]
+    shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
+
+    def fill(place: Path) -> None:
+        for name, content in files:
+            path = _free(place / safe_path(name))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.suffix.lower() == ".zip":
+                _unzip(BytesIO(content), display_name(name), path.with_suffix(""))
+            else:
+                path.write_bytes(content)
+
+    return _kept(folder, fingerprint, fill, shown, kept, in_use)
+
+
+def gathered(
+    folder: Path, model: ModelFiles, kept: int = KEPT, in_use: Collection[Path] = ()
+) -> Path:
+    """The model where its reader finds all that it names: in its place, else as a copy in
+    ``folder``, as ``keep_set`` keeps one.
+
+    Raises:
+        FileSetError: the folder cannot be written to.
+    """
+    if not model.scattered:
+        return model.path
+    files = {PurePosixPath(model.path.name): model.path}
+    for written, path in model.named.items():
+        # Material files lie beside the model: what they name is sought from where they lie.
+        bare = path.suffix.lower() == ".mtl" or LEADS_OUT.search(written)
+        files.setdefault(safe_path(bare_name(written) if bare else written), path)
     try:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(path, data, error)
-        place.touch()
-        _remove_old(folder, kept, {place.name, *(used.parent.name for used in in_use)})
-    except OSError as failed:
-        raise error(
-            f"{shown}: cannot be kept in {folder} ({failed.strerror}); check that the folder is "
-            "yours to write to."
-        ) from failed
-    return path
+        marks = [f"{name} {sha256_of(path)}" for name, path in files.items()]
+    except OSError as error:
+        raise FileSetError(f"{model.path.name}: cannot be read ({error.strerror}).") from error
+
+    def fill(place: Path) -> None:
+        for name, path in files.items():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, place / name)
+
+    fingerprint = hashlib.sha256("\n".join(marks).encode()).hexdigest()[:16]
+    place = _kept(folder, fingerprint, fill, model.path.name, kept, in_use)
+    return place / model.path.name
+
+
+def safe_path(name: str) -> PurePosixPath:
+    """A path from a browser or a zip as one that any system can have, and that never leads out."""
+    parts = [_safe_part(part) for part in re.split(r"[/\\]", name)]
+    return PurePosixPath(*[part for part in parts if part] or ["unnamed"])
 
 
 def too_large(name: str, size: int, largest: int = LARGEST_UPLOAD) -> str:
@@ -87,14 +127,26 @@ def too_large(name: str, size: int, largest: int = LARGEST_UPLOAD) -> str:
     )
 
 
-def why_unfit(name: str, size: int) -> str:
-    """Why a page's file, with the name and size (bytes) that the browser gives, is not taken."""
-    known = ", ".join(ending for endings in ENDINGS.values() for ending in endings)
+def why_unfit(name: str, size: int, count: int = 1) -> str:
+    """Why a page does not send a file, or ``count`` files together, of the name and the size
+    (bytes) that the browser gives.
+    """
     shown = display_name(name)
-    return too_large(shown, size) or (
-        f"{shown}: not the name of a photo, a model or a pose file; wanted one that "
-        f"ends in {known}."
-    )
+    if count > MOST_FILES:
+        return (
+            f"{shown}: more than {MOST_FILES:,} files; drop those alone that belong to one photo "
+            "and its model, or start poseviewer with the folder's path."
+        )
+    return too_large(shown if count == 1 else f"{shown} ({count:,} files)", size)
+
+
+def why_not_sent(name: str, trouble: Literal["unreadable", "empty"]) -> str:
+    """Why a page sends nothing of a folder or a file that was dropped on it."""
+    found = {
+        "empty": "an empty folder; drop one that holds a photo, a model or a pose",
+        "unreadable": "cannot be read any more; is it still there? Drop it again",
+    }
+    return f"{display_name(name)}: {found[trouble]}."
 
 
 def display_name(name: str) -> str:
@@ -108,8 +160,117 @@ def display_name(name: str) -> str:
     return shown or "unnamed"
 
 
-def _known_ending(name: str, kind: Kind) -> str | None:
-    return next((e for e in ENDINGS[kind] if name.lower().endswith(e)), None)
+def _unpacked(data: bytes) -> list[tuple[str, bytes]]:
+    head, _, rest = data.partition(b"\n")
+    try:
+        entries = [(str(name), int(size)) for name, size in json.loads(head)]
+    except (ValueError, TypeError, RecursionError):
+        entries = []
+    if not entries or any(size < 0 for _, size in entries):
+        raise FileSetError("The upload is no set of files; reload the page and try again.")
+    if sum(size for _, size in entries) != len(rest):
+        raise FileSetError(
+            f"{display_name(entries[0][0])}: {len(rest):,} bytes came, and more or fewer were "
+            "announced; the upload was cut off, drop it again."
+        )
+    if len(entries) > MOST_FILES:
+        raise FileSetError(why_unfit(entries[0][0], len(rest), len(entries)))
+    files, at = [], 0
+    for name, size in entries:
+        files.append((name, rest[at : at + size]))
+        at += size
+    return files
+
+
+def _unzip(file: IO[bytes], name: str, place: Path) -> None:
+    """Unpack a zip into the folder ``place``.
+
+    Raises:
+        FileSetError: it is damaged or encrypted, too large, or a path or a link leads out of it.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            entries = list(_entries(archive, name))
+            for entry in entries:
+                path = place / safe_path(entry.filename)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(entry) as source, path.open("wb") as target:
+                    shutil.copyfileobj(source, target)
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, ValueError, RuntimeError) as error:
+        words = " ".join(str(error).split())[:80] or type(error).__name__
+        raise FileSetError(
+            f"{name}: not a zip that can be read ({words}); is it whole, and without a password? "
+            "Make it again."
+        ) from error
+
+
+def _entries(archive: zipfile.ZipFile, name: str) -> Iterator[zipfile.ZipInfo]:
+    """The files of a zip that are wanted; what leads out of it is refused before any is written."""
+    size, count = 0, 0
+    for entry in archive.infolist():
+        parts = re.split(r"[/\\]", entry.filename)
+        if LEADS_OUT.search(entry.filename):
+            raise FileSetError(
+                f"{name}: the path {entry.filename[:80]!r} leads out of the zip; nothing was "
+                "unpacked, make it again from inside its folder."
+            )
+        if stat.S_ISLNK(entry.external_attr >> 16):
+            raise FileSetError(
+                f"{name}: {entry.filename[:80]!r} is a link; nothing was unpacked, make the zip "
+                "again with the file itself."
+            )
+        if entry.is_dir() or any(is_of_system(part) for part in parts):
+            continue
+        size, count = size + entry.file_size, count + 1
+        if size > LARGEST_UNPACKED or count > MOST_FILES:
+            raise FileSetError(
+                f"{name}: unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files; "
+                "unpack it yourself and start poseviewer with the path of what is needed."
+            )
+        yield entry
+
+
+def _kept(
+    folder: Path,
+    fingerprint: str,
+    fill: Callable[[Path], None],
+    shown: str,
+    kept: int,
+    in_use: Collection[Path],
+) -> Path:
+    """The folder of a fingerprint, filled whole or not at all."""
+    place = folder / fingerprint
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not place.is_dir():
+            with tempfile.TemporaryDirectory(dir=folder, prefix="new-") as new:
+                (Path(new) / "set").mkdir()
+                fill(Path(new) / "set")
+                (Path(new) / "set").rename(place)
+        place.touch()
+        inside = [used.relative_to(folder).parts[0] for used in in_use if folder in used.parents]
+        _remove_old(folder, kept, {place.name, *inside})
+    except OSError as failed:
+        raise FileSetError(
+            f"{shown}: cannot be kept in {folder} ({failed.strerror}); check that the folder is "
+            "yours to write to, and that there is room."
+        ) from failed
+    return place
+
+
+def _safe_part(part: str) -> str:
+    """One name of a path; "" for what leads nowhere."""
+    part = "".join(c if c.isprintable() else "_" for c in NO_NAME.sub("_", part)).strip()
+    part = part.rstrip(". ")
+    if len(part) > LONGEST_PART:
+        part = f"{part[: LONGEST_PART // 2]}{part[-LONGEST_PART // 2 :]}"
+    return f"_{part}" if RESERVED.fullmatch(part) else part
+
+
+def _free(path: Path) -> Path:
+    """The path, in a folder of its own where it is taken."""
+    places = (path, *(path.parent / str(number) / path.name for number in range(2, MOST_FILES)))
+    return next(place for place in places if not place.exists())
 
 
 def _remove_old(folder: Path, kept: int, needed: set[str]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.files.state.uploads import LARGEST_UPLOAD
+from poseviewer.files.state.uploads import LARGEST_UPLOAD, pack
 from tests.app.running_app import RunningApp, running_app
 from tests.app.socket_page import SocketPage
 from tests.scene import Scene
@@ -65,7 +65,7 @@ def test_progress_is_told_to_its_own_page(running: RunningApp) -> None:
         photo = running.scene.photo
         assert_taken(page, photo, "mine.png")
         other.wait_until(lambda: other.text_with("**mine.png**"))
-        size = photo.stat().st_size
+        size = len(pack([("mine.png", photo.read_bytes())]))
         page.wait_until(lambda: page.shown.progress)  # its own messages may come after everybody's
         assert page.shown.progress == [(size, size)]
         with running.page() as later:

@@ -1,20 +1,30 @@
+"""What a page sends, kept on disk: under its own names, and never outside."""
+
 from __future__ import annotations
 
+import json
 import os
+import stat
+import zipfile
+from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError, PoseViewerError
+from poseviewer.errors import FileSetError
+from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.state.uploads import (
-    ENDINGS,
+    LARGEST_UNPACKED,
     LARGEST_UPLOAD,
-    Kind,
     display_name,
-    keep_upload,
+    keep_set,
+    pack,
+    safe_path,
+    why_not_sent,
     why_unfit,
 )
 
@@ -28,102 +38,215 @@ ODD_NAMES = (
     "x" * 5000 + ".obj",
     "модель 車 🚗.obj",
     "con.obj",
-    ".obj",
     "a.png.obj",
     "a\n\r\x1b[31m.obj",
     "\u202ejbo.\udc80.obj",
     "<script>alert(1)</script>.obj",
+    "..",
+    "",
 )
+
+
+def zipped(files: Mapping[str, bytes]) -> bytes:
+    held = BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return held.getvalue()
+
+
+def keep(folder: Path, files: Mapping[str, bytes], **more) -> Path:
+    return keep_set(folder, pack(files.items()), **more)
+
+
+def below(folder: Path) -> list[str]:
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
 @pytest.mark.parametrize("name", ODD_NAMES)
-def test_an_uploaded_name_never_becomes_a_path(tmp_path: Path, name: str) -> None:
+def test_a_name_never_leads_out(tmp_path: Path, name: str) -> None:
     folder = tmp_path / "a" / "uploads"
-    path = keep_upload(folder, name, TRIANGLE, "model")
-    assert path.parent.parent == folder
-    assert path.name == "model.obj"
+    place = keep(folder, {name: TRIANGLE})
+    assert place.parent == folder
+    (path,) = (p for p in tmp_path.rglob("*") if p.is_file())
+    assert place in path.parents
     assert path.read_bytes() == TRIANGLE
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
-    assert len(load_mesh(path).faces) == 1
+    if path.suffix:
+        assert len(load_mesh(path).faces) == 1
 
 
-@pytest.mark.parametrize("kind", ["photo", "model", "pose"])
-def test_every_ending_keeps_its_kind(tmp_path: Path, kind: Kind) -> None:
-    for ending in ENDINGS[kind]:
-        path = keep_upload(tmp_path, f"thing{ending.upper()}", b"some bytes", kind)
-        assert path.name == f"{kind}{ending}"
+@given(st.text(st.characters(), max_size=300))
+def test_paths_of_any_text_stay_inside(name: str) -> None:
+    parts = safe_path(name).parts
+    assert parts
+    for part in parts:
+        assert part.isprintable()
+        assert part.strip(". ")
+        assert len(part.encode()) <= 4 * 100 + 1
+        assert not set(part) & set('/\\<>:"|?*')
+
+
+def test_names_and_folders_are_kept_as_they_are(tmp_path: Path) -> None:
+    files = {"car/модель 車.obj": b"1", "car/maps/wood 1.png": b"2", "photo.jpg": b""}
+    place = keep(tmp_path, files)
+    assert below(place) == sorted(files)
+    assert {name: (place / name).read_bytes() for name in files} == files
+
+
+def test_two_files_of_one_name_are_both_kept(tmp_path: Path) -> None:
+    place = keep_set(tmp_path, pack([("a.png", b"1"), ("a.png", b"2")]))
+    assert {(place / name).read_bytes() for name in below(place)} == {b"1", b"2"}
 
 
 def test_the_same_bytes_go_to_the_same_place(tmp_path: Path) -> None:
-    first = keep_upload(tmp_path, "a.obj", TRIANGLE, "model")
-    assert keep_upload(tmp_path, "b.obj", TRIANGLE, "model") == first
-    assert keep_upload(tmp_path, "b.obj", TRIANGLE + b"\n", "model") != first
-    assert len(list(tmp_path.iterdir())) == 2
+    first = keep(tmp_path, {"a.obj": TRIANGLE})
+    assert keep(tmp_path, {"a.obj": TRIANGLE}) == first
+    assert keep(tmp_path, {"a.obj": TRIANGLE + b"\n"}) != first
+    assert keep(tmp_path, {"b.obj": TRIANGLE}) != first
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "kind", "error", "text"),
-    [
-        ("car.obj", b"", "model", MeshFileError, "car.obj: an empty file; wanted a model"),
-        ("car.obj", b"12345678901", "model", MeshFileError, "car.obj: 11 bytes; up to 10 can be"),
-        ("car.exe", b"1", "model", MeshFileError, "ends in .obj, .ply, .stl, .off, .glb, .gltf"),
-        ("car", b"1", "model", MeshFileError, "car: not the name of a model file"),
-        ("", b"1", "model", MeshFileError, "unnamed: not the name of a model file"),
-        ("car.obj/", b"1", "model", MeshFileError, "unnamed: not the name"),
-        ("car.png\0", b"1", "photo", PhotoFileError, "car.png: not the name of a photo file"),
-        ("car.obj", b"1", "photo", PhotoFileError, "ends in .jpg, .jpeg, .png"),
-        ("pose.txt", b"1", "pose", PoseFileError, "ends in .json."),
-    ],
+    "data",
+    [b"", b"{}", b"PK\x03\x04", b"[]\n", b'[["a", -1]]\n', b"[3]\n1", b'[["a"]]\n', b"[" * 9000],
 )
-def test_what_cannot_be_used_is_refused_in_one_sentence(
-    tmp_path: Path, name: str, data: bytes, kind, error: type[PoseViewerError], text: str
-) -> None:
-    with pytest.raises(error) as caught:
-        keep_upload(tmp_path, name, data, kind, largest_bytes=10)
-    assert text in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_what_no_page_of_ours_sends_is_refused(tmp_path: Path, data: bytes) -> None:
+    with pytest.raises(FileSetError, match="no set of files; reload the page"):
+        keep_set(tmp_path, data)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_unfit_is_said_before_it_is_sent() -> None:
+def test_an_upload_that_is_cut_off_is_said(tmp_path: Path) -> None:
+    data = pack([("car.obj", TRIANGLE), ("wood.png", 1000 * b"x")])
+    with pytest.raises(FileSetError, match=r"^car\.obj: .*the upload was cut off, drop it again"):
+        keep_set(tmp_path, data[:-1])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_zip_is_unpacked_beside_the_others(tmp_path: Path) -> None:
+    inside = {"car/a.obj": TRIANGLE, "car/maps/wood.png": b"2", "__MACOSX/car/._a.obj": b"3"}
+    place = keep(tmp_path, {"My Car.ZIP": zipped(inside), "photo.jpg": b"4"})
+    assert below(place) == ["My Car/car/a.obj", "My Car/car/maps/wood.png", "photo.jpg"]
+
+
+LEADING_OUT = (
+    "../x.obj",
+    "a/../../x.obj",
+    "/etc/x.obj",
+    "C:\\x.obj",
+    "..\\x.obj",
+    "\\x.obj",
+    "c:x",
+)
+
+
+@pytest.mark.parametrize("name", LEADING_OUT)
+def test_a_zip_that_leads_out_is_refused_whole(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "a" / "uploads"
+    with pytest.raises(
+        FileSetError, match=r"^bad\.zip: the path .* leads out of the zip"
+    ) as caught:
+        keep(folder, {"bad.zip": zipped({"fine.obj": TRIANGLE, name: b"1"})})
+    assert "\n" not in str(caught.value)
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+    assert list(folder.iterdir()) == []
+
+
+def test_a_link_in_a_zip_is_refused(tmp_path: Path) -> None:
+    entry = zipfile.ZipInfo("wood.png")
+    entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+    held = BytesIO()
+    with zipfile.ZipFile(held, "w") as archive:
+        archive.writestr(entry, "/etc/passwd")
+    with pytest.raises(
+        FileSetError, match=r"^bad\.zip: 'wood\.png' is a link; nothing was unpacked"
+    ):
+        keep(tmp_path, {"bad.zip": held.getvalue()})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_zips_that_unpack_to_too_much_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("poseviewer.files.state.uploads.LARGEST_UNPACKED", 10_000)
+    with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
+        keep(tmp_path, {"b.zip": zipped({"a": 6000 * b"\0", "b": 6000 * b"\0"})})
+    monkeypatch.setattr("poseviewer.files.state.uploads.MOST_FILES", 5)
+    with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
+        keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
+    assert list(tmp_path.iterdir()) == []
+    assert LARGEST_UNPACKED > LARGEST_UPLOAD
+
+
+def test_a_zip_that_says_less_than_it_holds_is_refused(tmp_path: Path) -> None:
+    data = zipped({"a.obj": 100_000 * b"x"})
+    size = (100_000).to_bytes(4, "little")
+    with pytest.raises(FileSetError, match=r"^b\.zip: not a zip that can be read"):
+        keep(tmp_path, {"b.zip": data.replace(size, (10).to_bytes(4, "little"))})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("cut", [0, 10, 0.5, -1])
+def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: float) -> None:
+    data = zipped({"a.obj": TRIANGLE, "b.png": os.urandom(3000)})
+    part = data[: int(cut * len(data))] if isinstance(cut, float) else data[:cut]
+    with pytest.raises(FileSetError, match=r"^b\.zip: not a zip that can be read .*Make it again"):
+        keep(tmp_path, {"b.zip": part})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_encrypted_zip_is_refused(tmp_path: Path) -> None:
+    data = bytearray(zipped({"a.obj": TRIANGLE}))
+    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        data[data.index(signature) + flags] |= 1
+    with pytest.raises(FileSetError, match=r"^b\.zip: .* without a password"):
+        keep(tmp_path, {"b.zip": bytes(data)})
+
+
+def test_why_a_page_sends_nothing() -> None:
     assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
-    assert why_unfit("notes.txt", 5).startswith("notes.txt: not the name of a photo, a model or")
-    for ending in (".jpg", ".glb", ".json"):
-        assert ending in why_unfit("notes.txt", 5)
+    assert why_unfit("trip", 10**9, 1000).startswith("trip (1,000 files): 1,000,000,000 bytes; up")
+    assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
+    assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
+    assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
 
 
-def test_the_largest_size_itself_is_kept(tmp_path: Path) -> None:
-    assert keep_upload(tmp_path, "a.json", b"{}" * 5, "pose", largest_bytes=10).exists()
+def test_more_files_than_a_page_sends_are_refused(tmp_path: Path) -> None:
+    names = [[f"{i}.txt", 0] for i in range(MOST_FILES + 1)]
+    with pytest.raises(FileSetError, match="more than 10,000 files"):
+        keep_set(tmp_path, json.dumps(names).encode() + b"\n")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
     (tmp_path / "notes").mkdir()
     paths = []
     for i in range(6):
-        paths.append(keep_upload(tmp_path, "a.json", b"%d" % i, "pose", kept=3))
+        paths.append(keep(tmp_path, {"a.json": b"%d" % i}, kept=3))
         # Clocks of file systems are coarse: age what is there by hand.
-        os.utime(paths[-1].parent, ns=(i * 10**9, i * 10**9))
-    again = keep_upload(tmp_path, "a.json", b"3", "pose", kept=3)
+        os.utime(paths[-1], ns=(i * 10**9, i * 10**9))
+    again = keep(tmp_path, {"a.json": b"3"}, kept=3)
     assert [path.exists() for path in paths] == [False, False, False, True, True, True]
     assert again == paths[3]
-    keep_upload(tmp_path, "a.json", b"new", "pose", kept=2)
+    keep(tmp_path, {"a.json": b"new"}, kept=2)
     assert [path.exists() for path in paths] == [False, False, False, True, False, False]
     assert (tmp_path / "notes").is_dir()
 
 
 def test_uploads_in_use_stay(tmp_path: Path) -> None:
-    used = keep_upload(tmp_path, "a.json", b"used", "pose")
-    os.utime(used.parent, ns=(0, 0))
-    other = keep_upload(tmp_path, "a.json", b"other", "pose")
-    os.utime(other.parent, ns=(1, 1))
-    new = keep_upload(tmp_path, "a.json", b"new", "pose", kept=0, in_use=[used])
+    used = keep(tmp_path, {"car/maps/a.png": b"used"})
+    os.utime(used, ns=(0, 0))
+    other = keep(tmp_path, {"a.json": b"other"})
+    os.utime(other, ns=(1, 1))
+    in_use = [used / "car" / "maps" / "a.png", Path("/elsewhere/a.png")]
+    new = keep(tmp_path, {"a.json": b"new"}, kept=0, in_use=in_use)
     assert [path.exists() for path in (used, other, new)] == [True, False, True]
 
 
 def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file is in the way")
-    with pytest.raises(PoseFileError, match=r"^a\.json: cannot be kept in .*yours to write to"):
-        keep_upload(tmp_path / "uploads", "a.json", b"{}", "pose")
+    with pytest.raises(FileSetError, match=r"^a\.json: cannot be kept in .*yours to write to"):
+        keep(tmp_path / "uploads", {"a.json": b"{}"})
 
 
 @given(st.text(st.characters(), max_size=300))

@@ -1,0 +1,177 @@
+"""What of a set of files is to be opened, and the questions that only the user can answer."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.file_set import FileSet, ModelFiles, model_files
+from poseviewer.files.keypoints import keypoints_path
+from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.photo import ENDINGS
+from poseviewer.geometry.transform import RigidTransform
+
+ALL_MODELS = "all: compare them"
+"""The answer that makes every model a candidate."""
+MOST_NAMED = 3
+"""Missing files that are asked for."""
+MOST_SHOWN = 5
+"""Names in one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One thing that the files do not say."""
+
+    text: str
+    options: tuple[str, ...]
+    """What can be answered; the last one: nothing of these."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What is to be opened; None: what is at hand stays."""
+
+    photo: Path | None = None
+    calibration: Calibration | None = None
+    """The photo's camera, or that of the one at hand."""
+    model: ModelFiles | None = None
+    others: tuple[ModelFiles, ...] = ()
+    """Further models that the photo may show."""
+    pose: Path | None = None
+    place: RigidTransform | None = None
+    """The start as a scene has it, camera from model."""
+    notes: tuple[str, ...] = ()
+
+
+Choosing = Generator[Question, str | None, Chosen]
+"""Gives questions, takes answers (None at first, then one of the options each), returns what is to
+be opened."""
+
+
+def choose(found: FileSet) -> Choosing:
+    """What is to be opened of a set.
+
+    Raises:
+        PoseViewerError: a scene in it is damaged.
+    """
+    photo, pictures = None, found.pictures
+    if found.scenes:
+        photo = yield from _photo(found, ())
+    model, others = yield from _model(found, photo)
+    if model is not None and not others:
+        model = yield from _completed(found, model)
+        pictures = tuple(path for path in pictures if path not in model.named.values())
+    if not found.scenes:
+        photo = yield from _photo(found, pictures)
+    scene, calibration, place = found.scene_of(photo), None, None
+    if scene is not None and photo is not None:
+        calibration = Calibration(scene.cameras)
+        place = None if model is None or others else scene.place(photo, model.path)
+    elif found.cameras:
+        file = yield from _one(found, "files of cameras", "has the photo's camera", found.cameras)
+        calibration = None if file is None else Calibration(file)
+    pose = yield from _one(found, "pose files", "is the start", found.poses)
+    used = {photo, *(model.named.values() if model is not None else ())}
+    unasked = found.pictures if found.photos else ()  # else they were asked about
+    notes = _not_used(found, [path for path in (*found.leftovers, *unasked) if path not in used])
+    return Chosen(photo, calibration, model, others, pose, place, notes)
+
+
+def _photo(
+    found: FileSet, pictures: Sequence[Path]
+) -> Generator[Question, str | None, Path | None]:
+    if found.photos or not pictures:
+        # What is left of the pictures is of no use beside a photo that a camera has taken.
+        return (yield from _one(found, "photos", "is to be opened", found.photos))
+    if len(pictures) == 1:
+        text = f"No file names the picture {found.label(pictures[0])}. Is it the photo?"
+    else:
+        text = f"No file names these {len(pictures)} pictures. Which one is the photo?"
+    return (yield from _asked(found, text, pictures, "none: the photo stays"))
+
+
+def _model(
+    found: FileSet, photo: Path | None
+) -> Generator[Question, str | None, tuple[ModelFiles | None, tuple[ModelFiles, ...]]]:
+    scene, models = found.scene_of(photo), found.models
+    if scene is not None and photo is not None:
+        seen = tuple(model for model in models if scene.has(photo, model.path))
+        models = seen or models
+    if len(models) < 2:
+        return (models[0] if models else None), ()
+    by_label = {found.label(model.path): model for model in models}
+    text = f"{len(models)} models came together. Which one is to be opened?"
+    answer = yield Question(text, (*by_label, ALL_MODELS, "none: the model stays"))
+    if answer == ALL_MODELS:
+        return models[0], models[1:]
+    return by_label.get(answer or ""), ()
+
+
+def _completed(found: FileSet, model: ModelFiles) -> Generator[Question, str | None, ModelFiles]:
+    """The model with what the user says is a missing file of it under another name."""
+    given: dict[str, Path] = {}
+    others = (*found.pictures, *found.leftovers)
+    for _ in range(MOST_NAMED):
+        left = [path for path in others if path not in given.values()]
+        asked = next(
+            (
+                (name, fit)
+                for name in model.missing
+                if name not in given and (fit := _of_same_kind(name, left))
+            ),
+            None,
+        )
+        if asked is None:
+            break
+        name, fit = asked
+        text = (
+            f"{model.path.name} names {bare_name(name)}, which did not come with it. "
+            "Is it one of these?"
+        )
+        answer = yield from _asked(found, text, fit, "no")
+        if answer is None:
+            break
+        given[name] = answer
+        model = model_files(model.path, (*model.named.values(), *others), given)
+    own = keypoints_path(model.path).name
+    if found.keypoints and own not in model.named:
+        text = f"No model is named like these key points. Are they those of {model.path.name}?"
+        answer = yield from _asked(found, text, found.keypoints, "no")
+        if answer is not None:
+            given[own] = answer
+            model = model_files(model.path, (*model.named.values(), *others), given)
+    return model
+
+
+def _of_same_kind(name: str, files: Sequence[Path]) -> tuple[Path, ...]:
+    """The files that may be the one that is missing."""
+    ending = Path(bare_name(name)).suffix.lower()
+    endings = ENDINGS if ending in ENDINGS else (ending,)
+    return tuple(path for path in files if path.suffix.lower() in endings)
+
+
+def _one(
+    found: FileSet, what: str, does: str, files: Sequence[Path]
+) -> Generator[Question, str | None, Path | None]:
+    if len(files) < 2:
+        return files[0] if files else None
+    return (yield from _asked(found, f"{len(files):,} {what}. Which one {does}?", files, "none"))
+
+
+def _asked(
+    found: FileSet, text: str, files: Sequence[Path], none: str
+) -> Generator[Question, str | None, Path | None]:
+    by_label = {found.label(path): path for path in files}
+    answer = yield Question(text, (*by_label, none))
+    return by_label.get(answer or none)
+
+
+def _not_used(found: FileSet, left: Sequence[Path]) -> tuple[str, ...]:
+    names = [found.label(path) for path in left]
+    if not names:
+        return ()
+    more = f" and {len(names) - MOST_SHOWN:,} more" if len(names) > MOST_SHOWN else ""
+    return (f"Not used: {', '.join(names[:MOST_SHOWN])}{more}.",)

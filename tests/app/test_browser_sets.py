@@ -1,0 +1,211 @@
+"""Files as people have them, dropped on the page in real Chromium: several, a zip, a folder."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser
+
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, keep_picture
+from tests.scene import Scene, make_scene
+from tests.textured import write_gltf, write_obj, write_ply
+
+pytestmark = pytest.mark.slow
+
+RED, BLUE = (230, 30, 20), (20, 40, 230)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return make_scene(tmp_path_factory.mktemp("files"))
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> Iterator[AppProcess]:
+    folder = tmp_path_factory.mktemp("app")
+    with AppProcess(folder, scene.photo, scene.model, "--pose", scene.start) as process:
+        yield process
+
+
+@pytest.fixture
+def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
+    tab = AppPage(browser, app.url)
+    tab.open_step(1)
+    tab.wait_for_text("m.ply")
+    yield tab
+    assert tab.errors == []
+    tab.page.close()
+
+
+def halves(path: Path) -> Path:
+    """A picture, red at the left and blue at the right."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.full((32, 32, 3), BLUE, np.uint8)
+    pixels[:, :16] = RED
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def drop(tab: AppPage, paths: Sequence[Path]) -> None:
+    """Files and folders of the disk, dropped in this order as a hand drops them."""
+    session = tab.page.context.new_cdp_session(tab.page)
+    left, top, width, height = tab.view()["box"]
+    data = {"items": [], "files": [str(path) for path in paths], "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver", "drop"):
+        session.send(
+            "Input.dispatchDragEvent",
+            {"type": kind, "x": left + width / 2, "y": top + height / 2, "data": data},
+        )
+    session.detach()
+
+
+def shown_colours(tab: AppPage) -> tuple[bool, bool]:
+    """Whether red and blue are seen in the photo's part of the window, the model drawn solid."""
+    picture = tab.settled_picture().astype(int)
+    reddish = (picture[..., 0] > 90) & (picture[..., 2] < 0.5 * picture[..., 0])
+    blueish = (picture[..., 2] > 90) & (picture[..., 0] < 0.5 * picture[..., 2])
+    return np.count_nonzero(reddish) > 300, np.count_nonzero(blueish) > 300
+
+
+def assert_textured(tab: AppPage, name: str) -> None:
+    """The model is open with its texture, under the photo that was there."""
+    tab.wait_for_text(name)
+    tab.wait_for_text("2 triangles, 1 part, 1 texture")
+    tab.wait_for_text("160 x 120 px")
+    tab.page.keyboard.press("2")
+    tab.until(lambda: shown_colours(tab) == (True, True))
+
+
+def back_to_the_scene(tab: AppPage) -> None:
+    tab.page.keyboard.press("z")
+    tab.wait_for_text("1,280 triangles")
+
+
+def written(folder: Path, write: Callable[[Path, str], Path]) -> list[Path]:
+    folder.mkdir()
+    write(folder, "wood.png")
+    halves(folder / "wood.png")
+    return sorted(folder.iterdir())
+
+
+@pytest.mark.parametrize("write", [write_obj, write_ply, write_gltf])
+def test_a_model_dropped_with_its_files_is_textured(page: AppPage, tmp_path: Path, write):
+    files = written(tmp_path / "quad", write)
+    for number, order in enumerate((files, files[::-1], [*files[1:], files[0]])):
+        drop(page, order)
+        assert_textured(page, write(tmp_path, "x").name)
+        if number == 0:
+            keep_picture(page, f"dropped_{write.__name__}")
+        back_to_the_scene(page)
+
+
+def test_a_folder_and_a_zip_are_their_files(page: AppPage, tmp_path: Path):
+    folder = tmp_path / "Wooden thing"
+    (folder / "source").mkdir(parents=True)
+    write_obj(folder / "source", "wood.png")
+    halves(folder / "textures" / "wood.png")
+    drop(page, [folder])
+    assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+    page.page.locator("input[type=file][accept=folder]").evaluate("e => (e.webkitdirectory = true)")
+    page.page.locator("input[type=file][accept=folder]").set_input_files(folder)
+    assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+    packed = tmp_path / "thing.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for path in sorted(folder.rglob("*.*")):
+            archive.write(path, path.relative_to(tmp_path))
+    drop(page, [packed])
+    assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+
+
+def test_files_chosen_together_are_a_set(page: AppPage, tmp_path: Path):
+    files = written(tmp_path / "quad", write_obj)
+    with page.page.expect_file_chooser() as chooser:
+        page.page.get_by_role("button", name="Model ...", exact=True).click()
+    assert chooser.value.is_multiple()
+    chooser.value.set_files([str(path) for path in files])
+    assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+
+
+def test_what_is_missed_may_be_dropped_later_and_the_pose_stays(page: AppPage, tmp_path: Path):
+    files = written(tmp_path / "quad", write_obj)
+    mtl, obj, wood = files
+    drop(page, [obj])
+    page.wait_for_text("Material file left out: quad.mtl is not there")
+    page.wait_for_text("2 triangles, 1 part, no colours")
+    page.page.keyboard.press("2")
+    before = page.settled_picture()
+    drop(page, [wood, mtl])
+    assert_textured(page, "quad.obj")
+    moved = np.any(before != page.settled_picture(), axis=2)
+    drop(page, [tmp_path / "quad"])  # again, and now as a whole
+    page.page.wait_for_timeout(500)
+    assert_textured(page, "quad.obj")
+    assert moved.any()
+    page.page.keyboard.press("z")
+    page.page.keyboard.press("z")
+    back_to_the_scene(page)
+
+
+def test_what_nothing_names_is_asked_about(page: AppPage, tmp_path: Path):
+    files = written(tmp_path / "quad", write_obj)
+    Image.new("RGB", (90, 60), (90, 90, 90)).save(tmp_path / "quad" / "street.png")
+    drop(page, [tmp_path / "quad"])
+    page.wait_for_text("No file names the picture quad/street.png. Is it the photo?")
+    keep_picture(page, "asked_about")
+    page.page.get_by_role("button", name="None: the photo stays").click()
+    assert_textured(page, "quad.obj")
+    page.page.get_by_role("dialog").wait_for(state="detached")
+    back_to_the_scene(page)
+    drop(page, [*files, tmp_path / "quad" / "street.png"])
+    page.page.get_by_role("button", name="street.png").click()
+    page.wait_for_text("90 x 60 px")
+    page.wait_for_text("2 triangles, 1 part, 1 texture")
+    back_to_the_scene(page)
+    drop(page, [tmp_path / "quad"])
+    page.page.get_by_role("button", name="Close").click()
+    page.page.get_by_role("dialog").wait_for(state="detached")
+    page.wait_for_text("1,280 triangles")
+
+
+def test_of_many_photos_one_is_picked_from_a_list(page: AppPage, tmp_path: Path):
+    for i in range(40):
+        Image.new("RGB", (60 + i, 50), (i, 90, 90)).save(tmp_path / f"photo {i:02d}.jpg")
+    drop(page, [tmp_path])
+    page.wait_for_text("40 photos. Which one is to be opened?")
+    keep_picture(page, "asked_about_many")
+    page.page.get_by_label("Of these").fill("photo 23")
+    page.page.get_by_role("option", name="photo 23.jpg").click()
+    page.page.get_by_role("button", name="Open it").click()
+    page.wait_for_text("83 x 50 px")
+    page.page.keyboard.press("z")
+    page.wait_for_text("160 x 120 px")
+
+
+def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, tmp_path: Path):
+    bad = tmp_path / "bad.zip"
+    with zipfile.ZipFile(bad, "w") as archive:
+        archive.writestr("../../x.obj", "v 0 0 0\n")
+    huge = tmp_path / "holiday"
+    huge.mkdir()
+    for i in range(3):
+        with (huge / f"{i}.jpg").open("wb") as file:
+            file.truncate(90_000_000)
+    (tmp_path / "new folder").mkdir()
+    for path, words in (
+        (bad, "bad.zip: the path '../../x.obj' leads out of the zip; nothing was unpacked"),
+        (huge, "holiday (3 files): 270,000,000 bytes; up to 200,000,000 can be uploaded"),
+        (tmp_path / "new folder", "new folder: an empty folder; drop one that holds a photo"),
+    ):
+        drop(page, [path])
+        page.wait_for_text(words)
+    page.wait_for_text("1,280 triangles")

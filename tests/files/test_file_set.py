@@ -1,0 +1,363 @@
+"""What is what among files that came together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.file_set import (
+    MOST_FILES,
+    FileSet,
+    files_below,
+    model_files,
+    nothing_to_open,
+    sort_set,
+)
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.set_questions import ALL_MODELS, Chosen, Question, choose
+from poseviewer.files.state.uploads import gathered
+from tests.textured import write_gltf, write_obj, write_ply
+
+POSE = {"projection": "perspective", "camera": {}, "camera_from_model": {}}
+CAMERA = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "image_size": [160, 120]}
+KEYPOINTS = {"format": "poseviewer-keypoints", "left": {}, "right": {}}
+PLAIN = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def picture(path: Path, camera: str = "") -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image, exif = Image.new("RGB", (8, 6), (200, 40, 30)), Image.Exif()
+    if camera:
+        exif[ExifTags.Base.Make] = camera
+    image.save(path, exif=exif)
+    return path
+
+
+def write(path: Path, content: object) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def sort(root: Path, **more) -> FileSet:
+    return sort_set(root, files_below(root), **more)
+
+
+def answered(found: FileSet, *answers: str) -> tuple[Chosen, list[Question]]:
+    """What is chosen with these answers, and what was asked; all answers are taken."""
+    choosing, questions = choose(found), []
+    left: list[str | None] = [None, *answers]
+    try:
+        while left:
+            questions.append(choosing.send(left.pop(0)))
+    except StopIteration as end:
+        assert not left
+        return end.value, questions
+    raise AssertionError(questions[-1])
+
+
+def names(paths: Iterable[Path | None]) -> list[str | None]:
+    return [None if path is None else path.name for path in paths]
+
+
+@pytest.mark.parametrize("write_model", [write_obj, write_ply, write_gltf])
+@pytest.mark.parametrize("folders", [("", ""), ("source", "textures"), ("a/b", "c/d e")])
+def test_a_picture_that_a_model_names_is_its_texture(
+    tmp_path: Path, write_model: Callable[[Path, str], Path], folders: tuple[str, str]
+) -> None:
+    root = tmp_path / "set"
+    place = root / folders[0]
+    place.mkdir(parents=True)
+    write_model(place, "C:\\me\\WOOD.png" if write_model is not write_gltf else "../x/wood.png")
+    wood = picture(root / folders[1] / "wood.png")
+    found = sort(root)
+    (model,) = found.models
+    assert wood in model.named.values()
+    assert not model.missing
+    assert found.photos == found.pictures == found.leftovers == ()
+    chosen, questions = answered(found)
+    assert chosen == Chosen(model=model)
+    assert not questions
+    mesh = load_mesh(gathered(tmp_path / "state", model))
+    assert len(mesh.textures) == 1
+    assert not mesh.notes
+
+
+def test_a_buffer_elsewhere_in_the_set_is_found(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    (root / "a").mkdir(parents=True)
+    path = write_gltf(root / "a", "wood.png")
+    (root / "b").mkdir()
+    path.with_name("quad.bin").rename(root / "b" / "quad.bin")
+    picture(root / "b" / "wood.png")
+    (model,) = sort(root).models
+    assert model.scattered
+    assert len(load_mesh(gathered(tmp_path / "state", model)).textures) == 1
+
+
+def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None:
+    write_obj(tmp_path, "red/wood.png")
+    for folder in ("x/blue", "x/red", "y"):
+        picture(tmp_path / folder / "wood.png")
+    (model,) = sort(tmp_path).models
+    assert model.named["red/wood.png"] == tmp_path / "x/red/wood.png"
+
+
+def test_a_photo_with_its_model_needs_no_question(tmp_path: Path) -> None:
+    write(tmp_path / "car.obj", PLAIN)
+    picture(tmp_path / "street.png")
+    chosen, questions = answered(sort(tmp_path))
+    assert names([chosen.photo]) == ["street.png"]
+    assert chosen.model is not None
+    assert not questions
+
+
+def test_a_camera_s_picture_is_the_photo_beside_textures(tmp_path: Path) -> None:
+    write_obj(tmp_path, "wood.png")
+    picture(tmp_path / "wood.png")
+    picture(tmp_path / "street.jpg", camera="Canon")
+    chosen, questions = answered(sort(tmp_path))
+    assert names([chosen.photo]) == ["street.jpg"]
+    assert not questions
+
+
+@pytest.mark.parametrize(
+    ("answer", "photo"), [("rough.png", "rough.png"), ("none: the photo stays", None)]
+)
+def test_a_picture_that_nothing_names_is_asked_about(
+    tmp_path: Path, answer: str, photo: str | None
+) -> None:
+    write_obj(tmp_path, "wood.png")
+    picture(tmp_path / "wood.png")
+    picture(tmp_path / "rough.png")
+    chosen, questions = answered(sort(tmp_path), answer)
+    assert questions == [
+        Question(
+            "No file names the picture rough.png. Is it the photo?",
+            ("rough.png", "none: the photo stays"),
+        )
+    ]
+    assert names([chosen.photo]) == [photo]
+    assert chosen.model is not None
+
+
+def test_a_missing_texture_may_be_there_under_another_name(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    root.mkdir()
+    write_obj(root, "wood.png")
+    picture(root / "wood (1).png")
+    chosen, questions = answered(sort(root), "wood (1).png")
+    assert questions[0].text == (
+        "quad.obj names wood.png, which did not come with it. Is it one of these?"
+    )
+    assert chosen.photo is None
+    assert chosen.model is not None
+    mesh = load_mesh(gathered(tmp_path / "state", chosen.model))
+    assert len(mesh.textures) == 1
+    chosen, questions = answered(sort(root), "no", "wood (1).png")
+    assert names([chosen.photo]) == ["wood (1).png"]
+    assert chosen.model is not None
+    assert chosen.model.missing == ("wood.png",)
+
+
+def test_a_missing_texture_alone_asks_nothing(tmp_path: Path) -> None:
+    path = write_obj(tmp_path, "wood.png")
+    chosen, questions = answered(sort(tmp_path))
+    assert not questions
+    assert chosen.notes == ()
+    assert chosen.model == model_files(path, [])
+    # It is said once, by who reads the model, which opens grey.
+    mesh = load_mesh(path)
+    assert mesh.notes == ("Texture left out: wood.png is not there.",)
+    assert not mesh.textures
+
+
+def test_of_several_models_one_is_chosen_or_all(tmp_path: Path) -> None:
+    for name in ("a.obj", "b.obj", "c.obj"):
+        write(tmp_path / name, PLAIN)
+    found = sort(tmp_path)
+    chosen, (question,) = answered(found, "b.obj")
+    assert question.text == "3 models came together. Which one is to be opened?"
+    assert question.options == ("a.obj", "b.obj", "c.obj", ALL_MODELS, "none: the model stays")
+    assert chosen.model is not None
+    assert chosen.model.path.name == "b.obj"
+    chosen, _ = answered(found, ALL_MODELS)
+    assert chosen.model is not None
+    assert names([chosen.model.path, *(one.path for one in chosen.others)]) == [
+        "a.obj", "b.obj", "c.obj",
+    ]  # fmt: skip
+    chosen, _ = answered(found, "none: the model stays")
+    assert chosen == Chosen()
+
+
+def test_json_files_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:
+    write(tmp_path / "car.obj", PLAIN)
+    write(tmp_path / "car.keypoints.json", KEYPOINTS)
+    write(tmp_path / "1.json", POSE)
+    write(tmp_path / "2.json", CAMERA)
+    write(tmp_path / "3.json", {"notes": 1})
+    write(tmp_path / "4.json", "[1, 2")
+    write(tmp_path / "readme.txt", "of a car")
+    found = sort(tmp_path)
+    (model,) = found.models
+    assert names(model.named.values()) == ["car.keypoints.json"]
+    assert names(found.poses) == ["1.json"]
+    assert names(found.cameras) == ["2.json"]
+    chosen, questions = answered(found)
+    assert not questions
+    assert chosen.calibration is not None
+    assert chosen.notes == ("Not used: 3.json, 4.json, readme.txt.",)
+
+
+def test_key_points_of_another_name_are_asked_about(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write(root / "car.obj", PLAIN)
+    write(root / "points.json", KEYPOINTS)
+    chosen, questions = answered(sort(root), "points.json")
+    assert questions[0].text.endswith("Are they those of car.obj?")
+    assert chosen.model is not None
+    path = gathered(tmp_path / "state", chosen.model)
+    assert path.with_name("car.keypoints.json").is_file()
+
+
+def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
+    first, later = tmp_path / "first", tmp_path / "later"
+    first.mkdir()
+    path = write_obj(first, "wood.png")
+    (first / "quad.mtl").rename(tmp_path / "quad.mtl")
+    later.mkdir()
+    picture(later / "wood.png")
+    assert names(sort(later, at_hand=path).photos) == ["wood.png"]  # nothing names it yet
+    (tmp_path / "quad.mtl").rename(later / "quad.mtl")
+    found = sort(later, at_hand=path)
+    assert found.photos == found.pictures == ()
+    (model,) = found.models
+    assert model.path == path
+    assert len(load_mesh(gathered(tmp_path / "state", model)).textures) == 1
+    picture(first / "wood.png")
+    write_obj(first, "wood.png")
+    assert not sort(later, at_hand=path).models  # it misses nothing
+
+
+def test_a_folder_of_a_thousand_photos_is_one_question(tmp_path: Path) -> None:
+    for i in range(1000):
+        (tmp_path / f"{i:04d}.jpg").touch()
+    chosen, (question,) = answered(sort(tmp_path), "0123.jpg")
+    assert question.text == "1,000 photos. Which one is to be opened?"
+    assert len(question.options) == 1001
+    assert names([chosen.photo]) == ["0123.jpg"]
+
+
+def test_what_the_user_calls_the_files_counts(tmp_path: Path) -> None:
+    write_obj(tmp_path, "wood.png")
+    picture(tmp_path / "rough.png")
+    assert names(sort(tmp_path, kind="photo").photos) == ["rough.png"]
+    of_model = sort(tmp_path, kind="model")
+    assert of_model.photos == of_model.pictures == ()
+    chosen, (question,) = answered(of_model, "rough.png")  # it may be the texture that is missing
+    assert "wood.png, which did not come" in question.text
+    assert chosen.photo is None
+    write(tmp_path / "any.json", [1])
+    of_pose = sort(tmp_path, kind="pose")
+    assert names(of_pose.poses) == ["any.json"]
+    assert of_pose.models == of_pose.photos == ()
+
+
+def test_systems_own_files_are_left_out(tmp_path: Path) -> None:
+    for name in (".DS_Store", "__MACOSX/._a.obj", "Thumbs.db", ".git/a.obj", "desktop.ini"):
+        write(tmp_path / name, PLAIN)
+    write(tmp_path / "a.obj", PLAIN)
+    assert names(files_below(tmp_path)) == ["a.obj"]
+
+
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        (["notes.txt"], "notes.txt: not the name of a photo, a model or a pose file; wanted one "),
+        (["car.mtl"], "car.mtl: of a model that did not come along; drop them together."),
+        (["a.txt", "b.mov"], "2 files: none is a photo, a model or a pose file; wanted one that"),
+    ],
+)
+def test_what_opens_nothing_is_said_in_one_sentence(
+    tmp_path: Path, files: Sequence[str], sentence: str
+) -> None:
+    for name in files:
+        write(tmp_path / name, "x")
+    found = sort(tmp_path)
+    assert found.is_empty
+    assert str(nothing_to_open(found)).startswith(sentence)
+
+
+def test_a_sole_json_file_is_a_pose_so_that_its_fault_is_said(tmp_path: Path) -> None:
+    write(tmp_path / "list.json", "[1, 2")
+    assert names(sort(tmp_path).poses) == ["list.json"]
+
+
+def bop_scene(folder: Path) -> None:
+    matrix = [150.0, 0, 80, 0, 150.0, 60, 0, 0, 1]
+    turn = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    cameras = {str(i): {"cam_K": matrix, "depth_scale": 1.0} for i in (3, 7)}
+    poses = {
+        "3": [{"obj_id": 5, "cam_R_m2c": turn, "cam_t_m2c": [1, 2, 900]}],
+        "7": [{"obj_id": i, "cam_R_m2c": turn, "cam_t_m2c": [0, 0, z]}
+              for i, z in ((5, 700), (5, 800), (6, 600))],
+    }  # fmt: skip
+    write(folder / "scene_camera.json", cameras)
+    write(folder / "scene_gt.json", poses)
+    for i in (3, 7):
+        picture(folder / f"rgb/{i:06d}.png")
+        picture(folder / f"mask/{i:06d}_000000.png")
+
+
+def test_a_bop_scene_gives_photo_camera_model_and_start(tmp_path: Path) -> None:
+    bop_scene(tmp_path / "test/000002")
+    for i in (1, 5, 6):
+        write(tmp_path / f"models/obj_{i:06d}.obj", PLAIN)
+    found = sort(tmp_path)
+    photo = "test/000002/rgb/000003.png"
+    chosen, questions = answered(found, photo)
+    assert [len(question.options) for question in questions] == [3]
+    assert names([chosen.photo]) == ["000003.png"]
+    assert chosen.model is not None
+    assert chosen.model.path.name == "obj_000005.obj"
+    assert chosen.place is not None
+    np.testing.assert_array_equal(chosen.place.translation, [1, 2, 900])
+    assert chosen.calibration is not None
+    assert chosen.calibration.path.name == "scene_camera.json"
+    # Of two such objects the scene does not say which one is meant.
+    chosen, questions = answered(found, photo.replace("3", "7"), "models/obj_000005.obj")
+    assert [len(question.options) for question in questions] == [3, 4]
+    assert chosen.place is None
+    (tmp_path / "test/000002/scene_gt.json").write_text('{"3": 7}')
+    with pytest.raises(PoseFileError, match="image 3 is not a list"):
+        sort(tmp_path)
+
+
+def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path) -> None:
+    write(tmp_path / "sparse/0/cameras.txt", "# x\n1 PINHOLE 160 120 150 150 80 60\n")
+    images = "1 1 0 0 0 0.5 0 4 1 a/one.jpg\n\n2 1 0 0 0 0 0 5 1 b/one.jpg\n\n"
+    write(tmp_path / "sparse/0/images.txt", images)
+    write(tmp_path / "sparse/0/points3D.txt", "")
+    for folder in "ab":
+        picture(tmp_path / f"images/{folder}/one.jpg")
+    write(tmp_path / "meshed.obj", PLAIN)
+    found = sort(tmp_path)
+    assert found.leftovers == found.cameras == ()
+    chosen, (question,) = answered(found, "images/b/one.jpg")
+    assert question.options[:-1] == ("images/a/one.jpg", "images/b/one.jpg")
+    assert chosen.place is not None
+    np.testing.assert_array_equal(chosen.place.translation, [0, 0, 5])
+
+
+def test_too_many_files_are_not_all_looked_at(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("poseviewer.files.file_set.MOST_FILES", 5)
+    for i in range(20):
+        (tmp_path / f"{i}.txt").touch()
+    assert len(files_below(tmp_path)) == 6
+    assert MOST_FILES > 1000
