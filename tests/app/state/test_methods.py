@@ -8,9 +8,9 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.app.state.session import SearchUpdate, Session, Whose
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.settings import FitSettings, Limits, Method
 from poseviewer.starts.registration import load_registration
 from tests.app.state.documents import after, make_document
 
@@ -58,7 +58,11 @@ def test_the_maps_are_of_the_loss_that_is_asked_for(session):
     for at_hand in (session, paper):
         own = at_hand.document.settings
         assert at_hand.mapped == (own,)
-        for whose, methods in (("paper", ["paper"]), ("both", ["default", "paper"])):
+        wanted: list[tuple[Whose, list[Method]]] = [
+            ("paper", ["paper"]),
+            ("both", ["default", "paper"]),
+        ]
+        for whose, methods in wanted:
             mapped = after(at_hand, c.ChangeLandscape(whose=whose)).mapped
             assert [settings.method for settings in mapped] == methods
             assert all(s == own for s in mapped if s.method == own.method)
