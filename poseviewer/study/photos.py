@@ -35,7 +35,7 @@ from poseviewer.render.opengl.context import opengl_unavailable_reason
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_model
 from poseviewer.study.cycles.photographer import CyclesPhotographer, draw_traced
-from poseviewer.study.cycles.scene import random_scene
+from poseviewer.study.cycles.stage import random_scene
 from poseviewer.study.real_cases import RealCase, load_cases
 from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.vehicle.chart import VehicleChart, visible_side

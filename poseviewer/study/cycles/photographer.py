@@ -26,10 +26,10 @@ from poseviewer.files.writing import make_folder
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.study.cycles.scene import Scene
 from poseviewer.study.cycles.stage import (
     FINISHES,
     FURTHEST,
+    Scene,
     corner_colours,
     find_finishes,
     make_stage,

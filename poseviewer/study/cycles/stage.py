@@ -1,11 +1,15 @@
-"""The vehicle as Blender gets it: upright, z up, its lowest point at 0; and what it is made of."""
+"""What Blender gets: the vehicle upright, z up, its lowest point at 0; what it is made of; and the
+scene about it, drawn at random: sun, surroundings, ground and paint.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -33,6 +37,25 @@ NAMED: tuple[tuple[Finish, str], ...] = (
 """The first that a part's name holds."""
 SHADES = 24
 """Steps per channel within which colours count as the same paint."""
+PAINTS = (
+    (0.75, 0.76, 0.78),
+    (0.86, 0.86, 0.84),
+    (0.10, 0.10, 0.11),
+    (0.45, 0.46, 0.48),
+    (0.55, 0.06, 0.07),
+    (0.07, 0.20, 0.45),
+    (0.12, 0.30, 0.20),
+    (0.55, 0.45, 0.32),
+)
+"""Display-encoded RGB of cars: silver, white, black, grey, red, blue, green, sand."""
+SUN_RISE_DEG, SUN_TURN_DEG, SUN_ANGLE_DEG = (22.0, 65.0), 100.0, (0.6, 6.0)
+"""Above the horizon; to either side of the photographer; across: behind haze it is wider."""
+AROUND_WIDTH, AROUND_HEIGHT = 1024, 512
+"""Of the equirectangular picture: a turn about the vertical, and from zenith to nadir."""
+PHOTO_LOWEST_DEG, PHOTO_HIGHEST_DEG = -30.0, 50.0
+"""Between which a photo is stretched; above and below, its first and last row go on."""
+GLARE, GLARE_FROM = 3.0, 0.8
+"""How much brighter than its photo shows it a clipped sky is, and from which light on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,3 +131,115 @@ def _by_name(name: str) -> int:
         if re.search(pattern, name.lower()):
             return FINISHES.index(finish)
     return -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What a vehicle is photographed in; directions are the stage's: z up, x ahead, y left."""
+
+    sun_towards: FloatArray
+    """(3,), towards the sun."""
+    sun_light: FloatArray
+    """(3,): linear RGB that a white surface facing the sun gains."""
+    sun_angle: float
+    """Diameter of the sun in the sky, radians: shadows are the softer the larger it is."""
+    surroundings: NDArray[np.float32]
+    """(h, w, 3) linear RGB, in all directions, rows from the zenith down."""
+    ground: FloatArray
+    """(3,): linear RGB reflectance of the ground, as the paint mirrors it."""
+    behind: NDArray[np.float32]
+    """(3,) or (h, w, 3) display-encoded RGB in [0, 1]: what the shadow falls on, and all else."""
+    paint: FloatArray | None = None
+    """(3,): display-encoded RGB of another paint; None: the model's own."""
+    exposure: float = 1.0
+    seed: int = 0
+
+
+def random_scene(
+    pose: Pose,
+    keypoints: VehicleKeypoints,
+    behind: NDArray[np.uint8] | FloatArray,
+    repainted: bool,
+    random: np.random.Generator,
+) -> Scene:
+    """Daylight on a vehicle before a photo (h, w, 3) uint8, or a plain of one colour (3,).
+
+    The sun is somewhere on the photographer's side.
+    """
+    towards_camera = -(upright(keypoints) @ pose.camera_from_model.rotation[2])
+    azimuth = math.atan2(towards_camera[1], towards_camera[0])
+    azimuth += math.radians(random.uniform(-SUN_TURN_DEG, SUN_TURN_DEG))
+    rise = math.radians(random.uniform(*SUN_RISE_DEG))
+    level = math.cos(rise)
+    towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(rise)])
+    if behind.ndim == 1:
+        picture = np.asarray(behind, np.float32)
+        ground = linear_from_srgb(picture)
+        around = around_plain(np.asarray(ground, float), random)
+    else:
+        height, width = pose.camera.height, pose.camera.width
+        photo = np.asarray(behind, np.uint8)
+        picture = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA) / np.float32(255)
+        around = around_photo(photo)
+        ground = linear_from_srgb(picture[-max(1, height // 6) :]).mean(axis=(0, 1))
+    paint = np.array(PAINTS[int(random.integers(len(PAINTS)))])
+    return Scene(
+        sun_towards=towards,
+        sun_light=random.uniform(0.5, 1.1) * np.array([1.0, 0.95, 0.87]),
+        sun_angle=math.radians(random.uniform(*SUN_ANGLE_DEG)),
+        surroundings=scaled_to(around, random.uniform(0.35, 0.6)),
+        ground=np.asarray(ground, float),
+        behind=np.asarray(picture, np.float32),
+        paint=paint if repainted else None,
+        exposure=random.uniform(1.0, 1.5),
+        seed=int(random.integers(2**31)),
+    )
+
+
+def around_photo(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(512, 1024, 3) linear RGB, rows from the zenith down: a photo (h, w, 3) and its mirror image
+    side by side, closing the circle.
+    """
+    both = np.concatenate([photo, photo[:, ::-1]], axis=1)
+    top, bottom = (
+        round((90.0 - edge) / 180.0 * AROUND_HEIGHT)
+        for edge in (PHOTO_HIGHEST_DEG, PHOTO_LOWEST_DEG)
+    )
+    small = cv2.resize(both, (AROUND_WIDTH, bottom - top), interpolation=cv2.INTER_AREA)
+    band = linear_from_srgb(small / 255.0)
+    rows = np.clip(np.arange(AROUND_HEIGHT) - top, 0, bottom - top - 1)
+    # The sky above and the ground below are as bright all around, or streaks would meet there.
+    band[0], band[-1] = band[0].mean(axis=0), band[-1].mean(axis=0)
+    light = band[rows]
+    over = np.clip((light - GLARE_FROM) / (1.0 - GLARE_FROM), 0.0, 1.0)
+    return (light * (1.0 + (GLARE - 1.0) * over)).astype(np.float32)
+
+
+def around_plain(ground: FloatArray, random: np.random.Generator) -> NDArray[np.float32]:
+    """(512, 1024, 3) linear RGB: a plain of ``ground`` (3,), linear RGB, hills, a clear sky."""
+    rise = 90.0 - (np.arange(AROUND_HEIGHT) + 0.5) / AROUND_HEIGHT * 180.0
+    haze, zenith = np.array([0.75, 0.80, 0.88]), np.array([0.22, 0.38, 0.72])
+    share = np.clip(rise / 60.0, 0.0, 1.0)[:, None] ** 0.6
+    rows = np.where(rise[:, None] < 0.0, ground, (1.0 - share) * haze + share * zenith)
+    light = np.repeat(rows[:, None], AROUND_WIDTH, axis=1)
+    hills = np.array([0.10, 0.13, 0.08]) * random.uniform(0.6, 1.4)
+    is_hill = (rise[:, None] >= 0.0) & (rise[:, None] < _skyline(random))
+    light[is_hill] = hills
+    return light.astype(np.float32)
+
+
+def scaled_to(light: NDArray[np.float32], ambient: float) -> NDArray[np.float32]:
+    """The same, so bright that a white ground is lit to ``ambient`` by its upper half alone."""
+    rise = np.pi * (0.5 - (np.arange(AROUND_HEIGHT // 2) + 0.5) / AROUND_HEIGHT)
+    # Of Lambert's cosine and the solid angle of a row's pixels: their sum is 1.
+    weights = np.sin(rise) * np.cos(rise)
+    grey = light[: AROUND_HEIGHT // 2].mean(axis=(1, 2))
+    return np.float32(ambient / max(float(grey @ weights / weights.sum()), 1e-6)) * light
+
+
+def _skyline(random: np.random.Generator) -> FloatArray:
+    """(w,): degrees above the horizon, once around without a step."""
+    turn = np.linspace(0.0, 2.0 * math.pi, AROUND_WIDTH, endpoint=False)
+    waves = [random.uniform(0.3, 2.5) / n * np.sin(n * turn + random.uniform(0, 6.3))
+             for n in range(1, 12)]  # fmt: skip
+    return 6.0 + np.sum(waves, axis=0)

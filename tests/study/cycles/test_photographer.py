@@ -20,7 +20,7 @@ from poseviewer.study.cycles.photographer import (
     CyclesPhotographer,
     blender_version,
 )
-from poseviewer.study.cycles.scene import random_scene
+from poseviewer.study.cycles.stage import random_scene
 from poseviewer.study.photos import random_view
 from tests.study.cycles.blender import require_blender
 from tests.vehicles import save_vehicle

@@ -9,13 +9,15 @@ import pytest
 
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
-from poseviewer.study.cycles import scene as surroundings
 from poseviewer.study.cycles.stage import (
     DIAMETER,
     FINISHES,
+    around_photo,
+    around_plain,
     corner_colours,
     find_finishes,
     make_stage,
+    scaled_to,
 )
 from poseviewer.study.photos import random_view
 from tests.meshes import make_bumpy
@@ -70,11 +72,11 @@ def test_finishes_go_by_names_and_then_by_the_commonest_colour():
 def test_surroundings_light_a_white_ground_as_is_said():
     random = np.random.default_rng(0)
     photo = random.integers(0, 256, (60, 90, 3)).astype(np.uint8)
-    plain = surroundings.around_plain(np.full(3, 0.2), random)
-    for light in (surroundings.around_photo(photo), plain):
+    plain = around_plain(np.full(3, 0.2), random)
+    for light in (around_photo(photo), plain):
         assert light.shape == (512, 1024, 3)
         np.testing.assert_allclose(light[:, 0], light[:, -1], atol=0.2)  # the circle is closed
-        scaled = surroundings.scaled_to(light, 0.4)
+        scaled = scaled_to(light, 0.4)
         rise = np.pi * (0.5 - (np.arange(512) + 0.5) / 512)
         # Irradiance over pi: the mean over the upper half sphere of light times cosine.
         solid = np.cos(rise) * np.clip(np.sin(rise), 0.0, None) * (np.pi / 512) * (2 * np.pi / 1024)
