@@ -4,7 +4,8 @@ Why: viser keeps every part of every upload, whatever size was announced, until 
 button keeps the last file. It tells every page, those to come too, how far an upload is, and they
 show a nameless one: here its own page is told.
 Written for viser 1.1.1: its two handlers of uploads, ``gui._handle_file_transfer_start`` and
-``_part``, are called by ours, which look at the sizes first; ``gui._current_file_upload_states``,
+``_part``, are called by ours, which look at the sizes first, and so is
+``gui._drop_uploads_from_client``; ``gui._current_file_upload_states``,
 ``gui._websock_interface`` and its ``queue_message``, a button's ``_impl.value``.
 """
 
@@ -40,6 +41,8 @@ def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> None:
 
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
+        for problem in bounds.take_cut_off():
+            refuse(client.client_id, problem)
         # What one page alone is shown has no place for uploads.
         client.gui._websock_interface.unregister_handler(_messages.FileTransferStartUpload)
 
@@ -58,6 +61,9 @@ class _Bounds:
         self._server, self._gui, self._refuse = server, server.gui, refuse
         self._running: dict[str, Any] = self._gui._current_file_upload_states
         interface = self._gui._websock_interface
+        self._cut_off: list[str] = []
+        self._forget_those_of = self._gui._drop_uploads_from_client
+        self._gui._drop_uploads_from_client = self._drop
         self._tell_all = interface.queue_message
         interface.queue_message = self._tell  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -80,6 +86,24 @@ class _Bounds:
             self._end(client, message, f"{name}: more bytes came than were announced; try again.")
             return
         self._gui._handle_file_transfer_part(client, message)
+
+    def take_cut_off(self) -> list[str]:
+        """What was being uploaded by pages that have gone, once: for the next page, likely the same
+        one come back.
+        """
+        cut_off, self._cut_off = self._cut_off, []
+        return cut_off
+
+    def _drop(self, client_id: ClientId) -> None:
+        """A page has gone."""
+        for upload in self._running.values():
+            if upload["client_id"] == client_id:
+                done, size = upload["transferred_bytes"], upload["total_bytes"]
+                self._cut_off.append(
+                    f"{display_name(upload['filename'])}: the upload was cut off after {done:,} of "
+                    f"{size:,} bytes; nothing was changed, drop it again."
+                )
+        self._forget_those_of(client_id)
 
     def _problem(self, message: _messages.FileTransferStartUpload) -> str:
         """Why an upload is not taken; "" where it is."""

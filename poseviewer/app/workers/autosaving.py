@@ -6,6 +6,7 @@ import os
 import time
 from pathlib import Path
 
+from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
@@ -28,7 +29,7 @@ class Autosaver:
     def __init__(self, state: Path) -> None:
         self._folder = state / "sessions"
         self._uploads = state / "uploads"
-        self._saved: Document | None = None
+        self._saved: tuple[Document, tuple[CandidateModel, ...]] | None = None
         self._next = time.monotonic() + PERIOD_S
         self._file: Path | None = None
         self._own: set[Path] = set()
@@ -50,7 +51,7 @@ class Autosaver:
     def adopt(self, session: Session) -> None:
         """The offer has been opened: keep it as this session's own."""
         self.save_now(session)
-        if self._saved is session.document:
+        if self._saved == _kept_of(session):
             self._discard_offered()
 
     def tick(self, session: Session) -> None:
@@ -61,8 +62,8 @@ class Autosaver:
     def save_now(self, session: Session) -> None:
         """Write the session, if it changed since."""
         self._next = time.monotonic() + PERIOD_S
-        document = session.document
-        if document is self._saved or not session.unsaved:
+        document, models = _kept_of(session)
+        if (document, models) == self._saved or not (session.unsaved or models):
             return
         registration = document.registration
         kept = AutosavedSession(
@@ -78,10 +79,11 @@ class Autosaver:
             unsaved=session.unsaved,
             saved_at=time.time(),
             process=os.getpid(),
+            candidates=tuple(one.path.resolve() for one in models if one.path is not None),
         )
         try:
             self._file = save_autosave(self._folder, kept)
-            self._saved = document
+            self._saved = document, models
         except PoseViewerError:
             self._next = time.monotonic() + 60.0  # a full disk will not be mended in seconds
 
@@ -137,6 +139,11 @@ class Autosaver:
             except PoseViewerError:
                 continue  # another crash may have left half a file: nothing to offer
         return None, None
+
+
+def _kept_of(session: Session) -> tuple[Document, tuple[CandidateModel, ...]]:
+    """What is written anew where it is another object."""
+    return session.document, session.candidates.models
 
 
 def _absolute(path: Path | None) -> Path | None:

@@ -10,7 +10,7 @@ from poseviewer.app.state.cameras import with_camera
 from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
 from poseviewer.app.state.document import Document, Marks
 from poseviewer.app.workers.jobs import renderer_of
-from poseviewer.errors import PoseFileError
+from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.photo import (
     load_calibrated_photo,
@@ -192,7 +192,7 @@ def open_pose(now: Document, path: Path) -> Iterator[Opened]:
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
-    """What an earlier session left behind.
+    """What an earlier session left behind; models beside its own that are gone are said.
 
     Raises:
         PoseViewerError: its photo or its model is not there any more.
@@ -218,7 +218,18 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     document = replace(
         opened.document, registration=registration, pose=kept.pose.pose, settings=settings
     )
-    yield replace(opened, document=document, restored=True)
+    candidates, warnings = Candidates(), opened.warnings
+    for path in kept.candidates:
+        if path == kept.model:
+            continue
+        try:
+            candidate, notes = open_candidate(path)
+            candidates, warnings = candidates.with_candidate(candidate), (*warnings, *notes)
+        except PoseViewerError as error:
+            warnings = (*warnings, str(error))
+    yield replace(
+        opened, document=document, restored=True, candidates=candidates, warnings=warnings
+    )
 
 
 def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:

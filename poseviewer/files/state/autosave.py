@@ -54,6 +54,8 @@ class AutosavedSession:
     """Seconds since 1970."""
     process: int
     """The process that runs the session."""
+    candidates: tuple[Path, ...] = ()
+    """Models that the photo may show."""
 
 
 def save_autosave(folder: Path, session: AutosavedSession) -> Path:
@@ -138,6 +140,7 @@ def _as_json(session: AutosavedSession) -> dict[str, Any]:
         values[name] = None if values[name] is None else str(values[name])
     for name in ("pose", "start"):
         values[name] = _pose_as_json(values[name])
+    values["candidates"] = [str(path) for path in session.candidates]
     return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
 
 
@@ -154,6 +157,11 @@ def _path(reading: Reading, value: Any, what: str) -> Path | None:
 
 def _name(reading: Reading, value: Any, what: str) -> str:
     return reading.text(value, what) or ""
+
+
+def _paths(reading: Reading, value: Any, what: str) -> tuple[Path, ...]:
+    """Sessions of earlier versions have none."""
+    return () if value is None else tuple(map(Path, reading.texts(value, what)))
 
 
 def _truth(reading: Reading, value: Any, what: str) -> bool:
@@ -210,6 +218,7 @@ _CHECKS = {
     "unsaved": _truth,
     "saved_at": Reading.number,
     "process": lambda reading, value, what: int(reading.number(value, what)),
+    "candidates": _paths,
 }
 """Of the session's fields, in their order."""
 

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export, record_of
-from poseviewer.app.workers.opening import Opened, open_files, open_photo, open_pose, restore
+from poseviewer.app.workers.opening import (
+    Opened,
+    open_chosen,
+    open_files,
+    open_photo,
+    open_pose,
+    restore,
+)
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion
+from poseviewer.files.file_set import model_files
+from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.set_questions import Chosen
+from poseviewer.files.state.autosave import AutosavedSession, load_autosave
+from poseviewer.geometry.transform import RigidTransform
 from tests.scene import Scene
+from tests.textured import write_obj
 
 
 @pytest.fixture
@@ -96,3 +109,43 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     assert photo.undistortion is None
     np.testing.assert_array_equal(photo.pixels, load_photo(scene.photo).pixels)
     assert any("as taken" in warning for warning in opened.warnings)
+
+
+def test_the_models_that_a_photo_may_show_come_back(scene: Scene, tmp_path: Path) -> None:
+    other, gone = write_obj(tmp_path, "wood.png"), tmp_path / "gone.obj"
+    picture = np.full((4, 4, 3), 90, np.uint8)
+    save_image(tmp_path / "wood.png", picture)
+    before = open_files(scene.photo, scene.model, scene.start, others=[other])
+    keeper = Autosaver(tmp_path / "state")
+    session = Session(before.document, saved=before.document.pose, candidates=before.candidates)
+    keeper.save_now(session)
+    (path,) = (tmp_path / "state" / "sessions").iterdir()
+    kept = load_autosave(path)
+    assert kept.candidates == (scene.model.resolve(), other.resolve())
+    assert not kept.unsaved
+    (opened,) = restore(replace(kept, candidates=(*kept.candidates, gone)))
+    (one,) = opened.candidates.models
+    assert one.path == other
+    assert len(one.model.mesh.textures) == 1
+    assert any(warning.startswith("gone.obj: no such file") for warning in opened.warnings)
+
+
+def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:
+    before = open_files(scene.photo, scene.model, scene.start).document
+    opened = open_chosen(before, Chosen(calibration=calibration), [])
+    registration = opened.document.registration
+    assert registration.photo.undistortion is not None
+    assert registration.mesh is before.registration.mesh
+    centre = registration.mesh.centre
+    moved = opened.document.pose.project(centre) - before.pose.project(centre)
+    np.testing.assert_allclose(moved, 0.0, atol=1e-6)
+
+
+def test_a_scene_s_pose_is_the_start(scene: Scene, calibration: Calibration) -> None:
+    before = open_files(scene.photo, scene.model, scene.start).document
+    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.1, 9.0])
+    chosen = Chosen(scene.photo, calibration, model_files(scene.model, []), place=place)
+    document = open_chosen(before, chosen, [scene.model]).document
+    assert document.pose.camera_from_model is place
+    assert document.registration.start is document.pose
+    assert document.pose.camera == document.registration.photo.camera

@@ -58,6 +58,7 @@ def session(**changes: Any) -> AutosavedSession:
         unsaved=True,
         saved_at=1.7e9 + 1.0 / 3.0,
         process=os.getpid(),
+        candidates=(Path("/models/bus 道.glb"), Path("/models/van.obj")),
     )
     return dataclasses.replace(whole, **changes)
 
@@ -85,6 +86,14 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
         photo=None, photo_sha256=None, model=None, model_sha256=None, settings={}, unsaved=False
     )
     assert_same(load_autosave(save_autosave(tmp_path, empty)), empty)
+
+
+def test_sessions_of_earlier_versions_have_no_candidates(tmp_path: Path) -> None:
+    path = save_autosave(tmp_path, session())
+    content = json.loads(path.read_text())
+    del content["candidates"]
+    path.write_text(json.dumps(content))
+    assert load_autosave(path).candidates == ()
 
 
 finite = st.floats(-1e6, 1e6)
