@@ -4,7 +4,7 @@
 
     case = load("photo.jpg", "car.glb", "start.json")
     found = case.fit(seconds=60)
-    print(found.verdict, found.loss, found.pose.camera_from_model.rotation)
+    print(found.verdict, found.unexplained, found.pose.camera_from_model.rotation)
     found.save("pose.json")
     found.draw("residual.png", look="residual")
     found.landscape(size=21).save("maps.png")
@@ -44,6 +44,7 @@ from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings, Limits, settings_as_json
 from poseviewer.fit.stages import make_stages
+from poseviewer.fit.unexplained import Unexplained
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -269,8 +270,8 @@ class FitResult:
 
     @property
     def loss(self) -> float:
-        """0 where some lighting explains the photo, and above; takes an evaluation where it is not
-        yet known.
+        """What the search minimised (see ``unexplained``); takes an evaluation where it is not yet
+        known.
         """
         if self.progress is not None:
             return self.progress.loss
@@ -278,6 +279,18 @@ class FitResult:
             return self.known_loss
         problem = self.case.problem
         return pose_loss(problem, self.case.renderer, problem.chart.from_pose(self.pose))
+
+    @property
+    def unexplained(self) -> float:
+        """The loss on the scale from 0, all of the photo is explained, to 1, nothing."""
+        return self.case.problem.scale.unexplained(self.loss)
+
+    @property
+    def parts(self) -> Unexplained:
+        """What light, classes and edges leave unexplained; takes an evaluation."""
+        photo = self.case.problem.photo
+        moments = self.case.renderer.moments(self.pose, photo)
+        return self.case.problem.scale.read(self.loss, moments)
 
     @property
     def status(self) -> str:
@@ -303,7 +316,7 @@ class FitResult:
     @property
     def record(self) -> PoseRecord:
         """All that the pose file says."""
-        case, verdict = self.case, None
+        case, loss, verdict = self.case, self.loss, None
         photo, mesh, chart = case.registration.photo, case.registration.mesh, case.problem.chart
         if self.verdict is not None:
             features = {} if self.verdict.features is None else asdict(self.verdict.features)
@@ -317,12 +330,13 @@ class FitResult:
             PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
             ModelReference(case.registration.mesh_name, case.registration.mesh_sha256, mesh.unit),
             ChartParameters(chart.name, chart.names, tuple(chart.from_pose(self.pose).tolist())),
-            self.loss,
+            loss,
             {**settings_as_json(case.settings), "photo_channels": channels},
             {"name": "poseviewer", "version": version("poseviewer")},
             photo.undistortion,
             verdict,
             self.notes,
+            case.problem.scale.unexplained(loss),
         )
 
     def save(self, path: str | Path) -> None:

@@ -68,7 +68,7 @@ def search(case: Case, quiet: bool) -> FitResult:
     with progress_bar(None, quiet) as bar:
 
         def watch(progress: FitProgress) -> None:
-            text = f"restart {progress.restart}, loss {progress.loss:.5f}"
+            text = f"restart {progress.restart}, {progress.loss_text}"
             bar.set_description_str(text, refresh=False)
             bar.update(progress.evaluations - bar.n)
 
@@ -77,9 +77,11 @@ def search(case: Case, quiet: bool) -> FitResult:
     assert progress is not None  # it was searched for
     print(
         f"{progress.status.value}\n"
-        f"loss: {progress.loss:.6f} (start {progress.start_loss:.6f})\n"
+        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )
+    if parts := found.parts.parts_text:
+        print(f"unexplained by part: {parts}")
     if verdict is not None:
         print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
         for reason in (*verdict.reasons, *found.notes):

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,13 +50,14 @@ def run(options: Namespace) -> int:
     with progress_bar(None, options.quiet) as bar:
 
         def watch(name: str, progress: FitProgress) -> None:
-            bar.set_description_str(f"{name}, loss {progress.loss:.5f}", refresh=False)
+            bar.set_description_str(f"{name}, {progress.loss_text}", refresh=False)
             bar.update()
 
         ranked = identify(opened, settings, mask, watch)
     _print_ranking(ranked)
     if options.json:
-        text = json.dumps([_as_json(one) for one in ranked], indent=2, allow_nan=False)
+        pairs = zip_longest(ranked, ranked[1:])
+        text = json.dumps([_as_json(*pair) for pair in pairs], indent=2, allow_nan=False)
         write_whole(options.json, (text + "\n").encode(), SettingsError)
         print(f"json: {options.json}")
     return 0
@@ -63,27 +65,29 @@ def run(options: Namespace) -> int:
 
 def _print_ranking(ranked: Sequence[Ranked]) -> None:
     width = max(len(one.candidate.name) for one in ranked)
-    print(f"{'':3}{'model':{width}}  {'loss':>8}  {'margin':>8}  {'start':>8}")
+    print(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
     for one in ranked:
-        found = one.candidate
-        margin = "" if one.margin is None else f"{one.margin:+.4f}"
-        losses = f"{found.loss:8.5f}  {margin:>8}  {found.start_loss:8.5f}"
-        print(f"{one.rank:<3}{found.name:{width}}  {losses}")
-    print("margin: how much greater the next model's loss is, over the same pixels")
+        fit, margin = one.candidate.fit, "" if one.margin is None else f"{one.margin:+.3f}"
+        shares = f"{fit.unexplained:11.3f}  {margin:>7}  {fit.start_unexplained:6.3f}"
+        print(f"{one.rank:<3}{one.candidate.name:{width}}  {shares}")
+    print("unexplained, of the same pixels: 0, all explained, to 1, nothing")
+    print("margin: how much more the next model leaves unexplained")
 
 
-def _as_json(one: Ranked) -> dict[str, Any]:
-    """Rank, name, losses, margin and pose (OpenCV axes) of a model."""
+def _as_json(one: Ranked, after: Ranked | None) -> dict[str, Any]:
+    """Rank, name, losses, their margin to the next one, and pose (OpenCV axes) of a model."""
     from poseviewer.files.pose import PoseRecord, record_as_json
 
-    found = one.candidate
-    pose = record_as_json(PoseRecord(found.pose))
+    found, fit = one.candidate, one.candidate.fit
+    pose = record_as_json(PoseRecord(fit.pose))
     return {
         "rank": one.rank,
         "model": found.name,
-        "loss": found.loss,
-        "start_loss": found.start_loss,
-        "margin": one.margin,
-        "status": found.status,
+        "loss": fit.loss,
+        "start_loss": fit.start_loss,
+        "margin": None if after is None else after.candidate.fit.loss - fit.loss,
+        "unexplained": fit.unexplained,
+        "start_unexplained": fit.start_unexplained,
+        "status": fit.status.value,
         **{key: pose[key] for key in ("projection", "camera", "camera_from_model")},
     }

@@ -141,7 +141,8 @@ def _print_pose(path: Path) -> None:
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         chart=chart,
-        loss="not said" if record.loss is None else f"{record.loss:.6f}",
+        unexplained=_number(record.unexplained, "{:.3f} (0: all explained, 1: nothing)"),
+        loss=_number(record.loss, "{:.6f}"),
         verdict="not said" if record.verdict is None else record.verdict.word,
         note=record.warnings,
     )
@@ -155,6 +156,10 @@ def _recorded_size(path: Path) -> tuple[int, int]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return 1, 1
     return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "not said" if value is None else form.format(value)
 
 
 def _vector(values: Iterable[float]) -> str:

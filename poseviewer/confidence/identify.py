@@ -34,13 +34,8 @@ class Candidate:
     index: int
     """Its place among the models as they were given, from 0."""
     name: str
-    pose: Pose
-    loss: float
-    """Over the pixels that all candidates share, in [0, min(n, m)]."""
-    start_loss: float
-    status: str
-    evaluations: int
-    seconds: float
+    fit: FitProgress
+    """Where its search ended; the losses are over the pixels that all candidates share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +46,7 @@ class Ranked:
     """From 1: the least loss."""
     candidate: Candidate
     margin: float | None
-    """How much greater the next candidate's loss is; None for the last."""
+    """How much more the next candidate leaves unexplained; None for the last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +108,7 @@ def identifying(
         for progress in fit_pose(problem, renderer, processors()):
             yield Identification(ranked, index, progress)
         assert progress is not None  # a fit yields at least once
-        fitted = _fitted(index, registration.mesh_name, progress)
+        fitted = Candidate(index, registration.mesh_name, progress)
         ranked = rank([*(one.candidate for one in ranked), fitted])
     yield Identification(ranked)
 
@@ -143,20 +138,7 @@ def union_box(placed: Iterable[tuple[Mesh, Pose]]) -> Rectangle:
 
 def rank(candidates: Iterable[Candidate]) -> tuple[Ranked, ...]:
     """In order of their losses, the least first."""
-    ordered = sorted(candidates, key=lambda candidate: candidate.loss)
-    margins = [after.loss - candidate.loss for candidate, after in pairwise(ordered)]
+    ordered = sorted(candidates, key=lambda candidate: candidate.fit.loss)
+    margins = [after.fit.unexplained - found.fit.unexplained for found, after in pairwise(ordered)]
     places = zip_longest(ordered, margins)  # the last one has no margin
     return tuple(Ranked(place, *found) for place, found in enumerate(places, 1))
-
-
-def _fitted(index: int, name: str, progress: FitProgress) -> Candidate:
-    return Candidate(
-        index,
-        name,
-        progress.pose,
-        progress.loss,
-        progress.start_loss,
-        progress.status.value,
-        progress.evaluations,
-        progress.seconds,
-    )

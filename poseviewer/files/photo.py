@@ -343,7 +343,9 @@ def matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[s
             "of a perspective camera; leave one of the two out."
         )
     pose = replace(start.pose, camera=photo.camera)
-    start = replace(start, pose=pose, undistortion=photo.undistortion, chart=None, loss=None)
+    start = replace(
+        start, pose=pose, undistortion=photo.undistortion, chart=None, loss=None, unexplained=None
+    )
     if np.allclose(astuple(now), astuple(photo.camera), rtol=NOTABLE):
         return photo, start, ()
     note = (

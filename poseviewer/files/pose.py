@@ -95,6 +95,8 @@ class PoseRecord:
     verdict: RecordedVerdict | None = None
     notes: tuple[str, ...] = ()
     """What the user of the pose should know, such as a camera that is a guess."""
+    unexplained: float | None = None
+    """The loss on the scale from 0, all explained, to 1, nothing."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -147,6 +149,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("distortion", lambda r, v, _: distortion_from_json(r, v, width, height)),
         optional("verdict", _verdict),
         optional("notes", Reading.texts) or (),
+        optional("unexplained", Reading.number),
     )
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
@@ -198,6 +201,7 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
             "translation": transform.translation.tolist(),
         },
         "loss": None if record.loss is None else float(record.loss),
+        "unexplained": None if record.unexplained is None else float(record.unexplained),
         "settings": None if record.settings is None else dict(record.settings),
         "software": None if record.software is None else dict(record.software),
     }

@@ -15,6 +15,7 @@ from poseviewer.fit.loss import fewest_pixels, registration_loss, worst_registra
 from poseviewer.fit.paper import paper_loss
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
@@ -73,6 +74,11 @@ class FitProblem:
     def worst_loss(self) -> float:
         """The loss of parameters that show nothing of the model, or stand for no pose."""
         return worst_registration_loss(self.photo)
+
+    @property
+    def scale(self) -> LossScale:
+        """How its losses are read."""
+        return LossScale.of(self.photo)
 
     def complete(self, free_parameters: FloatArray) -> FloatArray:
         """(..., d): the start's parameters with the free ones replaced by (..., k)."""

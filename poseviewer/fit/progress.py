@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -43,6 +44,8 @@ class FitProgress:
     pose: Pose
     loss: float
     start_loss: float
+    scale: LossScale
+    """How the losses are read."""
     candidates: FloatArray
     """(n, d): the parameters that are compared now, the best first: a simplex, or the best of a
     population or of a model's samples."""
@@ -57,6 +60,21 @@ class FitProgress:
     """How many times smaller the photo is that the candidates are on."""
     verdict: Verdict | None = None
     """Of the last progress of a ``search``: whether the pose is right."""
+
+    @property
+    def unexplained(self) -> float:
+        """The loss on the scale from 0, all of the photo is explained, to 1, nothing."""
+        return self.scale.unexplained(self.loss)
+
+    @property
+    def start_unexplained(self) -> float:
+        """The same of the start's loss."""
+        return self.scale.unexplained(self.start_loss)
+
+    @property
+    def loss_text(self) -> str:
+        """Such as ``unexplained 0.170``; see ``LossScale.text``."""
+        return self.scale.text(self.loss)
 
 
 def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProgress:

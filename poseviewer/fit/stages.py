@@ -243,6 +243,7 @@ class _Run:
             pose=self._pose,
             loss=self._loss,
             start_loss=self._start_loss,
+            scale=problem.scale,
             candidates=problem.complete(state.candidates),
             candidate_losses=state.candidate_losses,
             evaluations=self._evaluations,

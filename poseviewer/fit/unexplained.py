@@ -30,24 +30,6 @@ PARTS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Unexplained:
-    """What a pose leaves unexplained: shares in [0, 1]."""
-
-    total: float
-    light: float
-    classes: float | None = None
-    """None, as ``edges``, where light alone is compared."""
-    edges: float | None = None
-
-    @property
-    def parts_text(self) -> str:
-        """Such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
-        if self.classes is None or self.edges is None:
-            return ""
-        return f"light {self.light:.2f}, classes {self.classes:.2f}, edges {self.edges:.2f}"
-
-
-@dataclass(frozen=True, slots=True)
 class LossScale:
     """How the losses of all poses on one photo are read."""
 
@@ -96,16 +78,44 @@ class LossScale:
         shown = f"{self.shown(loss):.3f}"
         return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.most}"
 
-    def parts(self, loss: float, moments: Moments) -> Unexplained:
-        """What a pose of this ``loss`` and of these ``moments`` leaves unexplained."""
-        total = self.unexplained(loss)
+    def read(self, loss: float, moments: Moments) -> Unexplained:
+        """The ``loss`` of a pose of these ``moments``, with its parts."""
         if moments.edge_cosine is None:
-            return Unexplained(total, total)
+            return Unexplained(self, loss)
         if moments.pixels < fewest_pixels(len(moments.mean)):
-            return Unexplained(1.0, 1.0, 1.0, 1.0)
+            return Unexplained(self, loss, 1.0, 1.0, 1.0)
         light, both = (
             float(np.prod((1.0 - np.clip(squares, 0.0, 1.0) + NOISE) / (1.0 + NOISE)))
             for squares in (canonical_squares(moments, self.colours), canonical_squares(moments))
         )
         edges = min(float(np.exp(-EDGE_WEIGHT * moments.edge_cosine)), 1.0)
-        return Unexplained(total, light, min(both / light, 1.0), edges)
+        return Unexplained(self, loss, light, min(both / light, 1.0), edges)
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """The loss of a pose as it is read. The parts are shares in [0, 1], None where light alone is
+    compared.
+    """
+
+    scale: LossScale
+    loss: float
+    light: float | None = None
+    classes: float | None = None
+    edges: float | None = None
+
+    @property
+    def total(self) -> float:
+        """In [0, 1]: the geometric mean of the parts."""
+        return self.scale.unexplained(self.loss)
+
+    @property
+    def text(self) -> str:
+        """Such as ``unexplained 0.170``; see ``LossScale.text``."""
+        return self.scale.text(self.loss)
+
+    @property
+    def parts_text(self) -> str:
+        """Such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
+        parts = {"light": self.light, "classes": self.classes, "edges": self.edges}
+        return ", ".join(f"{name} {x:.2f}" for name, x in parts.items() if x is not None)

@@ -178,7 +178,7 @@ def test_search_ends_at_the_command_lines_pose(running: RunningApp, tmp_path: Pa
     found = load_pose(saved, WIDTH, HEIGHT)
     assert same_pose(found.pose, wanted.pose)
     assert found.loss == wanted.loss
-    assert f"loss {wanted.loss:.5f}" in status
+    assert f"unexplained {wanted.unexplained:.3f}" in status
 
 
 def test_space_stops_a_search(running: RunningApp) -> None:

@@ -54,7 +54,9 @@ def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
     jsonschema.validate(data, pose_schema())
     assert data["photo"]["file"] == scene.photo.name
     assert data["settings"]["chart"] == "auto"
-    assert f"{data['loss']:.6f}" in printed.out
+    assert 0.0 < data["unexplained"] < 1.0
+    assert f"unexplained {data['unexplained']:.3f} (start " in printed.out
+    assert "unexplained by part: light " in printed.out
     assert load_photo(picture).pixels.shape == (120, 160, 3)
 
 

@@ -22,9 +22,10 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import box_near, make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
+from tests.fit.ends import ended
+from tests.fit.test_paper import POSE
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))
 
@@ -49,7 +50,7 @@ def test_the_model_of_the_photo_is_first(scene, others):
         assert ranked[0].candidate.name == scene.model.name
         assert ranked[0].margin is not None
         assert ranked[0].margin > 0.1
-        assert all(one.candidate.loss <= one.candidate.start_loss for one in ranked)
+        assert all(one.candidate.fit.loss <= one.candidate.fit.start_loss for one in ranked)
 
 
 def test_what_is_fitted_is_ranked_while_the_next_is_being_fitted(scene, others):
@@ -104,23 +105,13 @@ def test_a_region_cuts_the_shared_pixels(scene, others):
 
 
 def test_margins_are_differences_to_the_next_loss():
-    pose = load_pose_of_nothing()
     given = ("b", 0.3), ("a", 0.2), ("c", 0.3)
-    found = [
-        Candidate(index, name, pose, loss, 1.0, "", 0, 0.0)
-        for index, (name, loss) in enumerate(given)
-    ]
+    found = [Candidate(i, name, ended(POSE, loss)) for i, (name, loss) in enumerate(given)]
     ranked = rank(found)
     assert [one.candidate.name for one in ranked] == ["a", "b", "c"]
     assert [one.candidate.index for one in ranked] == [1, 0, 2]
     assert rank([]) == ()
     assert [one.margin for one in ranked] == [pytest.approx(0.1), pytest.approx(0.0), None]
-
-
-def load_pose_of_nothing():
-    from poseviewer.geometry.camera import Perspective, Pose
-
-    return Pose(Perspective(1.0, 1.0, 0.0, 0.0, 1, 1), RigidTransform(np.eye(3), np.zeros(3)))
 
 
 def test_what_cannot_be_compared_is_refused(scene, others):

@@ -25,7 +25,7 @@ SCALE = LossScale(most=4, colours=3, has_edges=True)
 def test_it_is_the_geometric_mean_of_its_parts(seed, cosine, noise):
     _, photo, model = make_samples(seed, 8, 4, noise)
     moments = replace(make_moments(photo, model), edge_cosine=cosine)
-    found = SCALE.parts(registration_loss(moments), moments)
+    found = SCALE.read(registration_loss(moments), moments)
     parts = [found.light, found.classes, found.edges]
     assert found.total**3 == pytest.approx(float(np.prod(parts)), rel=1e-6)
     assert all(0.0 <= part <= 1.0 for part in parts)
@@ -56,7 +56,7 @@ def test_it_tells_the_right_pose_from_others():
         turn = RigidTransform.from_rotation_vector([0.0, np.radians(degrees), 0.0], [shift, 0, 0])
         pose = replace(POSE, camera_from_model=POSE.camera_from_model @ turn)
         moments = RENDERER.moments(pose, photo)
-        return scale.parts(registration_loss(moments), moments).total
+        return scale.read(registration_loss(moments), moments).total
 
     at = [unexplained_at(degrees) for degrees in (0.0, 2.0, 5.0, 15.0)]
     assert at == sorted(at)

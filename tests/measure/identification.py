@@ -116,11 +116,11 @@ def _identify_case(
         case.name,
         len(ranked),
         mine.rank,
-        mine.candidate.loss,
+        mine.candidate.fit.loss,
         other.name,
-        other.loss,
-        other.loss - mine.candidate.loss,
-        sum(one.candidate.seconds for one in ranked),
+        other.fit.loss,
+        other.fit.loss - mine.candidate.fit.loss,
+        sum(one.candidate.fit.seconds for one in ranked),
     )
 
 

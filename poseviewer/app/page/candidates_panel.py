@@ -46,6 +46,10 @@ class CandidatesPanel:
         set_properties(self._table, visible=bool(rows), content=table)
 
 
+UNEXPLAINED = '<th title="unexplained: 0, all explained, to 1, nothing">unexpl.</th>'
+"""The column's head."""
+
+
 def candidates_text(compared: Comparison | None) -> str:
     """What can be done, or how far it is (markdown)."""
     if compared is None or compared.latest is None:
@@ -54,11 +58,11 @@ def candidates_text(compared: Comparison | None) -> str:
             "Preparing ..."
             if running
             else "Add models that the photo may show. All are fitted from the pose at hand, and "
-            "ranked by their loss over the same pixels."
+            "ranked by what they leave unexplained of the same pixels, from 0 to 1."
         )
     latest, count = compared.latest, len(compared.models)
     if compared.running and latest.at is not None:
-        loss = "" if latest.progress is None else f", loss {latest.progress.loss:.3f}"
+        loss = "" if latest.progress is None else f", {latest.progress.loss_text}"
         return f"Fitting model {latest.at + 1} of {count}{loss}"
     if len(latest.ranked) < count:
         return f"Stopped: {len(latest.ranked)} of {count} models are fitted."
@@ -70,7 +74,7 @@ def candidates_table(rows: tuple[CandidateRow, ...], at_hand: str, running: bool
     body = "".join(_row(row, row.candidate.model.sha256 == at_hand, running) for row in rows)
     return (
         f'<div class="pv-models"><table><thead><tr><th></th><th>model</th>'
-        f"<th>loss</th><th>margin</th><th></th></tr></thead><tbody>{body}</tbody></table></div>"
+        f"{UNEXPLAINED}<th>margin</th><th></th></tr></thead><tbody>{body}</tbody></table></div>"
     )
 
 
@@ -78,7 +82,7 @@ def _row(row: CandidateRow, is_at_hand: bool, running: bool) -> str:
     name = escape(row.candidate.model.name)
     rank, loss, margin = "", "", ""
     if row.ranked is not None:
-        rank, loss = str(row.ranked.rank), f"{row.ranked.candidate.loss:.3f}"
+        rank, loss = str(row.ranked.rank), f"{row.ranked.candidate.fit.unexplained:.3f}"
         if row.ranked.margin is not None:
             margin = f"+{row.ranked.margin:.3f}"
     elif row.is_being_fitted:

@@ -16,6 +16,7 @@ import numpy as np
 from viser import uplot
 
 from poseviewer.app.page.controls import STEPS, Controls, Field, set_properties
+from poseviewer.app.page.loss_bar import loss_bar
 from poseviewer.app.page.methods_panel import MethodsPanel
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
@@ -65,11 +66,14 @@ class StatusPanel:
 
     def __init__(self, controls: Controls) -> None:
         self._text = controls.gui.add_markdown("")
+        self._bar = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:
         """Bring the text to the session."""
         lines = (search_text(session), focal_note(session))
         set_properties(self._text, content="  \n".join(filter(None, lines)))
+        bar = loss_bar(session)
+        set_properties(self._bar, content=bar, visible=bool(bar))
 
 
 class OpenPanel:
@@ -583,8 +587,8 @@ def _has_proposals(session: Session) -> bool:
 
 
 def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) each: evaluations, the best loss by then, and whether a restart began: 1, else 0. About
-    each restart there are three evaluations, so that it is a line.
+    """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
+    else 0. About each restart there are three evaluations, so that it is a line.
     """
     found = update.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
@@ -592,7 +596,8 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
     end = max(update.progress.evaluations, counts[-1] + 1)
     beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
     evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
-    best = np.array(losses)[np.searchsorted(counts, evaluations, side="right") - 1]
+    shown = update.progress.scale.shown(np.array(losses))
+    best = shown[np.searchsorted(counts, evaluations, side="right") - 1]
     return evaluations, best, np.isin(evaluations, begun).astype(float)
 
 
@@ -607,8 +612,8 @@ def search_text(session: Session) -> str:
     """How the search stands and the verdict's word, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
     if search is None:
-        if overlay is not None and overlay.loss is not None:
-            return f"**loss {overlay.loss:.5f}** at this pose"
+        if overlay is not None and overlay.unexplained is not None:
+            return f"**{overlay.unexplained.text}** at this pose"
         return (overlay.note if overlay else "") or "Preparing the first picture ..."
     if search.latest is None:
         return "Preparing the search ..."
@@ -620,7 +625,7 @@ def search_text(session: Session) -> str:
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
     text = (
         f"by {settings.method_name}{which}  \n"
-        f"**loss {progress.loss:.5f}** (start {progress.start_loss:.5f})  \n"
+        f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"
     )

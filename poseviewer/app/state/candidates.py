@@ -126,7 +126,7 @@ class Candidates:
     def pose_of(self, index: int, document: Document) -> Pose | None:
         """The pose that was found for a model; None where none is known."""
         row = next(row for row in self.rows(document) if row.index == index)
-        return None if row.ranked is None else row.ranked.candidate.pose
+        return None if row.ranked is None else row.ranked.candidate.fit.pose
 
 
 def at_hand(document: Document) -> CandidateModel:

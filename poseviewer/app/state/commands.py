@@ -885,7 +885,7 @@ class OverlayDrawn(WorkerUpdate):
         new, old = self.overlay, session.overlay
         if not new.loss_is_current and old is not None:
             current = old.request.has_loss_of(new.request) and old.loss_is_current
-            new = replace(new, loss=old.loss, note=old.note, loss_is_current=current)
+            new = new.with_loss_of(old, current)
         return replace(session, overlay=new)
 
 
@@ -900,5 +900,4 @@ class LossComputed(WorkerUpdate):
         if old is None or old.loss_is_current:
             return session
         current = old.request.has_loss_of(new.request)
-        drawn = replace(old, loss=new.loss, note=new.note, loss_is_current=current)
-        return replace(session, overlay=drawn)
+        return replace(session, overlay=old.with_loss_of(new, current))

@@ -22,6 +22,7 @@ from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import METHODS, FitSettings, Method
+from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -70,14 +71,26 @@ class Overlay:
     """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
     place: tuple[float, float, float, float]
     """Where the picture lies: left, top, width, height in px of the photo."""
-    loss: float | None
-    """At the pose; None where it cannot be told."""
+    unexplained: Unexplained | None
+    """The loss at the pose; None where it cannot be told."""
     note: str = ""
     """Why there is no loss, or no such look."""
     loss_is_current: bool = True
     """False: the loss is still that of the pose before, its own will follow."""
     candidates: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
     """(N, 2, 2): the outlines of the request's candidates, in px of the photo."""
+    start_loss: float | None = None
+    """Of the pose that the pixels are about: where a drag began."""
+
+    def with_loss_of(self, other: Overlay, is_current: bool) -> Overlay:
+        """The same drawing with the loss, or why there is none, of another."""
+        return replace(
+            self,
+            unexplained=other.unexplained,
+            start_loss=other.start_loss,
+            note=other.note,
+            loss_is_current=is_current,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,14 +30,14 @@ def record_of(session: Session) -> PoseRecord:
     document, search, overlay = session.document, session.search, session.overlay
     if search is not None and search.latest is not None:
         return FitResult(search.latest.case, document.pose, search.latest.progress).record
-    known = overlay is not None and overlay.loss_is_current and overlay.loss is not None
-    if overlay is None or not known or overlay.request.pose is not document.pose:
+    known = overlay.unexplained if overlay is not None and overlay.loss_is_current else None
+    if overlay is None or known is None or overlay.request.pose is not document.pose:
         return _plain_record(session)
     try:
         case = _case_of(session)
     except PoseViewerError:
         return _plain_record(session)  # a pose where nothing can be compared is a pose, too
-    return FitResult(case, document.pose, known_loss=overlay.loss).record
+    return FitResult(case, document.pose, known_loss=known.loss).record
 
 
 def _plain_record(session: Session) -> PoseRecord:

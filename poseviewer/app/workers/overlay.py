@@ -17,7 +17,9 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attributes
+from poseviewer.fit.unexplained import LossScale, Unexplained
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
@@ -39,7 +41,8 @@ class OverlayDrawer:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         # A renderer keeps what helps with the next picture of the same size: one for each size.
         self._quick, self._fine, self._loss = renderer, renderer.clone(), renderer.clone()
-        self._last_loss: float | None = None
+        self._last_loss: Unexplained | None = None
+        self._start_loss: float | None = None
         self._anchored: OverlayRequest | None = None
         self._attributes: PhotoAttributes | None = None
         self._note = ""
@@ -59,7 +62,7 @@ class OverlayDrawer:
                 yield replace(quick, loss_is_current=False)
         self._last_loss = self._find_loss(request)
         if lines or request.look == "none":
-            yield replace(quick, loss=self._last_loss, note=self._note)
+            yield replace(self._overlay(request, quick.outline), candidates=quick.candidates)
             if lines and not request.moving:
                 yield self._fine_lines(request)
         else:
@@ -73,7 +76,10 @@ class OverlayDrawer:
         place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     ) -> Overlay:
         outline = np.zeros((0, 2, 2)) if outline is None else outline
-        return Overlay(request, outline, picture, place, self._last_loss, self._note)
+        known = self._last_loss
+        return Overlay(
+            request, outline, picture, place, known, self._note, start_loss=self._start_loss
+        )
 
     def _candidates(self, update: SearchUpdate) -> FloatArray:
         """(N, 2, 2): the outlines of what the search compares, in px of the photo."""
@@ -81,9 +87,10 @@ class OverlayDrawer:
         lines = [quick_silhouette(mesh, self._quick, pose) for pose in poses]
         return np.concatenate([np.zeros((0, 2, 2)), *lines])
 
-    def _find_loss(self, request: OverlayRequest) -> float | None:
+    def _find_loss(self, request: OverlayRequest) -> Unexplained | None:
         if self._anchored is None or not request.compares_same(self._anchored):
             self._anchored, self._attributes, self._note = request, None, ""
+            self._start_loss = None
             own = request.registration
             try:
                 self._attributes = make_photo_attributes(
@@ -91,10 +98,15 @@ class OverlayDrawer:
                 )
             except PoseViewerError as error:
                 self._note = str(error)
+            else:
+                self._start_loss = self._read(self._attributes, request, request.anchor).loss
         if self._attributes is None:
             return None
-        moments = self._loss.moments(request.pose, self._attributes)
-        return loss_of(request.settings.method, moments, self._attributes)
+        return self._read(self._attributes, request, request.pose)
+
+    def _read(self, photo: PhotoAttributes, request: OverlayRequest, pose: Pose) -> Unexplained:
+        moments = self._loss.moments(pose, photo)
+        return LossScale.of(photo).read(loss_of(request.settings.method, moments, photo), moments)
 
     def _fine_lines(self, request: OverlayRequest) -> Overlay:
         camera = request.pose.camera

@@ -66,7 +66,9 @@ def keep_last_pose(record: PoseRecord, state: Path | None = None) -> None:
     size = None if photo is None else PhotoReference(width=photo.width, height=photo.height)
     try:
         folder = state_folder() if state is None else state
-        save_pose(folder / LAST_POSE, replace(record, photo=size, loss=None, chart=None))
+        save_pose(
+            folder / LAST_POSE, replace(record, photo=size, loss=None, unexplained=None, chart=None)
+        )
     except PoseViewerError as error:
         logger.warning("the last pose was not kept: %s", error)
 

@@ -16,6 +16,7 @@ from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.state.documents import PERSPECTIVE, after, make_document, make_photo, make_session
+from tests.fit.ends import ended
 from tests.meshes import make_box, make_bumpy
 
 BOX = CandidateModel(LoadedModel(make_box((1.6, 1.0, 1.2)), "box.ply", "b" * 64, None), None)
@@ -32,7 +33,7 @@ def gathered() -> Session:
 
 
 def found(index: int, loss: float) -> Candidate:
-    return Candidate(index, "", POSES[index], loss, 1.0, "", 1, 0.1)
+    return Candidate(index, "", ended(POSES[index], loss))
 
 
 def compared(session: Session, *losses: float) -> Session:
@@ -182,7 +183,7 @@ def test_the_comparison_is_the_one_of_the_command_line():
     *_, last = identifying(asked.registrations, asked.document.settings)
     end = after(session, c.IdentificationAdvanced(asked.number, last))
     best = last.ranked[0].candidate
-    assert end.document.pose is best.pose
+    assert end.document.pose is best.fit.pose
     assert end.document.registration.mesh is asked.models[best.index].model.mesh
     starts = [one.start for one in asked.registrations]
     assert starts == [session.document.pose] * 2

@@ -47,7 +47,7 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
     assert len(quick.outline) > 10
     assert quick.picture is None
     assert fine.picture is not None
-    assert fine.loss == quick.loss
+    assert fine.unexplained == quick.unexplained
     left, top, width, height = fine.place
     assert fine.picture.shape[2] == 4
     assert fine.picture.shape[1] / fine.picture.shape[0] == pytest.approx(width / height)
@@ -64,7 +64,7 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
 def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
     first, second = OverlayDrawer(renderer).draw(request_of(registration, moving=True))
     assert (first.loss_is_current, second.loss_is_current) == (False, True)
-    assert second.loss is not None
+    assert second.unexplained is not None
     for overlay in (first, second):
         assert overlay.picture is None
         assert len(overlay.outline) > 10
@@ -77,7 +77,10 @@ def test_the_loss_is_that_of_the_search(registration, renderer):
         parameters = problem.start + shift
         request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(parameters))
         (overlay,) = drawer.draw(request)
-        assert overlay.loss == pytest.approx(pose_loss(problem, renderer, parameters), rel=1e-12)
+        wanted = pose_loss(problem, renderer, parameters)
+        assert overlay.unexplained is not None
+        assert overlay.unexplained.loss == pytest.approx(wanted, rel=1e-12)
+        assert overlay.start_loss == pytest.approx(pose_loss(problem, renderer, problem.start))
 
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(registration, renderer):
@@ -86,13 +89,14 @@ def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(regis
 
     def loss(asked: OverlayRequest) -> float:
         (overlay,) = drawer.draw(asked)
-        assert overlay.loss is not None
-        return overlay.loss
+        assert overlay.unexplained is not None
+        return overlay.unexplained.loss
 
     other = replace(request, settings=replace(SETTINGS, region=(40, 30, 80, 60)))
     for asked in (request, other, request):
-        fresh = OverlayDrawer(renderer).draw(asked)
-        assert loss(asked) == next(iter(fresh)).loss
+        fresh = next(iter(OverlayDrawer(renderer).draw(asked))).unexplained
+        assert fresh is not None
+        assert loss(asked) == fresh.loss
     assert loss(request) != loss(other)
 
 
@@ -100,7 +104,7 @@ def test_why_there_is_no_loss_is_told(registration, renderer):
     settings = replace(SETTINGS, region=(0, 0, 2, 2))
     request = replace(request_of(registration), settings=settings)
     for overlay in OverlayDrawer(renderer).draw(request):
-        assert overlay.loss is None
+        assert overlay.unexplained is None
         assert len(overlay.note) > 20
         assert len(overlay.outline) > 10
 
