@@ -192,9 +192,10 @@ def test_the_papers_loss_is_drawn_as_it_is_searched(registration, renderer, pixe
     (overlay,) = OverlayDrawer(renderer).draw(
         replace(request_of(registration, "none"), settings=settings)
     )
-    assert overlay.loss == pytest.approx(pose_loss(problem, renderer, problem.start.copy()))
-    assert overlay.loss is not None
-    assert 0.0 < overlay.loss <= 1.0
+    assert overlay.unexplained is not None
+    loss = overlay.unexplained.loss
+    assert loss == pytest.approx(pose_loss(problem, renderer, problem.start.copy()))
+    assert 0.0 < loss <= 1.0
 
 
 def test_candidates_are_drawn_where_they_are(registration, renderer):
