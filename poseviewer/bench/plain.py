@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.opengl.context import opengl
 from poseviewer.render.opengl.renderer import clip_from_world
 from poseviewer.render.opengl.shading import (

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from poseviewer.fit.landscape import Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.chart_names import short_name
+from poseviewer.geometry.charts import short_name
 
 COLOURS = "viridis"
 INK = "0.15"

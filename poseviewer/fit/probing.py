@@ -23,8 +23,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.hull import hull_points, principal_axes
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.level_pose import level_pose

@@ -20,8 +20,7 @@ from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.restarts import RestartOptions

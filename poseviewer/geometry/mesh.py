@@ -1,14 +1,18 @@
-"""The model: a triangle surface with unit normals and a reflectance."""
+"""The model: a triangle surface with unit normals and a reflectance; its convex hull and axes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+
+FEWEST_FOR_HULL = 100
+"""Models of fewer vertices are taken for their own convex hull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +85,27 @@ class Mesh:
         """(N, 3): the vertices of the parts called ``name``."""
         wanted = [i for i, part in enumerate(self.part_names) if part == name]
         return self.vertices[np.unique(self.faces[np.isin(self.face_part, wanted)])]
+
+
+@lru_cache(maxsize=4)
+def hull_points(mesh: Mesh) -> FloatArray:
+    """(k, 3): those vertices whose convex hull holds all others; found once for each model.
+
+    They are all in front of a camera exactly if the model is, and their box in a photo is then
+    the model's. A flat model's are all its vertices.
+    """
+    if len(mesh.vertices) < FEWEST_FOR_HULL:
+        return mesh.vertices
+    try:
+        corners = ConvexHull(mesh.vertices).vertices
+    except QhullError:
+        return mesh.vertices
+    return frozen_array(mesh.vertices[corners], (-1, 3))
+
+
+def principal_axes(mesh: Mesh) -> FloatArray:
+    """(3, 3): unit axes in the model's frame, a row each, the shortest way through it first: those
+    of the scatter of its hull's corners. Where it is as long one way as another, any of these.
+    """
+    points = hull_points(mesh)
+    return np.linalg.eigh(np.cov(points.T))[1].T

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.structure import (
     MARGIN_PX,
     MODEL_NOISE,

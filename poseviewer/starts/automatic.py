@@ -30,8 +30,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead

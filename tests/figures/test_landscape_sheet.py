@@ -13,7 +13,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.figures.landscape_sheet import make_landscape_sheet, readable
 from poseviewer.figures.save import save_figure
 from poseviewer.fit.landscape import Slice
-from poseviewer.geometry.chart_names import NAMES as NAMES_ON_THE_PAGE
+from poseviewer.geometry.charts import NAMES as NAMES_ON_THE_PAGE
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
 

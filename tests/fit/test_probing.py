@@ -17,8 +17,7 @@ from poseviewer.fit.registration import Registration
 from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.hull import principal_axes
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, principal_axes
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform

@@ -28,8 +28,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.landscape import Slice, slice_minimum, strides
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.chart_names import short_name
-from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.charts import OutsideChartError, short_name
 
 PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""

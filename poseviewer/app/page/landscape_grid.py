@@ -22,7 +22,7 @@ from PIL import Image
 
 from poseviewer.fit.landscape import Pair, Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.geometry.chart_names import short_name
+from poseviewer.geometry.charts import short_name
 
 LEVELS = 128
 """Steps of colour: more cannot be told apart, and make every picture larger."""

@@ -36,7 +36,7 @@ from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
-from poseviewer.geometry.chart_names import label
+from poseviewer.geometry.charts import label
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import SIDES

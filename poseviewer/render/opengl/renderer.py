@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.moments import Part, moments_of_images
 from poseviewer.render.opengl.context import opengl
 from poseviewer.render.overlay.window import Window, model_window

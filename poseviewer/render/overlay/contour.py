@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.overlay.window import Window, model_window
 from poseviewer.render.types import Renderer
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 
 
 @dataclass(frozen=True, slots=True)

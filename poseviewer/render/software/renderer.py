@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.software import rasterise, shade, sums

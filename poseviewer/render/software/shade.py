@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.geometry.colour import GREY_WEIGHTS
+from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.software.kernel import kernel
 from poseviewer.render.software.rasterise import COLUMN_OF, GRADED, GREY, MAPPED, ROW_OF
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.colour import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.edges import find_lines
