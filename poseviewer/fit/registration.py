@@ -32,3 +32,5 @@ class Registration:
     keypoints: VehicleKeypoints | None
     start: Pose
     warnings: tuple[str, ...]
+    start_is_guess: bool = False
+    """Nobody has said yet where the model is."""

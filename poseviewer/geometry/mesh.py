@@ -45,6 +45,8 @@ class Mesh:
     """Whether the file said anything about colour; if not, ``colours`` are constant."""
     unit: str | None = None
     """The length unit, where the file says it."""
+    y_up: bool = False
+    """Whether its format has y upwards and the front at +z, as glTF."""
     notes: tuple[str, ...] = field(default=())
     """What was mended on loading, in words for the user."""
 

@@ -105,7 +105,6 @@ class Photo:
         if known or isinstance(camera, Parallel) or camera.fx != self.default_camera().fx:
             return ""
         return (
-            f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), so "
-            "the distance is unknown, too: six point pairs, a search with a free focal length, "
-            "or a calibration tell them."
+            f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
+            "with it the distance: six point pairs, a free focal length or a calibration tell them."
         )

@@ -6,16 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.hull import hull_points
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.keypoints import VehicleKeypoints, model_axes
 
-FILLED = 0.7
-"""Share of the photo's shorter side that the model's diameter is made to fill."""
+FILLED = 0.6
+"""Share of the photo's width, or of its height, that the model is made to fill."""
+FRAMINGS = 12
+"""Rounds of ``framed``: in perspective the box changes its shape on the way, by less each time."""
+FLAT = np.cos(np.radians(3.0))
+"""Faces of the hull that are turned by less from each other carry the model together."""
+PREFERENCE = 2.0
+"""How many times more likely than with z upwards a model must rest otherwise: files are mostly made
+that way."""
 
 SIDES = {
     "three-quarter": (-1.0, -1.3, 0.55),
@@ -32,15 +41,14 @@ SIDES = {
 def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:
     """The model in the middle of the photo, seen from ``side``, one of ``SIDES``.
 
-    A vehicle's axes are those of its wheels; any other model is taken to have z upwards and to
-    look along -y.
+    It fills ``FILLED`` of the photo, and stands as ``standing_axes`` say.
 
     Raises:
         SettingsError: there is no such side.
     """
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
-    right, behind, up = model_axes(keypoints)
+    right, behind, up = standing_axes(mesh, keypoints)
     stand = np.array(SIDES[side])
     from_camera = -(stand[0] * right + stand[1] * behind + stand[2] * up)
     forward = from_camera / np.linalg.norm(from_camera)
@@ -49,16 +57,71 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
     across = np.cross(forward, upwards)
     across /= np.linalg.norm(across)
     rotation = np.array([across, np.cross(forward, across), forward])
-    wanted_px = FILLED * min(camera.width, camera.height)
-    size = mesh.diameter
-    if isinstance(camera, Parallel):
-        camera = replace(camera, scale=wanted_px / size)
-        middle = (camera.width / 2.0 - camera.cx, camera.height / 2.0 - camera.cy)
-        place = np.array([*middle, 0.0]) / camera.scale + np.array([0.0, 0.0, 2.0 * size])
-    else:
-        depth = max(camera.fx * size / wanted_px, 0.75 * size)
-        place = camera.rays([camera.width / 2.0, camera.height / 2.0]) * depth
-    return Pose(camera, RigidTransform(rotation, place - rotation @ mesh.centre))
+    far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
+    pose = Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
+    width, height = FILLED * camera.width, FILLED * camera.height
+    left, top = (camera.width - width) / 2.0, (camera.height - height) / 2.0
+    return framed(pose, mesh, (left, top, width, height))
+
+
+def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]) -> Pose:
+    """The model moved, and in perspective nearer or farther, so that its box in the photo has the
+    middle of a rectangle (left, top, width, height; px) and just fits into it; it keeps its
+    rotation.
+    """
+    left, top, *wanted = rectangle
+    middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
+    rotation = pose.camera_from_model.rotation
+    radius = float(np.linalg.norm(points - mesh.centre, axis=1).max())
+    for _ in range(FRAMINGS):
+        seen, camera = pose.project(points), pose.camera
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        factor = float(np.min(np.array(wanted) / np.maximum(high - low, 1e-9)))
+        centre = middle + factor * (pose.project(mesh.centre) - (low + high) / 2.0)
+        depth = pose.camera_from_model.apply(mesh.centre)[2]
+        if isinstance(camera, Parallel):
+            camera = replace(camera, scale=camera.scale * factor)
+            place = np.append((centre - np.array([camera.cx, camera.cy])) / camera.scale, depth)
+        else:
+            # Never so near that a corner comes behind the camera.
+            place = camera.rays(centre) * max(depth / factor, 1.05 * radius)
+        pose = Pose(camera, RigidTransform(rotation, place - rotation @ mesh.centre))
+    return pose
+
+
+def standing_axes(
+    mesh: Mesh, keypoints: VehicleKeypoints | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame.
+
+    A vehicle's are those of its wheels, a glTF model's those of its format (y upwards, its front
+    at +z). Any other stands as it would most likely come to rest of the six ways along its axes:
+    by the solid angle of its hull's lowest face as seen from the middle. Its front is at -y, or
+    at +z where y is upwards.
+    """
+    if keypoints is not None:
+        return model_axes(keypoints)
+    up = np.array([0.0, 1.0, 0.0]) if mesh.y_up else _resting_up(mesh)
+    behind = np.array([0.0, 0.0, -1.0]) if up[1] else np.array([0.0, 1.0, 0.0])
+    return np.cross(up, behind), behind, up
+
+
+def _resting_up(mesh: Mesh) -> FloatArray:
+    """The axis, or its opposite, along which the model most likely stands."""
+    try:
+        hull = ConvexHull(hull_points(mesh))
+    except QhullError:  # flat
+        return np.array([0.0, 0.0, 1.0])
+    corners = hull.points[hull.simplices] - mesh.centre
+    a, b, c = np.moveaxis(corners / np.linalg.norm(corners, axis=2, keepdims=True), 1, 0)
+    # A. van Oosterom, J. Strackee, The Solid Angle of a Plane Triangle, 1983.
+    volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c)))
+    scalar = 1.0 + np.sum(a * b, axis=1) + np.sum(b * c, axis=1) + np.sum(c * a, axis=1)
+    angles = 2.0 * np.arctan2(volume, scalar)
+    ups = np.vstack([np.eye(3), -np.eye(3)])
+    likely = np.array([angles[hull.equations[:, :3] @ -up > FLAT].sum() for up in ups])
+    best = int(np.argmax(likely))
+    return ups[best if likely[best] > PREFERENCE * likely[2] else 2]
 
 
 def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.placing import FILLED, SIDES, look_from, surface_point
+from poseviewer.starts.placing import FILLED, SIDES, framed, look_from, standing_axes, surface_point
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 from tests.geometry.test_charts import make_keypoints
 from tests.meshes import make_box, make_bumpy, make_soup
@@ -55,9 +56,10 @@ def test_every_side_shows_the_whole_model_in_the_photo(camera, name, side):
         assert np.all((seen >= 0.0) & (seen <= [camera.width, camera.height]))
         assert np.linalg.det(pose.camera_from_model.rotation) == pytest.approx(1.0)
         middle = np.array([camera.width, camera.height]) / 2.0
-        assert pose.project(mesh.centre) == pytest.approx(middle, abs=1e-9)
-        # Not lost in the photo, either.
-        assert np.ptp(seen, axis=0).max() > 0.3 * FILLED * min(camera.width, camera.height)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        assert (low + high) / 2.0 == pytest.approx(middle, abs=1.0)
+        filled = (high - low) / [camera.width, camera.height]
+        assert filled.max() == pytest.approx(FILLED, rel=0.01)
 
 
 @CAMERAS
@@ -102,6 +104,36 @@ def test_a_model_stands_upright(camera):
             # Off the principal point, what is looked down upon leans a little.
             lean = 0.1 if side == "three-quarter" else 1e-9
             assert abs(head[0] - foot[0]) <= lean * (foot[1] - head[1])
+
+
+def test_a_model_stands_on_the_face_that_it_would_rest_on():
+    """Wheels, the format, resting: the same car turned so that another axis is upwards."""
+    for up, turn in (("z", np.eye(3)), ("y", np.eye(3)[[1, 2, 0]]), ("-x", np.eye(3)[[2, 0, 1]])):
+        box = make_box((4.2, 1.7, 1.4))
+        chocks = np.sign(box.vertices[:, 2:]) < 0.0  # wider below than above
+        shape = box.vertices * np.where(chocks, 1.0, [0.6, 0.6, 1.0])
+        sign = -1.0 if up == "-x" else 1.0
+        mesh = replace(box, vertices=sign * shape @ turn)
+        expected = sign * np.array([0.0, 0.0, 1.0]) @ turn
+        np.testing.assert_allclose(standing_axes(mesh, None)[2], expected)
+    assert standing_axes(replace(CAR_MESH, y_up=True), None)[2] == pytest.approx([0, 1, 0])
+    axes = np.array(standing_axes(CAR_MESH, make_car()))
+    np.testing.assert_allclose(axes, [[0, -1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+@CAMERAS
+def test_a_model_is_framed_by_a_rectangle(camera):
+    mesh, rectangle = MESHES["bumpy"], (0.1 * camera.width, 0.2 * camera.height, 90.0, 60.0)
+    start = look_from("three-quarter", mesh, None, camera)
+    pose = framed(start, mesh, rectangle)
+    seen = pose.project(mesh.vertices)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    assert np.min(np.array(rectangle[2:]) / (high - low)) == pytest.approx(1.0, rel=0.01)
+    middle = np.array(rectangle[:2]) + np.array(rectangle[2:]) / 2.0
+    assert (low + high) / 2.0 == pytest.approx(middle, abs=0.5)
+    np.testing.assert_allclose(
+        pose.camera_from_model.rotation, start.camera_from_model.rotation, atol=1e-12
+    )
 
 
 def test_an_unknown_side_is_refused():

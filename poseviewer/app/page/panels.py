@@ -57,7 +57,14 @@ BESIDE_RESTART = 1e-3
 AS_IT_IS = "as it is"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
-BOX_HINT = "drag a rectangle about the object &nbsp;·&nbsp; Esc: leave it"
+BOX_HINT = (
+    "drag a rectangle about the object: the model goes there, and starts are looked for "
+    "&nbsp;·&nbsp; Esc: leave it"
+)
+PLACE_HINT = (
+    "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
+    "<b>Fit to box</b> looks for a start"
+)
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
@@ -206,7 +213,13 @@ class QuickStartPanel:
 
     def __init__(self, controls: Controls) -> None:
         self._shown: object = None
-        self._has_region = False
+        self._has_region = self._proposing = False
+        self._box = controls.button("Fit to box", c.SetTool("box"), None, icon="frame")
+        self._proposals = controls.gui.add_markdown("", visible=False)
+        self._steps = [
+            controls.button("Next proposal", c.StepProposals(1)),
+            controls.button("Take it", c.TakeProposal(), None, icon="check"),
+        ]
         with controls.gui.add_folder("Quick start", expand_by_default=False):
             controls.choices(
                 "Mark", {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")}
@@ -217,13 +230,10 @@ class QuickStartPanel:
                 lambda _: FindWheels() if self._has_region else c.SetTool("region"),
             )
             self._again = controls.button("Draw another region", c.SetTool("region"))
-            self._box = controls.button("Draw a box", c.SetTool("box"))
-            self._propose = controls.button("Propose starts", c.ProposeStarts(), None)
-            self._proposals = controls.gui.add_markdown("")
-            self._steps = [
-                controls.button("Next proposal", c.StepProposals(1)),
-                controls.button("Take it", c.TakeProposal(), None, icon="check"),
-            ]
+            self._propose = controls.button_for(
+                "Propose starts",
+                lambda _: c.StopProposing() if self._proposing else c.ProposeStarts(),
+            )
             controls.button("From the last saved pose", UseLastPose())
             self._text = controls.gui.add_markdown("")
             self._buttons = [
@@ -245,18 +255,17 @@ class QuickStartPanel:
         for handle in self._buttons:
             set_properties(handle, visible=session.tool in MARKING)
         asked = session.proposals
-        running = asked is not None and asked.running
+        self._proposing = asked is not None and asked.running
         drawing = session.tool == "box"
-        set_properties(self._box, label="Drag on the photo ..." if drawing else "Draw a box")
-        set_properties(
-            self._propose, label="Looking ..." if running else "Propose starts", disabled=running
-        )
+        set_properties(self._box, label="Drag on the photo ..." if drawing else "Fit to box")
+        set_properties(self._propose, label="Stop looking" if self._proposing else "Propose starts")
         there = (
             asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
         )
         for handle in self._steps:
             set_properties(handle, visible=there)
-        set_properties(self._proposals, content=proposals_text(session))
+        text = proposals_text(session)
+        set_properties(self._proposals, content=text, visible=bool(text))
 
 
 class FitPanel:
@@ -544,7 +553,7 @@ def hint_of(session: Session) -> str:
             else:
                 what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
         case _:
-            return ""
+            return PLACE_HINT if session.document.awaits_place else ""
     return f"<b>{what}</b>{MARKING_HINT}"
 
 
@@ -575,8 +584,6 @@ def proposals_text(session: Session) -> str:
         return "Trying views from everywhere: some seconds, longer without a box."
     if asked is not None and _has_proposals(session):
         return f"**proposal {asked.index + 1} of {len(asked.poses)}**, the likeliest first"
-    if session.document.marks.box is None and session.document.settings.region is None:
-        return "Draw a box about the object; without one, the whole photo is searched."
     return ""
 
 

@@ -60,7 +60,7 @@ from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
-from poseviewer.starts.placing import look_from, surface_point
+from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse
 
@@ -108,7 +108,7 @@ class WorkerUpdate(DragCommand):
 @dataclass(frozen=True, slots=True)
 class Press(Command):
     """The main button went down at a point of the photo: take hold of what is there; with a marking
-    tool, set a mark where there is none.
+    tool, set a mark where there is none; where the model is nowhere yet, put it there.
     """
 
     x: float
@@ -129,6 +129,9 @@ class Press(Command):
         else:
             kind = "roll" if self.ctrl else "turn" if self.shift else "move"
             drag = take_hold(document, point, self.zoom, kind, session.look.rings)
+            if drag is None and document.awaits_place:
+                pose, centre = document.pose, document.registration.mesh.centre
+                return session.with_pose(moved(pose, centre, point - pose.project(centre)))
         return session if drag is None else replace(session, drag=drag, before_drag=None)
 
 
@@ -152,16 +155,23 @@ class DragTo(DragCommand):
 
 @dataclass(frozen=True, slots=True)
 class Release(DragCommand):
-    """The button went up: the drag as a whole is one undoable step."""
+    """The button went up: the drag as a whole is one undoable step. A model goes into the box that
+    was drawn at once, and starts are looked for there.
+    """
 
     def __call__(self, session: Session) -> Session:
         if session.drag is None:
             return session
         before, document = session.before_drag, session.document
         tool = session.tool if session.tool in MARKING else "pose"
+        drawn = session.tool
         session = replace(session, drag=None, before_drag=None, tool=tool)
         if before is None:
             return session
+        if drawn == "box" and document.marks.box is not None:
+            pose = framed(document.pose, document.registration.mesh, document.marks.box)
+            session = replace(session, document=before).with_document(replace(document, pose=pose))
+            return ProposeStarts()(session)
         if tool in MARKING:
             document = solved(document, tool)
         history = session.history.with_step(before)
@@ -488,6 +498,15 @@ class ProposeStarts(Command):
         tool = "pose" if session.tool == "box" else session.tool
         asked = ProposedStarts(number, session.document)
         return replace(session, proposals_asked=number, proposals=asked, tool=tool)
+
+
+@dataclass(frozen=True, slots=True)
+class StopProposing(Command):
+    """Look for start poses no more."""
+
+    def __call__(self, session: Session) -> Session:
+        asked = session.proposals
+        return session if asked is None or not asked.running else replace(session, proposals=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -140,7 +140,14 @@ class Document:
 
     def started_from(self, pose: Pose) -> Document:
         """The same with another start pose, which is the pose as well."""
-        return replace(self, registration=replace(self.registration, start=pose), pose=pose)
+        registration = replace(self.registration, start=pose, start_is_guess=False)
+        return replace(self, registration=registration, pose=pose)
+
+    @property
+    def awaits_place(self) -> bool:
+        """Whether nobody has said yet where the model is: then a press on the photo does."""
+        own = self.registration
+        return own.start_is_guess and self.pose is own.start
 
 
 @dataclass(frozen=True, slots=True, eq=False)

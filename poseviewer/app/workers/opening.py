@@ -133,7 +133,10 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         placed = look_from("three-quarter", mesh, keypoints, camera).camera_from_model
         middle = placed.apply(mesh.centre)
         pose = Pose(camera, RigidTransform(rotation, middle - rotation @ mesh.centre))
-    registration = replace(now.registration, photo=photo, start=pose, warnings=())
+    guess = path != now.photo_path or now.awaits_place
+    registration = replace(
+        now.registration, photo=photo, start=pose, warnings=(), start_is_guess=guess
+    )
     settings = replace(now.settings, region=None)
     document = replace(
         now, registration=registration, pose=pose, photo_path=path, settings=settings, marks=Marks()
@@ -213,6 +216,7 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
         photo=replace(photo, name=kept.photo_name),
         mesh_name=kept.model_name,
         start=kept.start.pose,
+        start_is_guess=False,
     )
     settings = settings_from_json(kept.settings)
     document = replace(
@@ -239,4 +243,4 @@ def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Regist
     pose = look_from("three-quarter", mesh, keypoints, camera)
     notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
     notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
-    return Registration(photo, mesh, loaded.name, loaded.sha256, keypoints, pose, notes)
+    return Registration(photo, mesh, loaded.name, loaded.sha256, keypoints, pose, notes, True)

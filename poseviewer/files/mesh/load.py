@@ -73,7 +73,7 @@ def load_mesh(path: str | Path) -> Mesh:
             f"{path.name}: not a readable {ending[1:].upper()} file ({_first_line(error)}); is it "
             "whole? Export it again."
         ) from error
-    return as_mesh(path.name, parts, notes, "m" if ending in GLTF else None)
+    return as_mesh(path.name, parts, notes, ending in GLTF)
 
 
 def _reader_for(path: Path) -> Callable[[Path], Read]:

@@ -56,8 +56,9 @@ class _Surface:
         self.uvs, self.faces, self.normals = self.uvs[source], faces, normals
 
 
-def as_mesh(name: str, parts: list[Part], notes: list[str], unit: str | None = None) -> Mesh:
-    """One Mesh of all the parts of the file ``name``; what was mended is added to its notes.
+def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) -> Mesh:
+    """One Mesh of all the parts of the file ``name``; what was mended is added to its notes. glTF
+    is in metres, and has y upwards.
 
     Raises:
         MeshFileError: no triangles, or coordinates or indices that cannot be.
@@ -83,7 +84,8 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], unit: str | None = N
         textures=textures,
         part_names=tuple(dict.fromkeys(part.name for part in parts)),
         has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
-        unit=unit,
+        unit="m" if gltf else None,
+        y_up=gltf,
         notes=tuple(surface.notes),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
@@ -29,11 +30,27 @@ def test_a_box_is_drawn_once_and_undone():
     drawn = after(make_session(), c.SetTool("box"), c.Press(20, 15), c.DragTo(90, 300), c.Release())
     assert drawn.document.marks.box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
     assert drawn.tool == "pose"
-    asked = after(drawn, c.ProposeStarts()).proposals
-    assert asked is not None
-    assert asked.query.rectangle == (20, 15, 70, 105)
+    assert drawn.proposals is not None  # they are looked for at once
+    assert drawn.proposals.running
+    assert drawn.proposals.query.rectangle == (20, 15, 70, 105)
     assert drawn.document.settings.region is None
+    seen = drawn.document.pose.project(drawn.document.registration.mesh.vertices)
+    assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
+    assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)
+    assert after(drawn, c.StopProposing()).proposals is None
+    assert after(drawn, c.Undo()).document is drawn.history.past[0]
     assert after(drawn, c.Undo()).document.marks.box is None
+
+
+def test_a_press_puts_a_model_that_is_nowhere_yet():
+    document = make_document()
+    guessed = replace(document, registration=replace(document.registration, start_is_guess=True))
+    session = after(Session(guessed), c.Press(5.0, 6.0), c.Release())
+    centre = document.registration.mesh.centre
+    assert session.document.pose.project(centre) == pytest.approx([5.0, 6.0])
+    assert after(session, c.Undo()).document is guessed
+    for placed in (session, Session(document)):  # it is somewhere: a press beside it does nothing
+        assert after(placed, c.Press(155.0, 115.0), c.Release()).document is placed.document
 
 
 def test_proposals_are_stepped_through_in_one_step_of_the_history():
