@@ -11,8 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
-from poseviewer.geometry.hull import hull_points
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.keypoints import VehicleKeypoints, model_axes
 
