@@ -132,7 +132,7 @@ def moments_of_picture(picture: Picture, photo: PhotoAttributes) -> Moments:
     weighted = w[:, None] * joint
     first, second, weight = w @ joint, weighted.T @ joint, float(w.sum())
     if not photo.clipped:
-        region = photo.region_sums
+        region = photo.photo_sums
         weight = region.weight
         first[:n], second[:n, :n] = region.first, region.second
     return Moments.from_sums(len(pixels), weight, first, second, photo.origin)

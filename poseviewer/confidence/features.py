@@ -15,11 +15,10 @@ from poseviewer.fit.probing import Descent, Probe, compared_photo
 from poseviewer.fit.problem import FitProblem, shown_attributes
 from poseviewer.fit.verdict import Features, WeakDirection
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes, moments_of_images
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.structure import LIGHTENING, PHOTO_NOISE, SMOOTHING_PX
 from poseviewer.render.types import PhotoAttributes, Renderer
 

@@ -20,13 +20,12 @@ from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem, box_near, working_factor
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 

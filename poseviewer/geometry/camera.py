@@ -121,3 +121,23 @@ class Pose:
 def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
     """(width, height) of a picture resized by ``factor``: rounded, at least 1."""
     return max(1, round(width * factor)), max(1, round(height * factor))
+
+
+def level_pose(pose: Pose, factor: int) -> Pose:
+    """The pose in the picture made smaller by a whole number, a level of its pyramid: sizes are
+    rounded up, coordinates divided exactly.
+    """
+    if factor == 1:
+        return pose
+    camera = pose.camera
+    width, height = reduced_size(camera.width, factor), reduced_size(camera.height, factor)
+    cx, cy = camera.cx / factor, camera.cy / factor
+    if isinstance(camera, Perspective):
+        smaller = Perspective(camera.fx / factor, camera.fy / factor, cx, cy, width, height)
+        return Pose(smaller, pose.camera_from_model)
+    return Pose(Parallel(camera.scale / factor, cx, cy, width, height), pose.camera_from_model)
+
+
+def reduced_size(size: int, factor: int) -> int:
+    """Pixels along a side that shows ``size`` px, ``factor`` to each; the last may be in part."""
+    return -(-size // factor)

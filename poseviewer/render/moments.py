@@ -80,7 +80,7 @@ def moments_of_region(
 
     Beside the model M is 0, and what F adds there is the same for all poses.
     """
-    n, region = seen.shape[1], photo.region_sums
+    n, region = seen.shape[1], photo.photo_sums
     joint = np.concatenate([seen - photo.origin, model], axis=1)
     weighted = w[:, None] * joint
     first, second = w @ joint, weighted.T @ joint

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.linear_algebra import whiten
-from poseviewer.render.structure import (
-    PhotoStructure,
-)
+from poseviewer.render.structure import PhotoStructure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RegionSums:
-    """Sums over the whole region, of the photo's attributes alone, about ``origin``."""
+class PhotoSums:
+    """Sums of the photo's attributes over the whole region, about their ``origin``."""
 
     weight: float
     first: FloatArray
@@ -29,8 +27,10 @@ class RegionSums:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FixedPart:
-    """What no pose alters, where classes and edges are compared: F is summed over all of P."""
+class PhotoMoments:
+    """The moments of F alone, and its edges, where there is a ``structure``: P is then the whole
+    region, and they are the same for all poses.
+    """
 
     weight: float
     mean: FloatArray
@@ -89,8 +89,8 @@ class PhotoAttributes:
         return sums / total if total > 0.0 else np.zeros_like(sums)
 
     @cached_property
-    def region_sums(self) -> RegionSums:
-        """What the photo alone adds to the moments of the whole region; made once."""
+    def photo_sums(self) -> PhotoSums:
+        """What F adds to the moments over the whole region; made once."""
         first, n = [], self.channels.shape[2]
         second = np.zeros((n, n))
         for weights, rows in zip(self.weights, self.channels, strict=True):
@@ -98,11 +98,11 @@ class PhotoAttributes:
             weighted = weights[:, None] * centred
             first.append(weighted.sum(axis=0))
             second += weighted.T @ centred
-        return RegionSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
+        return PhotoSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
 
     @cached_property
-    def fixed_part(self) -> FixedPart:
-        """What the ``structure`` adds to the moments of all poses; made once."""
+    def photo_moments(self) -> PhotoMoments:
+        """What F adds to the moments where there is a ``structure``; made once."""
         assert self.structure is not None
         weight = float(self.structure.shares.sum())
         share = 1.0 / weight if weight > 0.0 else 0.0
@@ -110,7 +110,7 @@ class PhotoAttributes:
         covariance = share * self.structure.second - np.outer(mean, mean)
         weighted = self.weights[..., None] * self.structure.field
         target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
-        return FixedPart(weight, mean, covariance, whiten(covariance, mean), target)
+        return PhotoMoments(weight, mean, covariance, whiten(covariance, mean), target)
 
     @property
     def photo_channels(self) -> int:

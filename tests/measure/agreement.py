@@ -24,11 +24,10 @@ from poseviewer.files.table import RowTable
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.study.real_cases import load_cases, load_starts
 from poseviewer.study.run import TRIALS
 from poseviewer.study.trials import RealTask, RealTrial

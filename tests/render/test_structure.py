@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.fit.loss import lighting_loss, registration_loss, worst_registration_loss
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.pyramid.levels import structured
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.structure import CLASSES, make_structure

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Perspective, Pose, level_pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.moments import Part, moments_of_images
 from poseviewer.render.opengl.context import opengl
 from poseviewer.render.overlay.window import Window, model_window
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.structure import MARGIN_PX
 from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes

@@ -17,9 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Pose, level_pose, reduced_size
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.pyramid.level_pose import level_pose, reduced_size
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.structure import bounding_slices, make_structure

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.pyramid.level_pose import level_pose
 from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
 from poseviewer.render.software.surface import make_surface
@@ -97,7 +96,7 @@ class SoftwareRenderer:
         box = self._rasterise(pose)
         n, region = photo.channels.shape[2], NO_REGION
         if not photo.clipped:
-            whole = photo.region_sums
+            whole = photo.photo_sums
             region = True, whole.weight, whole.first, whole.second
         pixels, weight, mean, covariance = sums.moments(
             box,
@@ -118,7 +117,7 @@ class SoftwareRenderer:
     def _structure_moments(
         self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
     ) -> Moments:
-        box, fixed = self._rasterise(pose), photo.fixed_part
+        box, fixed = self._rasterise(pose), photo.photo_moments
         workspace = self._structure_workspace(photo)
         pixels, dot, square = sums.structure_sums(
             box,

@@ -42,7 +42,7 @@ def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace,
         photo_origin: (n,), subtracted from F.
         model: m, 4 (of the grey) or 12, or 1 more: the last attribute is then 1 on the model.
         workspace: that of ``shade``, and for the weights (width,) float64.
-        region: (whether P is the whole of it, and if so the ``RegionSums``).
+        region: (whether P is the whole of it, and if so the ``PhotoSums``).
         rotation: (3, 3), turns normals into the camera's frame.
     """
     n = photo_origin.shape[0]

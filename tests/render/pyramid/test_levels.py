@@ -9,7 +9,7 @@ from poseviewer.files.demo import demo_case
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.optimise import nelder_mead
@@ -19,7 +19,6 @@ from poseviewer.render.pyramid.levels import (
     LevelRenderer,
     coarser,
     coarsest_factor,
-    level_pose,
     make_level,
 )
 from poseviewer.render.software.renderer import SoftwareRenderer
