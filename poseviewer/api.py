@@ -253,7 +253,13 @@ class Case:
         whose = "loss" if self.settings.method == "default" else f"loss of {name}"
         title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
         return LossMaps(
-            tuple(slices), chart.names, centre, chart.scales(centre), title, photo_text(photo)
+            tuple(slices),
+            chart.names,
+            centre,
+            chart.scales(centre),
+            self.problem.scale,
+            title,
+            photo_text(photo),
         )
 
 

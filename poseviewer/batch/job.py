@@ -143,6 +143,8 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> Job
         progress.status.value,
         loss=progress.loss,
         start_loss=progress.start_loss,
+        unexplained=progress.unexplained,
+        start_unexplained=progress.start_unexplained,
         evaluations=progress.evaluations,
         seconds=round(progress.seconds, 3),
         pose=pose,

@@ -26,7 +26,7 @@ ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; }
 td.files { overflow-wrap: anywhere; min-width: 10rem; }
 td.verdict { min-width: 20rem; }
 """
-_COLUMNS = ("pose", "row", "files", "verdict", "loss, at the start", "outcome")
+_COLUMNS = ("pose", "row", "files", "verdict", "unexplained (0 to 1), at the start", "outcome")
 _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
@@ -59,8 +59,8 @@ def _row(folder: Path, result: JobResult) -> str:
     else:
         picture = _picture(folder, result)
         # A pose set by hand may have no loss.
-        pair = (result.loss, result.start_loss)
-        losses = "<br>".join("-" if loss is None else f"{loss:.4f}" for loss in pair)
+        pair = (result.unexplained, result.start_unexplained)
+        losses = "<br>".join("-" if share is None else f"{share:.3f}" for share in pair)
         verdict = _verdict(result)
         outcome = (
             f"{escape(result.status)}<br>{result.evaluations:,} evaluations, "

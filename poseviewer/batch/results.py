@@ -51,6 +51,9 @@ class JobResult:
     """Why the row failed; empty where it was fitted."""
     loss: float | None = None
     start_loss: float | None = None
+    unexplained: float | None = None
+    """The loss on the scale from 0, all explained, to 1, nothing."""
+    start_unexplained: float | None = None
     evaluations: int = 0
     seconds: float = 0.0
     pose: str = ""
@@ -106,6 +109,7 @@ def load_result(folder: Path, key: str) -> JobResult | None:
     try:
         data = dict(json.loads((folder / ROWS / f"{key}.json").read_bytes()))
         values: dict[str, Any] = {name: str(data.get(name, "")) for name in ("review", "note")}
+        values |= {name: data.get(name) for name in ("unexplained", "start_unexplained")}
         values |= {f.name: data[f.name] for f in fields(JobResult) if f.name not in values}
         found = JobResult(**values)
     except (OSError, ValueError, KeyError, TypeError):

@@ -139,6 +139,7 @@ def accept_mended(
         status=BY_HAND if row.result.failed else row.result.status,
         reason="",
         loss=record.loss,
+        unexplained=record.unexplained,
         pose=pose,
         picture=drawn,
         review=MENDED,

@@ -24,7 +24,7 @@ CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
 POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
 
 _MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": MINIMUM_COLOUR}
-_MINIMUM |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least loss of the map"}
+_MINIMUM |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least of the map"}
 _POSE = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
 _POSE |= {"markeredgewidth": 1.6, "label": "current pose"}
 
@@ -35,6 +35,7 @@ def make_landscape_sheet(
     pose: FloatArray,
     *,
     title: str = "",
+    what: str = "loss",
     shared_scale: bool = True,
 ) -> Figure:
     """All slices on one sheet: 15 maps for six numbers, 21 for seven.
@@ -44,6 +45,7 @@ def make_landscape_sheet(
         names: (d,) of the chart's numbers, for the axes.
         pose: (d,) the numbers of the pose that is marked with a cross.
         title: of the sheet.
+        what: the values are called.
         shared_scale: one colour for one loss over all maps, with a colour bar; otherwise each map
             has its own range, from its least to its greatest loss, which shows faint basins.
     """
@@ -64,7 +66,7 @@ def make_landscape_sheet(
         axes = figure.add_subplot(grid[row, column])
         _draw_map(axes, piece, pose, scale or _range([piece.losses]))
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
-    _add_key(figure, scale)
+    _add_key(figure, scale, what)
     figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
     return figure
 
@@ -123,7 +125,7 @@ def readable(name: str) -> str:
     return short_name(name)
 
 
-def _add_key(figure: Figure, scale: Normalize | None) -> None:
+def _add_key(figure: Figure, scale: Normalize | None, what: str) -> None:
     """The colour bar and the marks' meaning, in the upper right, which the maps leave free."""
     width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
@@ -131,7 +133,7 @@ def _add_key(figure: Figure, scale: Normalize | None) -> None:
     if scale is not None:
         axes = figure.add_axes((right - span, top - 0.16 / height, span, 0.13 / height))
         bar = figure.colorbar(ScalarMappable(scale, COLOURS), cax=axes, orientation="horizontal")
-        bar.set_label("loss", fontsize=9, color=INK)
+        bar.set_label(what, fontsize=9, color=INK)
         bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
         bar.ax.xaxis.set_major_locator(MaxNLocator(4))
         bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]

@@ -10,6 +10,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.landscape import landscape_csv_bytes, landscape_npz_bytes
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.landscape import Slice
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 
 
@@ -23,6 +24,8 @@ class LossMaps:
     """(d,): the pose in the middle."""
     scales: FloatArray
     """(d,): what counts as 100 % of each number."""
+    loss_scale: LossScale
+    """How the sheet shows the losses; the numbers are the losses themselves."""
     title: str = ""
     photo: str = ""
     """Which photo it is, as files say it."""
@@ -43,7 +46,13 @@ class LossMaps:
         from poseviewer.figures.landscape_sheet import make_landscape_sheet
         from poseviewer.figures.save import figure_bytes
 
-        sheet = make_landscape_sheet(self.slices, self.names, self.centre, title=self.title)
+        sheet = make_landscape_sheet(
+            [piece.shown(self.loss_scale) for piece in self.slices],
+            self.names,
+            self.centre,
+            title=self.title,
+            what=self.loss_scale.name,
+        )
         return figure_bytes(sheet, kind)
 
     def save(self, path: str | Path) -> None:

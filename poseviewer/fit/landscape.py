@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.pool import RendererPool
@@ -50,6 +51,10 @@ class Slice:
     def complete(self) -> bool:
         """Whether every loss is known."""
         return not bool(np.isnan(self.losses).any())
+
+    def shown(self, scale: LossScale) -> Slice:
+        """The same with the losses as a person is shown them."""
+        return replace(self, losses=scale.shown(self.losses))
 
     def filled(self) -> FloatArray:
         """(k, k): the losses, with the nearest known one where none is known; for pictures."""

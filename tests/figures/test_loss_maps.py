@@ -13,8 +13,10 @@ from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.files.landscape import CSV_COLUMNS
 from poseviewer.fit.landscape import Slice
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import frozen_array
 
+SCALE = LossScale(most=1, colours=1, has_edges=False)
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -25,7 +27,9 @@ def make_maps(shift: float = 0.0) -> LossMaps:
         for i, j in PAIRS
     ]
     centre, scales = frozen_array(np.arange(3) + 0.5 + shift, (3,)), frozen_array(np.ones(3), (3,))
-    return LossMaps(slices, ("mu_x", "mu_y", "psi_x"), centre, scales, "About a pose", "p.jpg")
+    return LossMaps(
+        slices, ("mu_x", "mu_y", "psi_x"), centre, scales, SCALE, "About a pose", "p.jpg"
+    )
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg", "npz", "csv"])

@@ -146,23 +146,25 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
         and not (session.searching or session.drag is not None),
         half_width=latest.half_width,
         whose=latest.case.settings.method_name,
+        what=problem.scale.name,
     )
     markers = markers_of(session, latest)
-    return landscape_grid(latest.slices, problem.chart.names, markers, options)
+    return landscape_grid(latest.shown, problem.chart.names, markers, options)
 
 
 def _large_figure(session: Session, latest: LandscapeUpdate) -> go.Figure | None:
     """The map that is open large; None where there is none."""
-    pieces = {(piece.first, piece.second): piece for piece in latest.slices}
+    pieces = {(piece.first, piece.second): piece for piece in latest.shown}
     piece = None if session.maps.large is None else pieces.get(session.maps.large)
     if piece is None:
         return None
     chart, markers = latest.case.problem.chart, markers_of(session, latest)
+    what = latest.case.problem.scale.name
     if session.maps.surface:
-        figure = surface_figure(piece, chart.names, markers)
+        figure = surface_figure(piece, chart.names, markers, what)
     else:
         scales = chart.scales(latest.parameters)
-        figure = contour_figure(piece, chart.names, markers, scales, latest.parameters)
+        figure = contour_figure(piece, chart.names, markers, scales, latest.parameters, what)
     whose = {"text": latest.case.settings.method_name, "x": 0.01, "y": 0.985, "font": {"size": 12}}
     return figure.update_layout(title=whose)
 
@@ -187,11 +189,17 @@ def _same_chart(one: Case, other: Case) -> bool:
 
 
 def contour_figure(
-    piece: Slice, names: Sequence[str], markers: Markers, scales: FloatArray, centre: FloatArray
+    piece: Slice,
+    names: Sequence[str],
+    markers: Markers,
+    scales: FloatArray,
+    centre: FloatArray,
+    what: str = "loss",
 ) -> go.Figure:
     """The map with contour lines and their values; what is under the cursor is read out.
 
-    ``scales`` and ``centre`` (d,): what 100 % of each parameter is, and where 0 % lies.
+    ``scales`` and ``centre`` (d,): what 100 % of each parameter is, and where 0 % lies; ``what``
+    the values are called.
     """
     piece = known_part(piece)
     x, y = piece.first_values, piece.second_values
@@ -213,11 +221,11 @@ def contour_figure(
             ncontours=CONTOURS,
             contours={"showlabels": True, "labelfont": {"size": 10, "color": "#ffffff"}},
             line={"width": 0.8, "color": "rgba(20,22,26,.65)"},
-            colorbar={"title": "loss", "thickness": 10, "len": 0.9, "outlinewidth": 0},
+            colorbar={"title": what, "thickness": 10, "len": 0.9, "outlinewidth": 0},
             hovertemplate=(
                 f"{short_name(names[first])} %{{x:.5f}} (%{{customdata[0]:+.1f}} %)<br>"
                 f"{short_name(names[second])} %{{y:.5f}} (%{{customdata[1]:+.1f}} %)<br>"
-                "loss %{z:.5f}<extra></extra>"
+                f"{what} %{{z:.3f}}<extra></extra>"
             ),
         )
     ]
@@ -245,7 +253,7 @@ def contour_figure(
     least = slice_minimum(piece)
     if least is not None:
         place = np.array([[least.first_value, least.second_value]])
-        dots(place, f"least: {least.loss:.5f}", size=9, color=LEAST_COLOUR, line=rim)
+        dots(place, f"least: {least.loss:.3f}", size=9, color=LEAST_COLOUR, line=rim)
     axes = [
         {
             "title": {"text": short_name(names[parameter]), "standoff": 4},
@@ -259,7 +267,9 @@ def contour_figure(
     return go.Figure(traces, {**_layout(), "xaxis": axes[0], "yaxis": axes[1]})
 
 
-def surface_figure(piece: Slice, names: Sequence[str], markers: Markers) -> go.Figure:
+def surface_figure(
+    piece: Slice, names: Sequence[str], markers: Markers, what: str = "loss"
+) -> go.Figure:
     """The map as a surface over its two parameters, the loss upwards, that the mouse can turn."""
     piece = known_part(piece)
     losses = piece.filled()
@@ -291,7 +301,7 @@ def surface_figure(piece: Slice, names: Sequence[str], markers: Markers) -> go.F
     scene = {
         "xaxis": {**axis, "title": short_name(names[piece.first])},
         "yaxis": {**axis, "title": short_name(names[piece.second])},
-        "zaxis": {**axis, "title": "loss"},
+        "zaxis": {**axis, "title": what},
         "camera": {"eye": {"x": -1.5, "y": -1.75, "z": 1.25}},
     }
     return go.Figure([surface, *traces], {**_layout(left=0, below=0), "scene": scene})

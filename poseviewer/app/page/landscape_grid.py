@@ -79,6 +79,8 @@ class GridOptions:
     """The maps are about an older pose, while new ones are computed."""
     half_width: float = 0.2
     """How far the maps reach from their centre, as a share of each parameter's scale."""
+    what: str = "loss"
+    """What the values are called."""
     whose: str = ""
     """Whose loss it is; "" says nothing."""
 
@@ -205,7 +207,7 @@ def _cell(
     side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
     return (
         f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" onpointerdown="{pick}">'
-        f"<title>{what}{f': least loss {least.loss:.4g}' if least else ''}</title>"
+        f"<title>{what}{f': least {least.loss:.3f}' if least else ''}</title>"
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
         f'<span class="pv-name">{what}</span>'
@@ -254,7 +256,8 @@ def _points(shares: FloatArray) -> str:
 def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> str:
     """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
     low, high = (f"{shared.low:.3f}", f"{shared.high:.3f}") if shared else ("least", "greatest")
-    what = "loss" if shared or options.shared_scale else "loss, each map by itself"
+    what = escape(options.what)
+    what += "" if shared or options.shared_scale else ", each map by itself"
     whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
     stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
     gradient = ",".join("#" + bytes(colour).hex() for colour in stops)

@@ -666,9 +666,9 @@ def review_text(state: ReviewState) -> str:
     ]
     if result.failed:
         lines.append(escape(f"failed: {result.reason}"))
-    elif result.start_loss:
-        loss = "-" if result.loss is None else f"{result.loss:.4f}"
-        lines.append(f"loss {loss}, at the start {result.start_loss:.4f}")
+    elif result.start_unexplained is not None:
+        share = "-" if result.unexplained is None else f"{result.unexplained:.3f}"
+        lines.append(f"unexplained {share}, at the start {result.start_unexplained:.3f}")
     verdict = getattr(result, "verdict", "")
     if verdict and not result.review:
         lines.append(escape(f"verdict: {verdict}"))

@@ -146,6 +146,11 @@ class LandscapeUpdate:
     """Share of the losses that are known, in [0, 1]."""
 
     @property
+    def shown(self) -> tuple[Slice, ...]:
+        """The slices with the losses as a person is shown them."""
+        return tuple(piece.shown(self.case.problem.scale) for piece in self.slices)
+
+    @property
     def maps(self) -> LossMaps:
         """The slices as files hold them."""
         return self.case.maps(self.centre, self.slices, self.half_width)

@@ -35,12 +35,14 @@ def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
         evaluations, best, begun = curve_of(update)
         assert np.all(np.diff(evaluations) > 0.0)
         assert np.all(np.diff(best) <= 0.0)
-        assert best[-1] == update.progress.loss
+        scale = update.progress.scale
+        assert best[-1] == pytest.approx(scale.shown(update.progress.loss))
         restarts = [step.evaluations for step in update.restarts]
         assert list(evaluations[begun == 1.0]) == restarts
         assert len(restarts) > 0
         for step in update.improvements:
-            assert best[list(evaluations).index(step.evaluations)] == step.loss
+            shown = best[list(evaluations).index(step.evaluations)]
+            assert shown == pytest.approx(scale.shown(step.loss))
 
 
 def test_the_table_has_the_loss_of_each_end_by_each_method(ended):
