@@ -32,7 +32,7 @@ def loss_bar(session: Session) -> str:
         f'<i class="pv-{name}" style="left:{place:.1f}%"></i>' for name, place in places.items()
     )
     key = "".join(f'<span><i class="pv-{name}"></i>{name}</span>' for name in places)
-    said = escape(f"Unexplained: from 0, all, to 1, nothing explained.{parts}")
+    said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")
     return (
         f'<div class="pv-loss" title="{said}"><div class="pv-line">{drawn}</div>'
         f"<div><span>0</span>{key}<span>1</span></div></div>"
