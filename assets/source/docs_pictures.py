@@ -1,7 +1,7 @@
 """The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
 
 Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
-it makes all of them. ``report``, ``quick_start_wheels`` and
+it makes all of them. ``report``, ``quick_start_wheels``, ``methods`` and
 ``which_model`` need chromium.
 """
 
@@ -183,6 +183,26 @@ def quick_start(folder: Path) -> None:
         save("quick_start_wheels", shot_of(tab.page))
 
 
+def methods(folder: Path) -> None:
+    """The paper's search under way on the demo, with the maps of both losses, in a real browser."""
+    from tests.app.app_process import AppProcess
+    from tests.app.browser import AppPage, open_browser
+
+    with open_browser() as browser, AppProcess(folder) as process:
+        tab = AppPage(browser, process.url, (1400, 900), color_scheme="dark")
+        tab.wait_for_text("at this pose")
+        tab.page.evaluate("window.poseviewer.placeMaps('beside')")
+        tab.open_step(3)
+        for label, option in (("Method", "Jayawardena 2010"), ("Whose loss", "both")):
+            tab.page.get_by_label(label, exact=True).click()
+            tab.page.get_by_role("option", name=option, exact=True).click()
+        tab.page.get_by_label("Outlines of the candidates").check()
+        tab.page.get_by_role("button", name="Search (space)").click()
+        tab.wait_for_text("restart 2")
+        tab.page.evaluate("window.poseviewer.setGuide('')")
+        save("methods", shot_of(tab.page))
+
+
 def which_model(folder: Path) -> None:
     """The demo's car told from two that it is not, in a real browser."""
     from tests.app.app_process import AppProcess
@@ -219,6 +239,7 @@ PICTURES = {
     "pairs": pairs,
     "report": report,
     "quick_start_wheels": quick_start,
+    "methods": methods,
     "which_model": which_model,
 }
 

@@ -34,6 +34,8 @@ PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""
 ORDER = -10.0
 """The maps come first; what is made later would come last by itself."""
+LARGE_ORDER = ORDER - 0.5
+"""Large ones are over them: of two losses there are two."""
 CLEAR, TEXT, GRID, RIM = "rgba(0,0,0,0)", "#8a92a0", "rgba(128,128,128,.25)", "#1a1b1e"
 """Seen on a dark and on a light page."""
 POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", "#ffffff", "#ffd166"
@@ -65,11 +67,14 @@ class LandscapePanel:
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
         self._surface = controls.field(
-            gui.add_checkbox("As a surface", False, visible=False),
+            gui.add_checkbox("As a surface", False, visible=False, order=LARGE_ORDER + 0.3),
             lambda on: c.ChangeLandscape(surface=on),
         )
         self._close = controls.button(
-            "Close the large map", c.ChangeLandscape(close_large=True), visible=False
+            "Close the large map",
+            c.ChangeLandscape(close_large=True),
+            visible=False,
+            order=LARGE_ORDER + 0.4,
         )
         self._range = controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
@@ -124,7 +129,10 @@ class LandscapePanel:
                 continue
             with self._container:  # plotly's script is large: sent to pages when first wanted
                 handle = self._gui.add_plotly(
-                    figure, config={"displayModeBar": False}, aspect=1.0, order=ORDER + 2 + place
+                    figure,
+                    config={"displayModeBar": False},
+                    aspect=1.0,
+                    order=LARGE_ORDER + 0.1 * place,
                 )
             self._large.append(handle)
         for handle in self._large[len(figures) :]:

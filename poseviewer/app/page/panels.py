@@ -305,7 +305,7 @@ class FitPanel:
             ]
             self._blink = self._ended[-1]
             grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
-            axis = uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=44)  # pyright: ignore
+            axis = uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=54)  # pyright: ignore
             self._curve = gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (
@@ -631,7 +631,7 @@ def search_text(session: Session) -> str:
     count = len(search.methods) if search.running else 1
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
     text = (
-        f"by {settings.method_name}{which}  \n"
+        f"Method: {settings.method_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"
