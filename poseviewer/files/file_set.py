@@ -102,7 +102,7 @@ class FileSet:
     """Files that came together, by what they are."""
 
     root: Path
-    """The folder that they lie in, or deeper."""
+    """The innermost folder that they all lie in, or deeper."""
     models: tuple[ModelFiles, ...] = ()
     photos: tuple[Path, ...] = ()
     """What can be nothing else; of scenes, where there are some."""
@@ -162,9 +162,9 @@ def is_of_system(name: str) -> bool:
 
 
 def sort_set(
-    root: Path, files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
+    files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
 ) -> FileSet:
-    """What is what among ``files`` in the folder ``root``.
+    """What is what among ``files``.
 
     ``kind``: what the user called them, if so: of a photo all pictures that no model names are
     photos, of a model none is, and of a pose every JSON file is one. ``at_hand``: a model that is
@@ -173,6 +173,7 @@ def sort_set(
     Raises:
         PoseViewerError: a scene in it is damaged.
     """
+    root = Path(os.path.commonpath([path.parent for path in files] or ["."]))
     if kind == "pose":
         poses = [path for path in files if path.suffix.lower() == ".json"]
         return FileSet(root, poses=tuple(poses), leftovers=_without(files, poses))

@@ -46,7 +46,7 @@ def write(path: Path, content: object) -> Path:
 
 
 def sort(root: Path, **more) -> FileSet:
-    return sort_set(root, files_below(root), **more)
+    return sort_set(files_below(root), **more)
 
 
 def answered(found: FileSet, *answers: str) -> tuple[Chosen, list[Question]]:

@@ -96,7 +96,7 @@ class Tasks:
         def run(session: Session) -> Iterator[Opened | Asked | Found]:
             root = keep_set(self._uploads, upload.data, in_use=session.paths)
             at_hand = None if upload.beside else session.document.model_path
-            found = sort_set(root, files_below(root), upload.kind, at_hand)
+            found = sort_set(files_below(root), upload.kind, at_hand)
             if found.is_empty or (upload.beside and not found.models):
                 raise nothing_to_open(found, upload.kind)
             if not upload.beside:
