@@ -2,23 +2,74 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import add_calibration, add_server, calibration_of, option
 from poseviewer.cli.terminal import tell_of_compiling
 from poseviewer.errors import SettingsError
 
+if TYPE_CHECKING:
+    from poseviewer.files.set_questions import Chosen, Question
+
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer [PHOTO MODEL]``."""
-    option(parser, "photo PHOTO", kind=Path, nargs="?")
+    option(parser, "photo PHOTO|FOLDER|ZIP", "what is to be opened", Path, nargs="?")
     option(parser, "model MODEL", kind=Path, nargs="?")
     option(parser, "others MODEL", "more, to tell which one it is", Path, nargs="*")
     option(parser, "--pose POSE.json", "the start", Path)
     option(parser, "--last", "start from the pose saved last")
     add_server(parser)
     add_calibration(parser)
+
+
+def _is_set(path: Path) -> bool:
+    return path.is_dir() or path.suffix.lower() == ".zip"
+
+
+def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], Chosen]:
+    """What of a folder or a zip is to be opened: the photo, where its models (or the one that is
+    named) lie, and the rest.
+
+    Raises:
+        PoseViewerError: it holds no photo or no model, or cannot be read.
+    """
+    from poseviewer.files.file_set import files_below, sort_set
+    from poseviewer.files.set_questions import choose
+    from poseviewer.files.state.folder import state_folder
+    from poseviewer.files.state.uploads import gathered, keep_zip
+
+    uploads = state_folder() / "uploads"
+    choosing = choose(sort_set(files_below(path if path.is_dir() else keep_zip(uploads, path))))
+    answer = None
+    while True:
+        try:
+            answer = _answer(path, choosing.send(answer))
+        except StopIteration as end:
+            chosen: Chosen = end.value
+            break
+    found = () if chosen.model is None else (chosen.model, *chosen.others)
+    models = [gathered(uploads, one) for one in found] if model is None else [model]
+    if chosen.photo is None or not models:
+        what = "photo" if chosen.photo is None else "model"
+        raise SettingsError(f"{path}: no {what} was found in it; name PHOTO and MODEL")
+    return chosen.photo, models, chosen
+
+
+def _answer(path: Path, question: Question) -> str:
+    """What the user says at the terminal."""
+    if not sys.stdin.isatty():
+        raise SettingsError(f"{path}: {question.text} Name PHOTO and MODEL")
+    print(f"{path}: {question.text}")
+    for number, text in enumerate(question.options, 1):
+        print(f"{number:5}  {text}")
+    while True:
+        answer = input("Number: ").strip()
+        if answer.isdecimal() and 1 <= int(answer) <= len(question.options):
+            return question.options[int(answer) - 1]
 
 
 def run(options: Namespace) -> int:
@@ -29,7 +80,7 @@ def run(options: Namespace) -> int:
             raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
         if options.calibration is not None:
             raise SettingsError("--calibration without PHOTO and MODEL; name all three")
-    elif model is None:
+    elif model is None and not _is_set(photo):
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
@@ -43,14 +94,22 @@ def run(options: Namespace) -> int:
         photo, model, pose = case.photo, case.model, case.start
     elif options.last:
         pose = last_pose()
+    calibration, others, place = calibration_of(options), options.others, None
+    if _is_set(photo):
+        photo, (model, *more), chosen = _chosen_of(photo, model)
+        others = [*others, *more]
+        pose, place = pose or chosen.pose, chosen.place
+        calibration = calibration or chosen.calibration
     tell_of_compiling()
     compile_kernels()
     in_background(compile_rasteriser)  # by now it only loads them, while the app is imported
     from poseviewer.app.serving import serve_app
-    from poseviewer.app.workers.opening import open_files
+    from poseviewer.app.workers.opening import open_files, placed
 
+    assert model is not None  # named, of the demo, or of the set
+    opened = open_files(photo, model, pose, calibration, others)
     serve_app(
-        open_files(photo, model, pose, calibration_of(options), options.others),
+        opened if place is None or pose is not None else placed(opened, place),
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

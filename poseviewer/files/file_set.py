@@ -10,6 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -145,14 +146,16 @@ def nothing_to_open(found: FileSet, kind: Kind | None = None) -> FileSetError:
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
-    """All files in a folder and below, sorted, without what systems leave there; at most
-    ``MOST_FILES`` + 1.
+    """All files in a folder and below, sorted, without what systems leave there.
+
+    Raises:
+        FileSetError: there are more than ``MOST_FILES``.
     """
-    found = []
-    for path in _walk(root):
-        found.append(path)
-        if len(found) > MOST_FILES:
-            break
+    found = tuple(islice(_walk(root), MOST_FILES + 1))
+    if len(found) > MOST_FILES:
+        raise FileSetError(
+            f"{root}: more than {MOST_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
+        )
     return tuple(sorted(found))
 
 

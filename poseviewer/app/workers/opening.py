@@ -104,7 +104,7 @@ def open_chosen(now: Document, chosen: Chosen, models: Sequence[Path]) -> Opened
         opened = (completed if known else open_model)(document, models[0])
         document, warnings = opened.document, [*warnings, *opened.warnings]
     if chosen.place is not None:
-        document = document.started_from(Pose(document.pose.camera, chosen.place))
+        document = placed(Opened(document, ()), chosen.place).document
     if chosen.pose is not None:
         (opened,) = open_pose(document, chosen.pose)
         pose_alone = opened.pose_alone and document is now
@@ -114,6 +114,13 @@ def open_chosen(now: Document, chosen: Chosen, models: Sequence[Path]) -> Opened
         candidates = candidates.with_candidate(candidate)
         warnings += notes
     return Opened(document, tuple(warnings), pose_alone, candidates=candidates)
+
+
+def placed(opened: Opened, place: RigidTransform) -> Opened:
+    """The same with the start where a scene has it, camera from model."""
+    document = opened.document
+    pose = Pose(document.pose.camera, place)
+    return replace(opened, document=document.started_from(pose))
 
 
 def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Opened:

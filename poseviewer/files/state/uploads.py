@@ -80,6 +80,18 @@ def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Pat
     return _kept(folder, fingerprint, fill, shown, kept, in_use)
 
 
+def keep_zip(folder: Path, path: Path) -> Path:
+    """Unpack a zip of the disk as ``keep_set`` does.
+
+    Raises:
+        FileSetError: as there, or the zip cannot be read.
+    """
+    try:
+        return keep_set(folder, pack([(path.name, path.read_bytes())]))
+    except OSError as error:
+        raise FileSetError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+
+
 def gathered(
     folder: Path, model: ModelFiles, kept: int = KEPT, in_use: Collection[Path] = ()
 ) -> Path:
@@ -135,7 +147,7 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
     if count > MOST_FILES:
         return (
             f"{shown}: more than {MOST_FILES:,} files; drop those alone that belong to one photo "
-            "and its model, or start poseviewer with the folder's path."
+            "and its model."
         )
     return too_large(shown if count == 1 else f"{shown} ({count:,} files)", size)
 

@@ -1,0 +1,84 @@
+"""What the app opens of a folder or a zip that is named on the command line."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from poseviewer.app.workers.opening import Opened
+from poseviewer.cli.main import main
+from poseviewer.files.pose import load_pose
+from tests.scene import Scene, make_scene
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    (tmp_path / "set").mkdir()
+    made = make_scene(tmp_path / "set")
+    made.truth.unlink()
+    return made
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Opened]:
+    opened: list[Opened] = []
+    monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "state"))
+    monkeypatch.setattr("poseviewer.app.serving.serve_app", lambda one, **_: opened.append(one))
+    return opened
+
+
+def zipped(folder: Path) -> Path:
+    path = folder.with_suffix(".zip")
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in folder.iterdir():
+            archive.write(file, file.name)
+    return path
+
+
+@pytest.mark.parametrize("named", [lambda folder: folder, zipped])
+def test_a_folder_or_a_zip_is_opened(
+    scene: Scene, served: list[Opened], named: Callable[[Path], Path]
+) -> None:
+    assert main(["app", str(named(scene.photo.parent))]) == 0
+    (opened,) = served
+    document = opened.document
+    assert document.registration.photo.name == "p.png"
+    assert document.registration.mesh_name == "m.ply"
+    start = load_pose(scene.start, 160, 120).pose
+    np.testing.assert_array_equal(
+        document.pose.camera_from_model.translation, start.camera_from_model.translation
+    )
+
+
+def test_what_a_folder_does_not_say_is_asked_in_the_terminal(
+    scene: Scene,
+    served: list[Opened],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = scene.photo.parent
+    Image.new("RGB", (30, 20)).save(folder / "q.png")
+    assert main(["app", str(folder)]) == 2  # nobody is there to say
+    assert "2 photos. Which one is to be opened? Name PHOTO and MODEL" in capsys.readouterr().err
+    answers = iter(["", "4", "2"])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    assert main(["app", str(folder)]) == 0
+    assert "    2  q.png\n" in capsys.readouterr().out
+    assert [one.document.registration.photo.name for one in served] == ["q.png"]
+
+
+def test_a_folder_without_a_model_takes_one_by_name(
+    scene: Scene, served: list[Opened], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = scene.model.rename(tmp_path / "m.ply")
+    folder = scene.photo.parent
+    assert main(["app", str(folder)]) == 2
+    assert f"{folder}: no model was found in it; name PHOTO and MODEL" in capsys.readouterr().err
+    assert main(["app", str(folder), str(model)]) == 0
+    assert served[0].document.model_path == model
