@@ -13,17 +13,25 @@ from pathlib import Path
 
 import viser
 
+from poseviewer.app.below_viser.icons import icons_opened_once
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags, request_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.document import History
-from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
+from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
-from poseviewer.app.workers.jobs import compare, propose_starts, renderer_of, run_search
+from poseviewer.app.workers.jobs import (
+    compare,
+    has_renderer,
+    prepare,
+    propose_starts,
+    renderer_of,
+    run_search,
+)
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
 from poseviewer.app.workers.overlay import OverlayWorkers
@@ -36,7 +44,7 @@ from poseviewer.app.workers.tasks import (
     Tasks,
     find_wheels_in_region,
 )
-from poseviewer.app.workers.worker import Mailbox, NumberedWorker, Worker
+from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
 from poseviewer.confidence.identify import Identification
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.state.folder import keep_last_pose
@@ -48,6 +56,10 @@ IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
 INTERPRETER_SHARE_S = 0.001
 """A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
+COMPILING_FAILED = (
+    "The model cannot be compared with the photo: its kernels could not be compiled; "
+    "restart poseviewer, or install numba again"
+)
 
 
 class App:
@@ -73,6 +85,7 @@ class App:
         self._overlay = OverlayWorkers(notify)
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
+        self._preparer: Worker[Preparation] = Worker("preparation", notify)
         self._comparer: NumberedWorker[Identification] = NumberedWorker("comparison", notify)
         self._mapper: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
         self._map_job: MapJob | None = None
@@ -80,7 +93,8 @@ class App:
         self._state = state
         self._review = review
         self._autosaver = review or Autosaver(state)
-        self._page = Page(server, self._mailbox.post, review is not None)
+        with icons_opened_once():
+            self._page = Page(server, self._mailbox.post, review is not None)
         self._running = True
         self._use_model()
         self._page.tell_all(opened.warnings)
@@ -92,7 +106,7 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
-            workers = self._searcher, self._mapper, self._proposer, self._comparer
+            workers = self._searcher, self._mapper, self._proposer, self._comparer, self._preparer
             for worker in (self._overlay, *workers, self._tasks):
                 worker.close()
 
@@ -125,7 +139,7 @@ class App:
     def _handle(self, request: r.Request) -> None:
         if self._review is not None and self._review.takes(request):
             task = self._review.task_for(request, self.session, record_of(self.session))
-            self._tasks.add(task)
+            self._tasks.add(task, draws=True)
             return
         match request:
             case c.Command():
@@ -149,7 +163,7 @@ class App:
                 self._tasks.add_export(request, self.session)
                 self._page.working("Drawing ..." if request.what in ("overlay", "sheet") else "")
             case r.FindWheels():
-                self._tasks.add(find_wheels_in_region)
+                self._tasks.add(find_wheels_in_region, draws=True)
                 self._page.working("Looking for wheels ...")
             case r.ShowHelp():
                 self._page.show_help(request.client)
@@ -187,6 +201,9 @@ class App:
         """Tell the session what the workers have found out since the last time."""
         for command in self._overlay.take(self.session, self._page.show_error):
             self._command(command)
+        prepared = self._preparer.take()
+        if prepared is not None:
+            self._take_preparation(prepared)
         for command in self._searcher.take_as(c.SearchAdvanced, c.SearchFailed):
             self._command(command)
             if not self._searcher.busy:
@@ -249,10 +266,13 @@ class App:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
         self._overlay.start(session, self._is_moving())
+        ready = session.preparation is None
+        self._searcher.follow(session.search, run_search, ready)
+        self._proposer.follow(session.proposals, propose_starts, ready)
+        self._comparer.follow(session.candidates.comparison, compare, ready)
+        if not ready:
+            return
         self._mapper.hold(self._overlay.busy)  # what the hand is moving comes first
-        self._searcher.follow(session.search, run_search)
-        self._proposer.follow(session.proposals, propose_starts)
-        self._comparer.follow(session.candidates.comparison, compare)
         job = MapJob.wanted(session, self._is_moving())
         if job.replaces(self._map_job, self._mapper.busy):
             self._map_job = job
@@ -263,8 +283,28 @@ class App:
         return self.session.before_drag is not None or self.session.searching
 
     def _use_model(self) -> None:
-        """Every worker draws the model at hand with buffers of its own."""
-        renderer = renderer_of(self.session.document.registration.mesh)
+        """Every worker draws the model at hand with buffers of its own; until there is a renderer
+        of it, the overlay alone.
+        """
+        mesh = self.session.document.registration.mesh
+        self._map_job = None
+        if not has_renderer(mesh):
+            self._overlay.use(None)
+            self._mapper.stop()
+            self._command(c.PreparationAdvanced(self.session.preparation or Preparation()))
+            self._preparer.start(lambda: prepare(mesh))
+            return
+        renderer = renderer_of(mesh)
         self._overlay.use(renderer)
         self._map_maker = MapMaker(renderer.clone())
-        self._map_job = None
+        self._command(c.PreparationAdvanced(None))
+
+    def _take_preparation(self, update: JobUpdate[Preparation]) -> None:
+        """Show how far it is; go on with what waits for it."""
+        if update.error is not None:
+            sentence = f"{COMPILING_FAILED} ({update.error})."
+            self._command(c.PreparationAdvanced(Preparation(trouble=sentence)))
+        elif update.finished:
+            self._use_model()
+        elif update.item is not None:
+            self._command(c.PreparationAdvanced(update.item))

@@ -289,7 +289,7 @@ class Reviewer:
 
 
 def _model(path: Path) -> LoadedModel:
-    """A model, with its renderer made, once for the rows that share it."""
+    """A model, read once for the rows that share it."""
     try:
         return _model_as_of(path, path.stat().st_mtime_ns)
     except OSError:
@@ -299,9 +299,7 @@ def _model(path: Path) -> LoadedModel:
 @lru_cache(maxsize=MODELS_KEPT)
 def _model_as_of(path: Path, changed_ns: int) -> LoadedModel:
     del changed_ns
-    model = load_model(path)
-    renderer_of(model.mesh)
-    return model
+    return load_model(path)
 
 
 def _reported(queue: r.ReviewQueue) -> Iterator[None]:

@@ -1,45 +1,61 @@
-"""Start the app: serve, open the browser, run until Ctrl-C."""
+"""Start the app: serve, open the browser, read the files, run until Ctrl-C."""
 
 from __future__ import annotations
 
 import signal
 import webbrowser
 from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from poseviewer.app.app import App
-from poseviewer.app.below_viser.guard import serve
-from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.workers.opening import Opened
+from poseviewer.app.below_viser.guard import GuardedServer, serve
 from poseviewer.files.state.folder import state_folder
+
+if TYPE_CHECKING:  # the server stands before the rest is imported
+    from poseviewer.app.reviewing import Reviewer
+    from poseviewer.app.workers.opening import Opened
 
 
 def serve_app(
-    opened: Opened,
-    review: Reviewer | None = None,
+    open_first: Callable[[], tuple[Opened, Reviewer | None]],
     *,
     host: str,
     port: int | None,
     browser: bool,
     tell: Callable[[str], None],
 ) -> None:
-    """Serve the app on what was opened (in a review: its first row) until it is interrupted;
-    ``tell`` prints a line.
+    """Serve the app on what ``open_first`` opens (in a review: its first row) until it is
+    interrupted; ``tell`` prints a line. The address is there before anything is read.
 
     Raises:
-        PoseViewerError: the address is taken.
+        PoseViewerError: the address is taken, or what is to be opened cannot be used.
     """
     state = state_folder()
     guarded = serve(host, port, "poseviewer", state)
-    app = App(guarded.server, opened, state, review)
-
-    for name in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(name, lambda *_: app.stop())
     tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
     if browser:
         webbrowser.open(guarded.url)
     try:
-        app.run()
+        _run(guarded, open_first, state)
     except BaseException:
         guarded.stop()  # the pages may come back
         raise
     guarded.end()
+
+
+def _run(
+    guarded: GuardedServer,
+    open_first: Callable[[], tuple[Opened, Reviewer | None]],
+    state: Path,
+) -> None:
+    gui = guarded.server.gui
+    gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+    reading = gui.add_markdown("Reading photo and model ...")
+    opened, review = open_first()
+    from poseviewer.app.app import App
+
+    reading.remove()
+    app = App(guarded.server, opened, state, review)
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, lambda *_: app.stop())
+    app.run()

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import add_calibration, add_server, calibration_of, option
-from poseviewer.cli.terminal import tell_of_compiling
 from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
+    from poseviewer.app.workers.opening import Opened
     from poseviewer.files.set_questions import Chosen, Question
 
 
@@ -84,32 +84,31 @@ def run(options: Namespace) -> int:
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
-    from poseviewer.app.workers.worker import in_background
-    from poseviewer.files.demo import demo_case
-    from poseviewer.files.state.folder import last_pose
-    from poseviewer.render.software.compiled import compile_kernels, compile_rasteriser
-
-    if photo is None:
-        case = demo_case("perspective")
-        photo, model, pose = case.photo, case.model, case.start
-    elif options.last:
-        pose = last_pose()
     calibration, others, place = calibration_of(options), options.others, None
-    if _is_set(photo):
+    if photo is not None and _is_set(photo):
         photo, (model, *more), chosen = _chosen_of(photo, model)
         others = [*others, *more]
         pose, place = pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
-    tell_of_compiling()
-    compile_kernels()
-    in_background(compile_rasteriser)  # by now it only loads them, while the app is imported
+    for path in filter(None, (photo, model, pose, *others)):
+        if not path.is_file():  # before there is a page
+            raise SettingsError(f"{path}: no such file; check the path")
     from poseviewer.app.serving import serve_app
-    from poseviewer.app.workers.opening import open_files, placed
 
-    assert model is not None  # named, of the demo, or of the set
-    opened = open_files(photo, model, pose, calibration, others)
+    def open_first() -> tuple[Opened, None]:
+        from poseviewer.app.workers.opening import open_files, placed
+        from poseviewer.files.demo import demo_case
+        from poseviewer.files.state.folder import last_pose
+
+        if photo is None or model is None:
+            case = demo_case("perspective")
+            return open_files(case.photo, case.model, case.start), None
+        start = last_pose() if options.last else pose
+        opened = open_files(photo, model, start, calibration, others)
+        return opened if place is None or start is not None else placed(opened, place), None
+
     serve_app(
-        opened if place is None or pose is not None else placed(opened, place),
+        open_first,
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

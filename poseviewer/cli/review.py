@@ -21,8 +21,7 @@ def run(options: Namespace) -> int:
 
     review = Reviewer(options.folder)
     serve_app(
-        review.open_first(),
-        review,
+        lambda: (review.open_first(), review),
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

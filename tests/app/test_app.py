@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
+from poseviewer.app.state.session import Preparation
 from poseviewer.cli.main import main
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
@@ -404,3 +405,23 @@ def _is_json(data: bytes) -> bool:
         return bool(json.loads(data))
     except ValueError:
         return False
+
+
+def test_why_kernels_could_not_be_compiled_is_said_and_the_model_is_still_placed(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def failing(_: object) -> Iterator[Preparation]:
+        yield Preparation(0.2)
+        raise OSError("no space left")
+
+    monkeypatch.setattr("poseviewer.app.app.prepare", failing)
+    with running_app(scene, tmp_path / "state") as app, SocketPage(app.url) as page:
+        page.wait_until(lambda: page.text_with("no space left"))
+        page.wait_until(lambda: len(page.outline()))
+        before, first = app.pose, page.outline()
+        page.key("Space")
+        page.wait_until(lambda: any("no space left" in text for _, text in page.shown.notices))
+        page.key("ArrowLeft")
+        page.wait_until(lambda: not np.array_equal(page.outline(), first))
+        assert not same_pose(app.pose, before)
+        assert "Search (space)" in page.labels()

@@ -27,6 +27,7 @@ from poseviewer.app.page.panels import (
     StatusPanel,
     hint_of,
 )
+from poseviewer.app.page.preparing_panel import PreparingPanel
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.reviewing import ReviewState
@@ -70,6 +71,7 @@ class Page:
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
+        self._preparing = PreparingPanel(gui)
         self._review = ReviewPanel(controls) if reviewing else None
         self._status = StatusPanel(controls)
         self._open = OpenPanel(controls, fixed=reviewing)
@@ -121,6 +123,7 @@ class Page:
         self._late = False
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
+            self._preparing.show(session)
             self._status.show(session)
             self._open.show(session)
             self._place.show(session)

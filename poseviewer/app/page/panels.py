@@ -56,6 +56,7 @@ BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
+PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
     "drag a rectangle about the object: the model goes there, and starts are looked for "
@@ -580,6 +581,8 @@ def marks_text(session: Session) -> str:
 def proposals_text(session: Session) -> str:
     """How far the proposals are (markdown)."""
     asked = session.proposals
+    if asked is not None and asked.running and session.preparation is not None:
+        return "Waiting to begin."
     if asked is not None and asked.running:
         return "Trying views from everywhere: some seconds, longer without a box."
     if asked is not None and _has_proposals(session):
@@ -618,10 +621,17 @@ def focal_note(session: Session) -> str:
 def search_text(session: Session) -> str:
     """How the search stands and the verdict's word, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
+    if session.preparation is not None:
+        if session.preparation.trouble:
+            return ""  # it is said above all panels
+        if session.searching:
+            return "Waiting to begin; the same button stops it."
+        compiling = session.preparation.share is not None
+        return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
         if overlay is not None and overlay.unexplained is not None:
             return f"**{overlay.unexplained.text}** at this pose"
-        return (overlay.note if overlay else "") or "Preparing the first picture ..."
+        return (overlay.note if overlay else "") or PREPARING
     if search.latest is None:
         return "Preparing the search ..."
     progress = search.latest.progress

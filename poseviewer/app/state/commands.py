@@ -45,6 +45,7 @@ from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import (
     LandscapeUpdate,
     Overlay,
+    Preparation,
     ProposedStarts,
     Search,
     SearchUpdate,
@@ -604,6 +605,8 @@ def _searching(session: Session, start: Pose, methods: tuple[FitSettings, ...]) 
     """With a new search, unless one is running."""
     if session.searching:
         return session
+    if session.preparation is not None and session.preparation.trouble:
+        raise SettingsError(session.preparation.trouble)
     number, document = session.searches + 1, session.document
     return replace(
         session,
@@ -638,11 +641,13 @@ class TakeEnd(Command):
 
 @dataclass(frozen=True, slots=True)
 class StopSearch(Command):
-    """Stop; the best pose so far is kept."""
+    """Stop; the best pose so far is kept. One that has not begun is as if never asked for."""
 
     def __call__(self, session: Session) -> Session:
         if session.search is None or not session.search.running:
             return session
+        if session.preparation is not None:
+            return RevertSearch()(session)
         return replace(session, search=replace(session.search, running=False))
 
 
@@ -692,6 +697,20 @@ class SearchFailed(DragCommand):
         if session.search is None or session.search.number != self.number:
             return session
         return RevertSearch()(session).with_error(self.reason)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparationAdvanced(WorkerUpdate):
+    """What is still made ready by now (None: nothing more), or why it cannot be."""
+
+    preparation: Preparation | None
+
+    def __call__(self, session: Session) -> Session:
+        trouble = "" if self.preparation is None else self.preparation.trouble
+        if trouble:
+            waited = RevertSearch()(session) if session.searching else session
+            session = replace(waited, proposals=None).with_error(trouble)
+        return replace(session, preparation=self.preparation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -227,6 +227,18 @@ class ProposedStarts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Preparation:
+    """What is made ready before the model at hand can be drawn and compared finely: the kernels,
+    once on a machine, and what draws the model.
+    """
+
+    share: float | None = None
+    """Of the kernels that are compiled, in [0, 1]; None where all were, or before that is known."""
+    trouble: str = ""
+    """Why it will not be: a sentence for the user."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """All that the page shows."""
 
@@ -255,6 +267,8 @@ class Session:
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
+    preparation: Preparation | None = None
+    """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Pose | None = None
     """The pose that the compared pixels are about (see ``OverlayRequest``)."""
     saved: Pose | None = None

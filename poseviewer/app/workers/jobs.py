@@ -1,4 +1,6 @@
-"""What runs beside the session as one generator: a search, proposals, a comparison of models."""
+"""What runs beside the session as one generator: what is made ready, a search, proposals, a
+comparison of models.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ from functools import lru_cache
 
 from poseviewer.api import Case, make_case
 from poseviewer.app.state.candidates import Comparison
-from poseviewer.app.state.session import MethodEnd, ProposedStarts, Search, SearchUpdate
+from poseviewer.app.state.session import (
+    MethodEnd,
+    Preparation,
+    ProposedStarts,
+    Search,
+    SearchUpdate,
+)
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.confidence.identify import Identification, identifying
 from poseviewer.fit.progress import FitProgress
@@ -17,17 +25,42 @@ from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
+from poseviewer.render.software.compiled import compiling, kernels_are_compiled
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
 
 
 @lru_cache(maxsize=6)
-def renderer_of(mesh: Mesh) -> SoftwareRenderer:
-    """The renderer of a model, kept for the models that were at hand lately (they fill the memory);
-    from any thread. Whoever draws in a thread of its own clones it.
+def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
+    """A model's renderer, or nothing yet; kept for the models that were at hand lately (renderers
+    fill the memory).
     """
-    return SoftwareRenderer(mesh)
+    del mesh
+    return []
+
+
+def renderer_of(mesh: Mesh) -> SoftwareRenderer:
+    """The renderer of a model, made where there is none; from any thread. Whoever draws in a thread
+    of its own clones it.
+    """
+    made = _made_for(mesh)
+    if not made:
+        made.append(SoftwareRenderer(mesh))
+    return made[0]
+
+
+def has_renderer(mesh: Mesh) -> bool:
+    """Whether ``renderer_of`` gives it at once."""
+    return bool(_made_for(mesh))
+
+
+def prepare(mesh: Mesh) -> Iterator[Preparation]:
+    """Make ready what draws and compares a model: the kernels, and its renderer."""
+    if not kernels_are_compiled():
+        yield from map(Preparation, compiling())
+    renderer_of(mesh)
+    yield Preparation()
 
 
 def case_at(

@@ -9,7 +9,6 @@ from pathlib import Path
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
 from poseviewer.app.state.document import Document, Marks
-from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.photo import (
@@ -33,7 +32,7 @@ from poseviewer.starts.registration import load_model, load_registration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opened:
-    """A document that is ready; its model has a renderer (see ``renderer_of``)."""
+    """A document that is ready."""
 
     document: Document
     warnings: tuple[str, ...]
@@ -65,7 +64,6 @@ def open_files(
     else:
         registration = _without_pose(load_calibrated_photo(photo, calibration), model)
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
-    renderer_of(registration.mesh)  # made now, and not when the main loop waits for it
     candidates, warnings = Candidates(), registration.warnings
     for path in others:
         candidate, notes = open_candidate(path)
@@ -165,7 +163,6 @@ def completed(now: Document, path: Path) -> Opened:
     model = load_model(path)
     registration = with_mesh(now.registration, model)
     notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
-    renderer_of(model.mesh)
     return Opened(replace(now, registration=registration, model_path=path), notes)
 
 
@@ -178,7 +175,6 @@ def open_model(now: Document, path: Path) -> Opened:
     registration = _without_pose(now.registration.photo, path, now.pose)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
     document = Document(registration, registration.start, settings, (), now.photo_path, path)
-    renderer_of(registration.mesh)
     return Opened(document, registration.warnings)
 
 

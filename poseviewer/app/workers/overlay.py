@@ -20,10 +20,12 @@ from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attribu
 from poseviewer.fit.unexplained import LossScale, Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import Relight, View, draw_look, edge_layer, line_scale
+from poseviewer.render.overlay.sketch import Sketch
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage, PhotoAttributes
 
@@ -144,6 +146,22 @@ class OverlayDrawer:
         return self._overlay(request, None, draw_look(request.look, view), place)
 
 
+class SketchDrawer:
+    """In place of the others as long as a model has no renderer: its outline, nothing else."""
+
+    def __init__(self) -> None:
+        self._of: Mesh | None = None
+        self._sketch: Sketch | None = None
+
+    def draw(self, request: OverlayRequest) -> Iterator[Overlay]:
+        """One drawing, without a loss."""
+        mesh = request.registration.mesh
+        if self._sketch is None or self._of is not mesh:
+            self._of, self._sketch = mesh, Sketch(mesh)
+        outline = self._sketch.silhouette(request.pose)
+        yield Overlay(request, outline, None, (0.0, 0.0, 0.0, 0.0), None)
+
+
 class OverlayWorkers:
     """Three threads that draw what the session shows: the quick drawing, its loss, the fine one."""
 
@@ -151,14 +169,16 @@ class OverlayWorkers:
         self._quick: Worker[Overlay] = Worker("overlay", notify)
         self._loss: Worker[Overlay] = Worker("loss", notify)
         self._fine: Worker[Overlay] = Worker("fine overlay", notify)
+        self._sketcher = SketchDrawer()
         self._drawers: list[OverlayDrawer] = []
         self._drawn: OverlayRequest | None = None
         self._loss_asked = True
         self._moved_at = 0.0
 
-    def use(self, renderer: SoftwareRenderer) -> None:
-        """Draw another model; every worker with buffers of its own."""
-        self._drawers = [OverlayDrawer(renderer.clone()) for _ in range(3)]
+    def use(self, renderer: SoftwareRenderer | None) -> None:
+        """Draw another model; every worker with buffers of its own. None: sketch it meanwhile."""
+        copies = () if renderer is None else (renderer.clone() for _ in range(3))
+        self._drawers = [OverlayDrawer(copy) for copy in copies]
         self._drawn, self._loss_asked = None, True
 
     @property
@@ -183,17 +203,20 @@ class OverlayWorkers:
             session.search.latest if session.search and session.shows_candidates else None,
         )
         # A search finds the losses of its poses itself.
-        may_find_loss = not (self._loss_asked or self._loss.busy or session.searching)
+        may_find_loss = self._drawers and not (
+            self._loss_asked or self._loss.busy or session.searching
+        )
         if self._drawn is None or not _same_picture(request, self._drawn):
             if may_find_loss and self._drawn is not None:
                 self._find_loss(self._drawn)
             # One at a time: a drawing that is displaced before it is shown helps nobody.
             if self._quick.busy:
                 return
-            if session.searching and time.monotonic() - self._moved_at < SEARCH_DRAW_S:
+            searches = session.searching and bool(self._drawers)
+            if searches and time.monotonic() - self._moved_at < SEARCH_DRAW_S:
                 return
             self._drawn, self._moved_at, self._loss_asked = request, time.monotonic(), False
-            draw = self._drawers[0].draw
+            draw = self._drawers[0].draw if self._drawers else self._sketcher.draw
             self._fine.stop()
             self._quick.start(lambda: islice(draw(replace(request, moving=True)), 1))
             return
@@ -201,8 +224,9 @@ class OverlayWorkers:
             self._find_loss(request)
         if self.is_unfinished(moving) and time.monotonic() - self._moved_at > SETTLED_S:
             self._moved_at = 0.0
-            fine = self._drawers[2].draw
-            self._fine.start(lambda: _last(fine(request)))
+            if self._drawers:
+                fine = self._drawers[2].draw
+                self._fine.start(lambda: _last(fine(request)))
 
     def take(
         self, session: Session, show_error: Callable[[str], None]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,12 +80,14 @@ class Tasks:
         self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
         self._uploads = state / "uploads"
-        self._waiting: deque[Task] = deque()
+        self._waiting: list[tuple[Task, bool]] = []
 
-    def add(self, task: Task | None) -> None:
-        """Do a task (None: nothing) when those before it are done."""
+    def add(self, task: Task | None, draws: bool = False) -> None:
+        """Do a task (None: nothing) when those before it are done; one that ``draws`` the model
+        when that is possible.
+        """
         if task is not None:
-            self._waiting.append(task)
+            self._waiting.append((task, draws))
 
     def add_upload(self, upload: Upload) -> None:
         """Keep uploaded files, and open them on what is open by then; what they do not say is
@@ -141,7 +142,7 @@ class Tasks:
         def run(_: Session) -> Iterator[Exported]:
             yield Exported(request.client, export(request.what, session))
 
-        self.add(run)
+        self.add(run, draws=request.what == "overlay")
 
     def collect(self) -> tuple[Result | None, Exception | None] | None:
         """How a task has ended since the last time: its result, or why there is none."""
@@ -150,8 +151,10 @@ class Tasks:
 
     def start_next(self, now: Session) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
-        if self._waiting and not self._worker.busy:
-            task = self._waiting.popleft()
+        held = now.preparation is not None and not now.preparation.trouble
+        at = next((i for i, (_, draws) in enumerate(self._waiting) if not (draws and held)), None)
+        if at is not None and not self._worker.busy:
+            task, _ = self._waiting.pop(at)
             self._worker.start(lambda: task(now))
 
     def close(self) -> None:

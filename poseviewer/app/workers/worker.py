@@ -190,12 +190,16 @@ class NumberedWorker(Worker[T]):
         super().__init__(name, notify)
         self._number = 0
 
-    def follow(self, asked: A | None, make: Callable[[A], Iterator[T]]) -> None:
-        """Begin what is asked for and not begun yet; stop what is not asked for any more."""
+    def follow(
+        self, asked: A | None, make: Callable[[A], Iterator[T]], may_begin: bool = True
+    ) -> None:
+        """Begin what is asked for and not begun yet, as soon as it ``may_begin``; stop what is not
+        asked for any more.
+        """
         if asked is None or not asked.running:
             if self.busy:
                 self.stop()
-        elif asked.number != self._number:
+        elif asked.number != self._number and may_begin:
             self._number = asked.number
             self.start(lambda: make(asked))
 
@@ -208,11 +212,6 @@ class NumberedWorker(Worker[T]):
             yield advanced(self._number, update.item)
         if update is not None and update.error is not None:
             yield failed(self._number, str(update.error))
-
-
-def in_background(work: Callable[[], None]) -> None:
-    """Do something in a thread of its own that nobody waits for."""
-    threading.Thread(target=work, name="background", daemon=True).start()
 
 
 def lower_priority() -> None:

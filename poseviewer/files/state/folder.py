@@ -16,12 +16,15 @@ import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import platformdirs
 
 from poseviewer.errors import PoseFileError, PoseViewerError, SettingsError
-from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose
 from poseviewer.files.writing import write_whole
+
+if TYPE_CHECKING:  # the app's server, which asks for tokens alone, stands sooner without
+    from poseviewer.files.pose import PoseRecord
 
 VARIABLE = "POSEVIEWER_STATE"
 LAST_POSE = "last.pose.json"
@@ -62,6 +65,8 @@ def keep_last_pose(record: PoseRecord, state: Path | None = None) -> None:
     That it was found on another photo is what it is kept for: only the photo's size stays. A
     folder that cannot be written to is no reason to fail: the pose itself is saved.
     """
+    from poseviewer.files.pose import PhotoReference, save_pose
+
     photo = record.photo
     size = None if photo is None else PhotoReference(width=photo.width, height=photo.height)
     try:

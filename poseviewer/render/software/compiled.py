@@ -1,69 +1,97 @@
 """Compiling the kernels, which an earlier run on this machine has mostly done.
 
-The compiler works on one kernel at a time in each
-process; so where machine code can be kept, another process compiles half of it.
+The compiler works on one kernel at a time in each process, and holds the interpreter while it does:
+so other processes compile, each a part, and this one loads what they keep.
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from typing import Any
+import time
+from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.pool import processors
-from poseviewer.render.software import rasterise, shade, sums
+from poseviewer.render.software.kernel import KERNELS, is_compiled
 from poseviewer.render.software.renderer import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 
-BY_US: tuple[Any, ...] = (rasterise.rasterise, shade.shade)
-BY_HELPER: tuple[Any, ...] = (sums.moments, sums.structure_sums)
+HELPERS = ("compile_drawing", "compile_sums")
+"""What other processes compile, each in the order in which it is needed; they take as long."""
 SIDE = 16
 """Of the picture that kernels are compiled with, px."""
+LOOK_S = 0.2
+"""Between two looks at how far the others are."""
 
 
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    return all(_is_compiled(kernel) for kernel in (*BY_US, *BY_HELPER))
+    return all(map(is_compiled, KERNELS))
 
 
 def compile_kernels() -> None:
-    """Compile what is not compiled yet and can be kept, with the help of another process."""
-    if kernels_are_compiled() or not all(kernel.stats.cache_path for kernel in BY_HELPER):
-        return
-    helper = None
-    if processors() > 1 and sys.executable:
-        command = [sys.executable, "-c", f"import {__name__} as it; it.compile_moments()"]
-        quiet = subprocess.DEVNULL
-        helper = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
+    """Compile what is not compiled yet."""
+    if not kernels_are_compiled():
+        deque(compiling(), maxlen=0)
+
+
+def compiling() -> Iterator[float]:
+    """Compile what is not compiled yet, and load it all; yields the share of the kernels that are
+    compiled, now and then, at last 1. Who stops asking ends it.
+    """
+    share = _compiled_share()
+    helpers: list[subprocess.Popen[bytes]] = []
     try:
-        compile_rasteriser()
-        if helper is not None:
-            helper.wait()
+        if share < 1.0 and sys.executable:
+            helpers = [_helper(work) for work in HELPERS]
+        while any(helper.poll() is None for helper in helpers):
+            yield _compiled_share()
+            time.sleep(LOOK_S)
     finally:
-        if helper is not None and helper.poll() is None:
+        for helper in helpers:
             helper.kill()
-    compile_moments()  # what the helper did is only read; what it did not is done now
+            helper.wait()
+    # What the others did is only read; what they did not is done now.
+    compile_drawing()
+    compile_sums()
+    yield 1.0
 
 
-def compile_rasteriser() -> None:
+def compile_drawing() -> None:
     """Compile the kernels that draw; or load them, if they are compiled."""
     SoftwareRenderer(_triangle()).render(_pose())
 
 
-def compile_moments() -> None:
+def compile_sums() -> None:
     """The same for those that add up what the rasteriser finds."""
     renderer = _Blank(_triangle())
     grey = np.zeros((SIDE, SIDE, 1), np.float32)
     weights, colours = np.ones((SIDE, SIDE), np.float32), np.tile(grey, 3)
-    renderer.moments(_pose(), PhotoAttributes(grey, weights))
     structure = make_structure(colours, weights)
     renderer.moments(_pose(), PhotoAttributes(colours, weights, False, structure=structure))
+    renderer.moments(_pose(), PhotoAttributes(grey, weights))
+
+
+def help_compiling(work: str) -> None:
+    """What another process does: ``work`` is one of ``HELPERS``."""
+    {"compile_drawing": compile_drawing, "compile_sums": compile_sums}[work]()
+
+
+def _helper(work: str) -> subprocess.Popen[bytes]:
+    same = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as it"
+    command = [sys.executable, "-c", f"{same}; it.help_compiling({work!r})"]
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
+
+
+def _compiled_share() -> float:
+    return sum(map(is_compiled, KERNELS)) / len(KERNELS)
 
 
 class _Blank(SoftwareRenderer):
@@ -89,9 +117,3 @@ def _triangle() -> Mesh:
 
 def _pose() -> Pose:
     return Pose(Parallel(1.0, 0.5 * SIDE, 0.5 * SIDE, SIDE, SIDE), RigidTransform.identity())
-
-
-def _is_compiled(kernel: Any) -> bool:
-    if not kernel.stats.cache_path:  # there is no place to keep it
-        return False
-    return bool(kernel._cache._cache_file._load_index())

@@ -1,43 +1,102 @@
-"""How kernels are compiled: for many threads at once, and kept on disk where that works."""
+"""How kernels are compiled: for many threads at once, and kept on disk for all later runs."""
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
+import platformdirs
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+KERNELS: list[Any] = []
+"""All of them; those that others call stand before these."""
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """A decorator: ``numba.njit`` without the GIL, with ``options`` of its own.
 
-    Machine code is kept beside the source, or in the user's cache folder. Where neither can be
-    written (a read-only install without a home), it is made anew in every process.
+    Its machine code is kept in ``kernels_folder()``.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        settings = {"nogil": True, "error_model": "numpy", **options}
-        try:
-            compiled: Any = njit(cache=True, **settings)(function)
-        except RuntimeError:  # numba found no place for a cache
-            return njit(**settings)(function)
-        # By itself numba looks at the kernel's own file alone; kernels call those of others.
-        compiled._cache._cache_file._source_stamp = sources_stamp()
+        compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+        compiled._cache = _Cache(function)
+        KERNELS.append(compiled)
         return compiled
 
     return decorate
 
 
-@lru_cache(maxsize=1)
-def sources_stamp() -> str:
-    """A hash of the kernels' sources: the same in a copy, another after any change.
+def is_compiled(kernel: Any) -> bool:
+    """Whether machine code of a kernel is kept for this machine."""
+    cache, machine = kernel._cache, kernel.targetctx.codegen().magic_tuple()
+    return any(magic == machine for _, magic, _ in cache._cache_file._load_index())
 
-    numba 0.68 looks at what is in a file as well, before that at the time of its last change.
+
+@lru_cache(maxsize=1)
+def kernels_folder() -> Path:
+    """Where machine code is kept: in the user's cache, in ``NUMBA_CACHE_DIR`` if that is set, or,
+    where nothing can be written to, in a folder of this process and those that it starts.
+
+    The same sources have the same folder, wherever they are installed.
     """
-    digest = hashlib.sha256()
+    root = os.environ.get("NUMBA_CACHE_DIR")
+    root = Path(root) if root else platformdirs.user_cache_path("poseviewer", appauthor=False)
+    folder = root / f"kernels-{sources_hash()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        os.environ["NUMBA_CACHE_DIR"] = own = tempfile.mkdtemp(prefix="poseviewer-")
+        atexit.register(shutil.rmtree, own, ignore_errors=True)
+        folder = Path(own)
+    return folder
+
+
+@lru_cache(maxsize=1)
+def sources_hash() -> str:
+    """Of the kernels' sources and their compiler: the same in a copy, another after any change."""
+    digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
+
+
+class _Locator(_CacheLocator):
+    """Where a kernel's machine code is: by what all kernels are like, as they call each other.
+
+    numba's own locators go by the place of the kernel's file, and by its content alone.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self._line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(kernels_folder())
+
+    def get_source_stamp(self) -> str:
+        return sources_hash()
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
+        del py_file
+        return cls(py_func)
+
+
+class _Implementation(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # noqa: RUF012 - as numba has it
+
+
+class _Cache(FunctionCache):
+    _impl_class = _Implementation

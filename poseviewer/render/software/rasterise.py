@@ -486,12 +486,15 @@ def _clip(polygon, other, near):
             j = (i + 1) % count
             here = a * polygon[i, 0] + b * polygon[i, 1] + c * polygon[i, 2] + d
             there = a * polygon[j, 0] + b * polygon[j, 1] + c * polygon[j, 2] + d
+            # Number by number: a row's size is looked at first, which takes long to compile.
             if here >= 0.0:
-                other[kept] = polygon[i]
+                for k in range(4):
+                    other[kept, k] = polygon[i, k]
                 kept += 1
             if (here >= 0.0) != (there >= 0.0):
                 t = here / (here - there)
-                other[kept] = polygon[i] + t * (polygon[j] - polygon[i])
+                for k in range(4):
+                    other[kept, k] = polygon[i, k] + t * (polygon[j, k] - polygon[i, k])
                 kept += 1
         polygon, other, count = other, polygon, kept
     return polygon, count

@@ -48,7 +48,8 @@ def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace,
     n = photo_origin.shape[0]
     size = n + model
     first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
-    origin[:n] = photo_origin
+    for i in range(n):  # a slice's size is looked at first, which takes long to compile
+        origin[i] = photo_origin[i]
     pixels, weight = _accumulate(
         box, ids, of_faces, of_model, photo, origin, model, workspace, first, second
     )

@@ -21,14 +21,15 @@ print(sum(_span.stats.cache_hits.values()), sum(_span.stats.cache_misses.values(
 COMPILED, LOADED = "0 1", "1 0"
 
 
-def test_kernels_run_from_a_read_only_install_without_a_home(tmp_path: Path):
-    """Files stand where numba would make its folders: so it can write to neither of them."""
-    package = _copy_of_the_package(tmp_path)
-    (package / "render" / "software" / "__pycache__").write_text("")
-    home = tmp_path / "home"
+def test_kernels_run_where_nothing_can_be_kept(tmp_path: Path):
+    """A file stands where the folder would be: another one is made, and goes with the process."""
+    home, temporary = tmp_path / "home", tmp_path / "temporary"
     home.write_text("")
-    found = _run(COUNT, tmp_path, HOME=str(home), XDG_CACHE_HOME=str(home))
-    assert found[0] == "2 5 False"
+    temporary.mkdir()
+    package = str(Path(poseviewer.__file__).parents[1])
+    settings = {"HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": package}
+    assert _run(COUNT, tmp_path, **settings, TMPDIR=str(temporary)) == ["2 5 False", COMPILED]
+    assert not list(temporary.iterdir())
 
 
 @pytest.mark.slow
@@ -47,26 +48,26 @@ def test_a_change_of_any_kernel_makes_the_code_of_all_kernels_old(tmp_path: Path
 
 @pytest.mark.slow
 def test_a_copy_of_the_package_is_not_compiled_again(tmp_path: Path):
-    """With the machine code beside it, and whatever the times of its files."""
-    package = _copy_of_the_package(tmp_path / "one")
-    assert _run(COUNT, tmp_path / "one")[1] == COMPILED
+    """As one that is installed again, or elsewhere, whatever the times of its files."""
+    package, home = _copy_of_the_package(tmp_path / "one"), {"XDG_CACHE_HOME": str(tmp_path)}
+    assert _run(COUNT, tmp_path / "one", **home)[1] == COMPILED
     copy = tmp_path / "other" / "poseviewer"
     shutil.copytree(package, copy)
     for source in copy.rglob("*.py"):
         os.utime(source)
-    assert _run(COUNT, tmp_path / "other")[1] == LOADED
+    assert _run(COUNT, tmp_path / "other", **home)[1] == LOADED
 
 
 EVALUATE = """
 from poseviewer.files.demo import demo_case
 from poseviewer import load
-from poseviewer.render.software import compiled
+from poseviewer.render.software import compiled, rasterise, shade, sums
 def types_of(kernels):
     return [kernel.signatures[:] for kernel in kernels]
 print(compiled.kernels_are_compiled())
-compiled.compile_rasteriser()
-compiled.compile_moments()
-kernels = compiled.BY_US + compiled.BY_HELPER
+compiled.compile_drawing()
+compiled.compile_sums()
+kernels = rasterise.rasterise, shade.shade, sums.moments, sums.structure_sums
 ahead = types_of(kernels)
 files = demo_case()
 case = load(files.photo, files.model, files.start)
