@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from types import SimpleNamespace
+from typing import Any
 
 from viser import _icons
 
@@ -21,9 +22,9 @@ ARCHIVE = "tabler-icons.zip"
 def icons_opened_once() -> Iterator[None]:
     """Inside the ``with`` block icons are read from one open archive."""
     with zipfile.ZipFile(_icons.ICONS_DIR / ARCHIVE) as archive:
-        opened = SimpleNamespace(ZipFile=lambda _: nullcontext(archive))
-        vars(_icons)["zipfile"] = opened
+        opened: Any = SimpleNamespace(ZipFile=lambda _: nullcontext(archive))
+        _icons.zipfile = opened  # pyright: ignore[reportPrivateImportUsage]
         try:
             yield
         finally:
-            vars(_icons)["zipfile"] = zipfile
+            _icons.zipfile = zipfile  # pyright: ignore[reportPrivateImportUsage]
