@@ -1,8 +1,7 @@
 """The pictures of ``assets/docs``, from the bundled demo, with poseviewer's own commands.
 
 Run from the repository's root: ``python -m assets.source.docs_pictures [NAME ...]``; without names
-it makes all of them. ``report``, ``quick_start_wheels``, ``methods`` and
-``which_model`` need chromium.
+it makes all of them, in minutes. Those of pages need chromium.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from assets.source.app_pictures import PHOTO, open_app, settle, shot_of
 from poseviewer.cli.main import main as poseviewer
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
@@ -30,9 +30,12 @@ from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import StartCamera, StartInputs
+from tests.app.browser import AppPage, open_browser
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
+WINDOW, LARGE_WINDOW = (1280, 720), (1440, 900)
+"""CSS px of pages; the large one has room for two landscapes."""
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 REGION = ((140.0, 220.0), (810.0, 550.0))
@@ -142,8 +145,6 @@ def looks(folder: Path) -> None:
 
 def report(folder: Path) -> None:
     """The report of a batch of two rows, one of which fails, as a browser shows it."""
-    from tests.app.browser import open_browser
-
     case = demo_case()
     with (folder / "jobs.csv").open("w", newline="") as file:
         rows = csv.writer(file)
@@ -161,53 +162,51 @@ def report(folder: Path) -> None:
         page = browser.new_page(viewport={"width": 1000, "height": 520})
         page.goto((folder / "results" / "report.html").as_uri())
         page.wait_for_load_state()
-        save("report", shot_of(page))
+        save("report", np.asarray(Image.open(BytesIO(page.screenshot()))))
 
 
-def quick_start(folder: Path) -> None:
-    """Wheels that the app found in a region, in a real browser."""
-    from tests.app.app_process import AppProcess
-    from tests.app.browser import AppPage, open_browser
-
-    case, photo = demo_case(), (960, 720)
-    with open_browser() as browser, AppProcess(folder, case.photo, case.model) as process:
-        tab = AppPage(browser, process.url, (1400, 800))
-        tab.wait_for_text("at this pose")
+def wheels(folder: Path) -> None:
+    """Wheels that the app found in a region."""
+    case = demo_case()
+    with open_app(folder, WINDOW, case.photo, case.model, maps="away") as tab:
         tab.page.get_by_text("Quick start", exact=True).click()
         tab.page.get_by_role("button", name="Find wheels: draw a region").click()
         tab.wait_for_text("drag a rectangle on the photo")
-        tab.drag(*REGION, photo)
+        tab.drag(*REGION, PHOTO)
         tab.page.get_by_role("button", name="Find wheels in the region").click()
         tab.wait_for_text("10 of 10 points on the rims")
-        tab.page.wait_for_timeout(5000)
-        save("quick_start_wheels", shot_of(tab.page))
+        settle(tab)
+        save_page("quick_start_wheels", tab)
+
+
+def box(folder: Path) -> None:
+    """The first proposal in a rectangle about the demo's car."""
+    case = demo_case()
+    with open_app(folder, WINDOW, case.photo, case.model, maps="away") as tab:
+        tab.page.get_by_role("button", name="Fit to box").click()
+        tab.wait_for_text("drag a rectangle about the object")
+        tab.drag(*REGION, PHOTO)
+        tab.wait_for_text("proposal 1 of")
+        settle(tab)
+        save_page("box", tab)
 
 
 def methods(folder: Path) -> None:
-    """The paper's search under way on the demo, with the maps of both losses, in a real browser."""
-    from tests.app.app_process import AppProcess
-    from tests.app.browser import AppPage, open_browser
-
-    with open_browser() as browser, AppProcess(folder) as process:
-        tab = AppPage(browser, process.url, (1400, 900), color_scheme="dark")
-        tab.wait_for_text("at this pose")
-        tab.page.evaluate("window.poseviewer.placeMaps('beside')")
+    """The paper's search under way on the demo, with the maps of both losses."""
+    with open_app(folder, LARGE_WINDOW, maps="beside") as tab:
         tab.open_step(3)
         for label, option in (("Method", "Jayawardena 2010"), ("Whose loss", "both")):
             tab.page.get_by_label(label, exact=True).click()
             tab.page.get_by_role("option", name=option, exact=True).click()
         tab.page.get_by_label("Outlines of the candidates").check()
+        settle(tab)
         tab.page.get_by_role("button", name="Search (space)").click()
         tab.wait_for_text("restart 2")
-        tab.page.evaluate("window.poseviewer.setGuide('')")
-        save("methods", shot_of(tab.page))
+        save_page("methods", tab)
 
 
 def which_model(folder: Path) -> None:
-    """The demo's car told from two that it is not, in a real browser."""
-    from tests.app.app_process import AppProcess
-    from tests.app.browser import AppPage, open_browser
-
+    """The demo's car told from two that it is not."""
     case = demo_case()
     others = [folder / "longer.glb", folder / "higher.glb"]
     for path, stretch in zip(others, ((1.15, 1.0, 1.0), (1.0, 1.0, 1.2)), strict=True):
@@ -215,21 +214,18 @@ def which_model(folder: Path) -> None:
         car.apply_transform(np.diag([*stretch, 1.0]))
         car.export(str(path))
     files = case.photo, others[0], others[1], case.model
-    with open_browser() as browser, AppProcess(folder, *files, "--pose", case.start) as process:
-        tab = AppPage(browser, process.url, (1400, 1000))
-        tab.wait_for_text("at this pose")
+    with open_app(folder, WINDOW, *files, "--pose", case.start, maps="away") as tab:
         tab.open_step(4)
         tab.page.get_by_text("Which model is it?", exact=True).click()
         tab.page.get_by_role("button", name="Tell them apart").click()
         tab.wait_for_text("Press a row to see its fit")
-        tab.page.wait_for_timeout(20_000)
-        save("which_model", shot_of(tab.page))
+        settle(tab)
+        save_page("which_model", tab)
 
 
-def shot_of(page: object) -> np.ndarray:
-    """What a page shows, (height, width, 3)."""
-    data = page.screenshot()  # type: ignore[attr-defined]
-    return np.asarray(Image.open(BytesIO(data)).convert("RGB"))
+def save_page(name: str, tab: AppPage) -> None:
+    """What a page shows, as it is, as JPEG."""
+    shot_of(tab).save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
 
 
 PICTURES = {
@@ -238,7 +234,8 @@ PICTURES = {
     "library": looks,
     "pairs": pairs,
     "report": report,
-    "quick_start_wheels": quick_start,
+    "quick_start_wheels": wheels,
+    "box": box,
     "methods": methods,
     "which_model": which_model,
 }

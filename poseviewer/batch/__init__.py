@@ -1,1 +1,4 @@
-"""Many photos: rows of a table, fitted on all cores or on a cluster, and what came of them."""
+"""Many photos: rows of a table on all cores.
+
+Or on a cluster; their results, the report, and the review.
+"""

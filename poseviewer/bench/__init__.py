@@ -1,1 +1,1 @@
-"""How long an evaluation of a pose takes, on which path, and what of it; fits and maps as well."""
+"""Speed: evaluations, fits, maps, on each path."""

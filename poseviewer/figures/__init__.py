@@ -1,1 +1,1 @@
-"""Pictures of numbers, for print: loss landscapes. The only user of matplotlib."""
+"""Landscapes, benchmarks and studies, drawn for print. The only user of matplotlib."""

@@ -1,1 +1,4 @@
-"""From a mesh and a pose to attributes per pixel, moments, and pictures."""
+"""From mesh and pose to attributes and moments.
+
+The software renderer, OpenGL, the overlay, and the pyramid of levels.
+"""

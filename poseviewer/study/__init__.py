@@ -1,1 +1,4 @@
-"""Reliability: from how far off a start fits end at the truth, on synthetic and on real photos."""
+"""Reliability: from how far off fits end right.
+
+On synthetic and on real photos with known poses.
+"""
