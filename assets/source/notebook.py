@@ -17,8 +17,7 @@ CELLS: tuple[tuple[str, str], ...] = (
         """# poseviewer as a library
 
 Fit the bundled demo, judge the pose, and draw its loss landscape. Every name used here is in the
-[API reference](api.md). Run it where
-poseviewer and Jupyter are installed.""",
+[API reference](api.md). Run it where poseviewer and Jupyter are installed.""",
     ),
     (
         CODE,
@@ -35,11 +34,11 @@ print("chart:", ", ".join(case.problem.chart.names))""",
     (
         WORDS,
         """`load` takes a photo, a model and a start pose, as files. The start is a pose like any
-other: it has a loss, and it can be drawn.""",
+other: it leaves a share of the photo unexplained, from 0 to 1, and it can be drawn.""",
     ),
     (
         CODE,
-        """print(f"loss at the start: {case.start.loss:.3f}")
+        """print(f"unexplained at the start: {case.start.unexplained:.3f}")
 Image.fromarray(case.start.picture()).resize((480, 360))""",
     ),
     (
@@ -51,7 +50,7 @@ Image.fromarray(case.start.picture()).resize((480, 360))""",
         """losses = []
 found = case.fit(evaluations=1500, watch=lambda progress: losses.append(progress.loss))
 print(found.status)
-print(f"loss {found.loss:.3f} after {len(losses)} evaluations")
+print(f"unexplained {found.unexplained:.3f} after {len(losses)} evaluations")
 print(found.pose.camera_from_model.translation.round(2))""",
     ),
     (
@@ -63,7 +62,7 @@ print(found.pose.camera_from_model.translation.round(2))""",
         """What the light that was found leaves unexplained: reflections and the mirror's shadow,
 but no edge of a model that lies beside its place.
 
-The map of the loss about the pose says how well each pair of numbers is determined: a round
+The map of the loss about the pose says how well each pair of parameters is determined: a round
 valley well, a long one badly.""",
     ),
     (
@@ -71,7 +70,8 @@ valley well, a long one badly.""",
         """maps = found.landscape(half_width=0.05, size=5)
 for piece in maps.slices[:3]:
     names = maps.names[piece.first], maps.names[piece.second]
-    print(names, f"least {piece.losses.min():.3f}, most {piece.losses.max():.3f}")""",
+    shares = piece.shown(maps.loss_scale).losses
+    print(names, f"least {shares.min():.3f}, most {shares.max():.3f}")""",
     ),
     (
         WORDS,
