@@ -77,9 +77,8 @@ def make_pictures(folder: Path) -> None:
     readme.mkdir(exist_ok=True)
     cv2.imwrite(str(readme / "demo.jpg"), sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])
     run("landscape", PHOTO, MODEL, "--pose", pose, "--out", folder / "maps", "--size", 21)
-    maps = cv2.imread(str(folder / "maps" / "landscape.png"))
-    assert maps is not None
-    cv2.imwrite(str(readme / "landscape.png"), maps, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    maps = Image.open(folder / "maps" / "landscape.png").convert("RGB")
+    maps.quantize(256).save(readme / "landscape.png", optimize=True)
 
 
 if __name__ == "__main__":
