@@ -54,6 +54,8 @@ _log = logging.getLogger(__name__)
 
 IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
+STOPPED_BY = "Esc stops it"
+"""Said of tasks."""
 INTERPRETER_SHARE_S = 0.001
 """A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
 COMPILING_FAILED = (
@@ -150,7 +152,7 @@ class App:
                     self._handle(meant)
             case r.Upload():
                 self._tasks.add_upload(request)
-                self._page.working(f"Reading {request.name[:60]} ...")
+                self._page.working(f"Reading {request.name[:60]} ...", STOPPED_BY)
             case r.Answer():
                 self._tasks.add_answer(request)
             case r.Unfit():
@@ -161,10 +163,11 @@ class App:
                 self._tasks.add_last_pose()
             case r.Download():
                 self._tasks.add_export(request, self.session)
-                self._page.working("Drawing ..." if request.what in ("overlay", "sheet") else "")
+                drawn = "Drawing ..." if request.what in ("overlay", "sheet") else ""
+                self._page.working(drawn, STOPPED_BY)
             case r.FindWheels():
                 self._tasks.add(find_wheels_in_region, draws=True)
-                self._page.working("Looking for wheels ...")
+                self._page.working("Looking for wheels ...", STOPPED_BY)
             case r.ShowHelp():
                 self._page.show_help(request.client)
             case r.Greet():
@@ -182,6 +185,8 @@ class App:
         self.session = update(before, command)
         if self.session.error_message and self.session.error_message is not before.error_message:
             self._page.show_error(self.session.error_message)
+        if isinstance(command, c.CancelDrag) and self._review is None and self._tasks.drop():
+            self._page.working("")
         if isinstance(command, c.AcceptSearch):
             self._autosaver.save_now(self.session)
         if self.session.document.registration.mesh is not before.document.registration.mesh:

@@ -562,6 +562,8 @@ function watch(now) {
     viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) { host.append(bar, guide); showHint(); }
+    // The picture is shifted where maps lie over it: what it leaves free is as dark.
+    viewer.canvas.style.background = "#16181d";
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
     const view = viewer.camera.view;
     if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();

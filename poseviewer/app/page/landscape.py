@@ -60,7 +60,7 @@ class LandscapePanel:
         self._shown: tuple[Any, ...] = ()
         self._next = self._large_next = 0.0
         self._maps = gui.add_html("", order=ORDER)
-        self._note = gui.add_markdown("", visible=False, order=ORDER + 1)
+        self._note = gui.add_markdown("Drawing the maps ...", order=ORDER + 1)
         self._large: list[viser.GuiPlotlyHandle] = []
         self._whose = controls.field(
             gui.add_dropdown("Whose loss", tuple(WHOSE)),

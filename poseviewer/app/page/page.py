@@ -164,14 +164,14 @@ class Page:
         for note in notes:
             self.tell("Note", note)
 
-    def working(self, what: str) -> None:
+    def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""
         for notice in self._working:
             notice.remove()
         self._working = []
         if what:
             self._working = [
-                client.add_notification(what, "", loading=True, with_close_button=False)
+                client.add_notification(what, note, loading=True, with_close_button=False)
                 for client in self._server.get_clients().values()
             ]
 

@@ -55,6 +55,7 @@ PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near"
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
+FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
@@ -215,11 +216,17 @@ class QuickStartPanel:
     def __init__(self, controls: Controls) -> None:
         self._shown: object = None
         self._has_region = self._proposing = False
-        self._box = controls.button("Fit to box", c.SetTool("box"), None, icon="frame")
+        self._box = controls.button_for(
+            FIT_TO_BOX,
+            lambda _: c.StopProposing() if self._proposing else c.SetTool("box"),
+            None,
+            icon="frame",
+        )
+        self._waiting = controls.gui.add_html('<div class="pv-wait"></div>', visible=False)
         self._proposals = controls.gui.add_markdown("", visible=False)
         self._steps = [
             controls.button("Next proposal", c.StepProposals(1)),
-            controls.button("Take it", c.TakeProposal(), None, icon="check"),
+            controls.button("Start from it", c.TakeProposal(), None, icon="check"),
         ]
         with controls.gui.add_folder("Quick start", expand_by_default=False):
             controls.choices(
@@ -257,14 +264,13 @@ class QuickStartPanel:
             set_properties(handle, visible=session.tool in MARKING)
         asked = session.proposals
         self._proposing = asked is not None and asked.running
-        drawing = session.tool == "box"
-        set_properties(self._box, label="Drag on the photo ..." if drawing else "Fit to box")
+        drawing = "Drag on the photo ..." if session.tool == "box" else FIT_TO_BOX
+        set_properties(self._box, label="Stop looking" if self._proposing else drawing)
+        set_properties(self._waiting, visible=self._proposing)
         set_properties(self._propose, label="Stop looking" if self._proposing else "Propose starts")
-        there = (
-            asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
-        )
-        for handle in self._steps:
-            set_properties(handle, visible=there)
+        count = 0 if asked is None or not _has_proposals(session) else len(asked.poses)
+        for handle, fewest in zip(self._steps, (2, 1), strict=True):
+            set_properties(handle, visible=count >= fewest)
         text = proposals_text(session)
         set_properties(self._proposals, content=text, visible=bool(text))
 
@@ -584,9 +590,10 @@ def proposals_text(session: Session) -> str:
     if asked is not None and asked.running and session.preparation is not None:
         return "Waiting to begin."
     if asked is not None and asked.running:
-        return "Trying views from everywhere: some seconds, longer without a box."
+        return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
     if asked is not None and _has_proposals(session):
-        return f"**proposal {asked.index + 1} of {len(asked.poses)}**, the likeliest first"
+        which = f"**proposal {asked.index + 1} of {len(asked.poses)}**"
+        return f"{which}, the likeliest first  \nspace: search from here"
     return ""
 
 

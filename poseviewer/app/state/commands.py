@@ -181,9 +181,12 @@ class Release(DragCommand):
 
 @dataclass(frozen=True, slots=True)
 class CancelDrag(DragCommand):
-    """The drag is to be forgotten: the pose goes back to where it was."""
+    """The drag is to be forgotten: the pose goes back to where it was; proposals are no longer
+    looked for.
+    """
 
     def __call__(self, session: Session) -> Session:
+        session = StopProposing()(session)
         document = session.before_drag or session.document
         return replace(session, drag=None, before_drag=None, tool="pose", document=document)
 

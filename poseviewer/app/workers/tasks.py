@@ -157,6 +157,13 @@ class Tasks:
             task, _ = self._waiting.pop(at)
             self._worker.start(lambda: task(now))
 
+    def drop(self) -> bool:
+        """Forget all tasks, and what comes of the one that is running; False: there are none."""
+        dropped = bool(self._waiting) or self._worker.busy
+        self._waiting.clear()
+        self._worker.stop()
+        return dropped
+
     def close(self) -> None:
         """End the thread."""
         self._waiting.clear()

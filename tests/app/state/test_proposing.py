@@ -37,7 +37,8 @@ def test_a_box_is_drawn_once_and_undone():
     seen = drawn.document.pose.project(drawn.document.registration.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
     assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)
-    assert after(drawn, c.StopProposing()).proposals is None
+    for ending in (c.StopProposing(), c.CancelDrag()):
+        assert after(drawn, ending).proposals is None
     assert after(drawn, c.Undo()).document is drawn.history.past[0]
     assert after(drawn, c.Undo()).document.marks.box is None
 

@@ -1,0 +1,44 @@
+"""Tasks are done in order; those that are dropped bring nothing."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.workers.tasks import Found, Tasks
+from tests.app.state.documents import make_session
+
+PATIENCE_S = 60.0
+
+
+def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
+    begun, ended, told = threading.Event(), threading.Event(), threading.Event()
+    tasks, session = Tasks(told.set, tmp_path), make_session()
+
+    def slow(_: object) -> Iterator[Found]:
+        begun.set()
+        ended.wait(PATIENCE_S)
+        yield Found((c.Undo(),))
+
+    assert not tasks.drop()
+    tasks.add(slow)
+    tasks.add(slow)
+    tasks.start_next(session)
+    assert begun.wait(PATIENCE_S)
+    assert tasks.drop()
+    assert not tasks.drop()
+    ended.set()
+    tasks.add(lambda _: iter([Found((c.Redo(),))]))
+    tasks.start_next(session)
+    found = None
+    while found is None:
+        assert told.wait(PATIENCE_S)
+        told.clear()
+        found = tasks.collect()
+    result, error = found
+    assert error is None
+    assert isinstance(result, Found)
+    assert result.commands == (c.Redo(),)
+    tasks.close()
