@@ -24,7 +24,7 @@ PHOTO = (960, 720)
 QUALITY = 84
 SEARCHING = 400
 """Evaluations after which a search is looked at: the population is still wide."""
-SETTLED_S, LONGEST_S = 12, 300
+SETTLED_S, LONGEST_S = 12, 150
 """What the page shows is settled when it has not changed for so long; it is waited for at most so
 long."""
 SHOWN = """() => document.querySelector(".pv-dim") ? "" : [
@@ -101,7 +101,7 @@ def drag_a_pin(tab: AppPage) -> None:
     tab.page.mouse.move(*tab.on_screen(pin, PHOTO))
     tab.page.mouse.down()
     tab.page.mouse.move(*tab.on_screen((pin[0] + 40, pin[1] + 40), PHOTO), steps=8)
-    tab.page.wait_for_timeout(2000)
+    settle(tab)
     save(tab, "app_pins")
     tab.page.keyboard.press("Escape")
     tab.page.mouse.up()

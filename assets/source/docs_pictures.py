@@ -157,12 +157,13 @@ def report(folder: Path) -> None:
         (folder / name).write_bytes(path.read_bytes())
     (folder / "002.jpg").write_text("not a photo")
     poseviewer(["batch", str(folder / "jobs.csv"), "--out", str(folder / "results"),
-                "--evaluations", "100", "--processes", "1", "--quiet"])  # fmt: skip
+                "--processes", "1", "--quiet"])  # fmt: skip
     with open_browser() as browser:
-        page = browser.new_page(viewport={"width": 1000, "height": 520})
+        page = browser.new_page(viewport={"width": 1180, "height": 400}, color_scheme="light")
         page.goto((folder / "results" / "report.html").as_uri())
         page.wait_for_load_state()
-        save("report", np.asarray(Image.open(BytesIO(page.screenshot()))))
+        picture = Image.open(BytesIO(page.screenshot(full_page=True))).convert("RGB")
+        picture.save(FOLDER / "report.jpg", quality=QUALITY, optimize=True)
 
 
 def wheels(folder: Path) -> None:
