@@ -27,6 +27,8 @@ SEARCHING = 400
 SETTLED_S, LONGEST_S = 12, 150
 """What the page shows is settled when it has not changed for so long; it is waited for at most so
 long."""
+LONGEST_WAIT_S = 600
+"""For an end of a search on a busy machine."""
 SHOWN = """() => document.querySelector(".pv-dim") ? "" : [
     ...[...document.querySelectorAll(".pv-cell image")].map((map) => map.getAttribute("href")),
     document.body.innerText].join()"""
@@ -71,6 +73,7 @@ def open_app(
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
         state = {"origins": [{"origin": app.url.rstrip("/"), "localStorage": storage}]}
         tab = AppPage(browser, app.url, size, color_scheme="dark", storage_state=state)
+        tab.page.set_default_timeout(1000 * LONGEST_WAIT_S)
         tab.wait_for_text("at this pose")
         yield tab
 
