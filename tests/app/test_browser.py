@@ -317,7 +317,6 @@ def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProce
     limit = page.page.get_by_label("Most evaluations")
     limit.fill(str(EVALUATIONS))
     limit.press("Enter")
-    page.page.evaluate("document.activeElement.blur()")
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped at the limit of evaluations")
     found = page.saved_pose(path)

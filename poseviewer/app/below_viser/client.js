@@ -287,7 +287,14 @@ function dialogTakes(event) {
 
 listen(window, "keydown", (event) => {
   noteModifiers(event);
-  if (typing(event) || dialogTakes(event)) return;
+  if (typing(event)) {
+    // Then it is typed, and the keys are the page's again; once viser has seen the key.
+    const field = event.target;
+    const done = event.key === "Enter" || event.key === "Escape";
+    if (done && field.tagName === "INPUT") setTimeout(() => field.blur(), 0);
+    return;
+  }
+  if (dialogTakes(event)) return;
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
   taken(event);
@@ -301,10 +308,12 @@ listen(window, "keydown", (event) => {
 }, true);
 listen(window, "keyup", noteModifiers, true);
 listen(window, "blur", () => { state.modifiers = ""; showHint(); });
-// A pressed button must not take the space bar with it.
-listen(window, "pointerup", () => setTimeout(() => {
+// A pressed button must not take the keys with it: neither itself, nor the field that it steps.
+listen(window, "pointerup", (event) => setTimeout(() => {
   const element = document.activeElement;
-  if (element && element.tagName === "BUTTON") element.blur();
+  const stepped = element && element.tagName === "INPUT" && element !== event.target;
+  const pressed = event.target instanceof Element && event.target.closest("button");
+  if (element && (element.tagName === "BUTTON" || (stepped && pressed))) element.blur();
 }, 0));
 
 function noteModifiers(event) {

@@ -55,6 +55,8 @@ PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near"
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
+WAITING = '<div class="pv-wait"></div>'
+"""A bar that moves: something is done, nobody knows how long."""
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 PREPARING = "Preparing the first picture ..."
@@ -75,10 +77,13 @@ class StatusPanel:
 
     def __init__(self, controls: Controls) -> None:
         self._text = controls.gui.add_markdown("")
+        # A search is silent while its verdict is gathered.
+        self._waiting = controls.gui.add_html(WAITING, visible=False)
         self._bar = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:
         """Bring the text to the session."""
+        set_properties(self._waiting, visible=session.searching)
         lines = (search_text(session), focal_note(session))
         set_properties(self._text, content="  \n".join(filter(None, lines)))
         bar = loss_bar(session)
@@ -222,7 +227,7 @@ class QuickStartPanel:
             None,
             icon="frame",
         )
-        self._waiting = controls.gui.add_html('<div class="pv-wait"></div>', visible=False)
+        self._waiting = controls.gui.add_html(WAITING, visible=False)
         self._proposals = controls.gui.add_markdown("", visible=False)
         self._steps = [
             controls.button("Next proposal", c.StepProposals(1)),
