@@ -61,6 +61,8 @@ ROUGHLY_DEG, ROUGHLY_SIZE = 12.0, 0.1
 LIKELY_DEG = 25.0
 """A proposal is taken whose view looks right: so far off at most."""
 MOST_DRAGS = 10
+POINTS = 120
+"""Of the surface, of which some are pressed on."""
 LARGEST_TURN = math.radians(60.0)
 """Of one drag: more leads beyond the model's rim."""
 CASES = {"car": "bmw-0", "grocery": "hope-0002-light0-bbq_sauce"}
@@ -104,15 +106,21 @@ class Person:
         """Its size, px."""
         return self.subject.truth.camera.width, self.subject.truth.camera.height
 
+    @contextmanager
+    def off_the_clock(self) -> Iterator[None]:
+        """What takes a script time, but no person."""
+        began = time.perf_counter()
+        yield
+        self.looked += time.perf_counter() - began
+
     def sees(self) -> Pose:
         """The pose that is shown; no time passes, and nothing is pressed."""
-        began = time.perf_counter()
-        self.tab.saved_pose(self.file)
-        self.tab.page.evaluate(
-            "document.querySelectorAll('.mantine-Notification-closeButton')"
-            ".forEach(button => button.click())"
-        )
-        self.looked += time.perf_counter() - began
+        with self.off_the_clock():
+            self.tab.saved_pose(self.file)
+            self.tab.page.evaluate(
+                "document.querySelectorAll('.mantine-Notification-closeButton')"
+                ".forEach(button => button.click())"
+            )
         return load_pose(self.file, *self.photo).pose
 
     def off(self, pose: Pose) -> PoseError:
@@ -123,11 +131,10 @@ class Person:
         """Take the time to read; a picture is kept of it."""
         time.sleep(READING_S)
         if self.pictures is not None:
-            began = time.perf_counter()
             self.shots += 1
             path = self.pictures / f"{self.file.parent.name}-{self.shots:02d}-{what}.png"
-            self.tab.page.screenshot(path=str(path))
-            self.looked += time.perf_counter() - began
+            with self.off_the_clock():
+                self.tab.page.screenshot(path=str(path))
 
     # --- doing ----------------------------------------------------------------------------------
 
@@ -256,16 +263,22 @@ def by_box(person: Person) -> None:
 
 def by_pairs(person: Person) -> None:
     """Bring a view that shows the same side, and press on points of the model and of the photo."""
-    truth = person.subject.truth
+    truth, mesh = person.subject.truth, person.mesh
+    with person.off_the_clock():
+        pick = np.random.default_rng(0).integers(len(mesh.vertices), size=POINTS)
+        seen = _seen(mesh, truth, mesh.vertices[pick])
     if not person.subject.is_demo:
-        side = max(SIDES, key=lambda name: len(_seen_in_both(person, _view(person, name))))
+        with person.off_the_clock():
+            views = {name: _view(person, name) for name in SIDES}
+            side = max(views, key=lambda name: len(_seen(mesh, views[name], seen)))
         if side != "three-quarter":
             person.chooses("View", side)
     person.tab.page.get_by_text("Quick start", exact=True).click()
     person.button("Point pairs", 2)
     person.reads("pairs")
     pose = person.sees()
-    seen = _seen_in_both(person, pose)
+    with person.off_the_clock():
+        seen = _seen(mesh, pose, seen)
     wanted = fewest_pairs(truth.camera)
     if len(seen) < wanted:
         person.notes.append("no view shows the same side")
@@ -283,20 +296,15 @@ def _view(person: Person, side: str) -> Pose:
     return look_from(side, person.mesh, person.keypoints, person.subject.truth.camera)
 
 
-def _seen_in_both(person: Person, pose: Pose) -> FloatArray:
-    """(n, 3): points of the surface that both this pose and the truth show."""
-    mesh, truth = person.mesh, person.subject.truth
-    pick = np.random.default_rng(0).integers(len(mesh.vertices), size=150)
-    points = np.unique(mesh.vertices[pick], axis=0)
+def _seen(mesh: Mesh, pose: Pose, points: FloatArray) -> FloatArray:
+    """(k, 3): those points (n, 3) of the surface that nothing hides at a pose."""
+    hits = [surface_point(mesh, pose, pixel) for pixel in pose.project(points)]
     near = 0.01 * mesh.diameter
-    for one in (truth, pose):
-        hits = [surface_point(mesh, one, pixel) for pixel in one.project(points)]
-        shown = [
-            hit is not None and float(np.linalg.norm(hit - point)) < near
-            for hit, point in zip(hits, points, strict=True)
-        ]
-        points = points[np.array(shown, bool)]
-    return points
+    shown = [
+        hit is not None and float(np.linalg.norm(hit - point)) < near
+        for hit, point in zip(hits, points, strict=True)
+    ]
+    return points[np.array(shown, bool)]
 
 
 def _far_apart(points: FloatArray, count: int) -> FloatArray:
