@@ -28,7 +28,10 @@ def scene(tmp_path: Path) -> Scene:
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Opened]:
     opened: list[Opened] = []
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "state"))
-    monkeypatch.setattr("poseviewer.app.serving.serve_app", lambda one, **_: opened.append(one))
+    monkeypatch.setattr(
+        "poseviewer.app.serving.serve_app",
+        lambda open_first, **_: opened.append(open_first()[0]),
+    )
     return opened
 
 
