@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from poseviewer.app.app import STOPPED_BY
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
 from poseviewer.app.state.session import Preparation
+from poseviewer.app.workers import tasks
 from poseviewer.cli.main import main
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
@@ -315,6 +319,34 @@ def test_uploaded_photo_and_model_open(running: RunningApp, tmp_path: Path) -> N
             page.key("KeyZ")
         page.wait_until(lambda: page.text_with("p.png") and page.text_with("m.ply"))
         page.wait_until(lambda: np.array_equal(page.outline(), before))
+
+
+def test_escape_stops_what_is_being_read(
+    running: RunningApp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, go = threading.Event(), threading.Event()
+    keep = tasks.keep_set
+
+    def slow(*given: Any, **more: Any) -> Path:
+        begun.set()
+        assert go.wait(60.0)
+        return keep(*given, **more)
+
+    other = tmp_path / "other.png"
+    save_image(other, np.full((90, 200, 3), 120, np.uint8))
+    monkeypatch.setattr(tasks, "keep_set", slow)
+    with running.page() as page:
+        document = running.app.session.document
+        page.upload("Photo ...", other.name, other.read_bytes())
+        assert begun.wait(60.0)
+        page.wait_until(lambda: ("Reading other.png ...", STOPPED_BY) in page.shown.notices)
+        page.key("Escape")
+        page.upload("Pose file ...", "p.pose.json", running.scene.start.read_bytes())
+        go.set()
+        page.wait_until(lambda: running.app.session.document is not document)
+        assert running.app.session.document.registration.photo is document.registration.photo
+        page.key("KeyZ")
+        page.wait_until(lambda: running.app.session.document is document)
 
 
 def test_upload_writes_in_the_state_folder_alone(running: RunningApp, tmp_path: Path) -> None:
