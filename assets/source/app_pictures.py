@@ -27,6 +27,8 @@ SEARCHING = 400
 SETTLED_S, LONGEST_S = 12, 150
 """What the page shows is settled when it has not changed for so long; it is waited for at most so
 long."""
+LOOK_MS = 6000
+"""Until another look is drawn, on a busy machine."""
 LONGEST_WAIT_S = 600
 """For an end of a search on a busy machine."""
 SHOWN = """() => document.querySelector(".pv-dim") ? "" : [
@@ -53,7 +55,8 @@ def make_pictures(tab: AppPage) -> None:
     save(tab, "app_found")
     for key, name in (("3", "app_relit"), ("5", "app_residual")):
         tab.page.keyboard.press(key)
-        settle(tab)
+        tab.page.wait_for_timeout(LOOK_MS)
+        tab.settled_picture()
         save(tab, name)
     tab.page.keyboard.press("1")
     tab.page.evaluate("window.poseviewerOpen(0, 2)")

@@ -202,7 +202,15 @@ def methods(folder: Path) -> None:
         tab.page.get_by_label("Outlines of the candidates").check()
         settle(tab)
         tab.page.get_by_role("button", name="Search (space)").click()
-        tab.wait_for_text("restart 2")
+        # A little into the first restart, while its simplex is still wide.
+        tab.page.wait_for_function(
+            """() => {
+                const said = document.body.innerText.match(/(\\d+) evaluations, restart (\\d+)/);
+                if (!said || said[2] === "0") return false;
+                window.begun ??= Number(said[1]);
+                return said[1] - window.begun >= 12;
+            }"""
+        )
         save_page("methods", tab)
 
 
