@@ -331,7 +331,7 @@ def _layout(left: int = 46, below: int = 36) -> dict[str, Any]:
         "paper_bgcolor": CLEAR,
         "plot_bgcolor": CLEAR,
         "font": {"color": TEXT, "size": 11},
-        "margin": {"l": left, "r": 6, "t": 8, "b": below},
-        "legend": {"orientation": "h", "y": 1.08, "x": 0.0, "bgcolor": "rgba(0,0,0,0)"},
+        "margin": {"l": left, "r": 6, "t": 56, "b": below},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0, "bgcolor": CLEAR},
         "uirevision": "kept",  # the mouse's zoom and turn survive the next data
     }
