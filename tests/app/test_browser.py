@@ -76,6 +76,26 @@ def test_the_camera_cannot_be_knocked_off_the_photo(page: AppPage):
     np.testing.assert_allclose(camera, 0.0, atol=1e-6)
 
 
+COUNT_DRAWINGS = """new Promise((done) => {
+    const viewer = window.__viserMutable, draw = viewer.requestRender;
+    let count = 0;
+    viewer.requestRender = (...all) => { count += 1; draw(...all); };
+    let frames = 0;
+    requestAnimationFrame(function next() {
+        frames += 1;
+        if (frames < 30) { requestAnimationFrame(next); return; }
+        viewer.requestRender = draw;
+        done(count);
+    });
+})"""
+
+
+def test_a_page_on_which_nothing_moves_is_not_drawn_anew(page: AppPage):
+    page.wait_for_text("at this pose")
+    page.settled_picture()
+    assert page.page.evaluate(COUNT_DRAWINGS) < 10  # of 30 frames
+
+
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
     place = tuple(round(v) for v in page.on_screen((700.0, 300.0), DEMO_PHOTO))
     left, top = page.view()["box"][:2]

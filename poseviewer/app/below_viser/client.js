@@ -568,7 +568,8 @@ let measured = 0;
 function watch(now) {
   const viewer = vm();
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
-    viewer.cameraControl.enabled = false;
+    // Only where it is on: to set it has viser draw the scene anew.
+    if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) { host.append(bar, guide); showHint(); }
     // The picture is shifted where maps lie over it: what it leaves free is as dark.
