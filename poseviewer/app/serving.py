@@ -6,6 +6,7 @@ import signal
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING
 
 from poseviewer.app.below_viser.guard import GuardedServer, serve
@@ -30,13 +31,15 @@ def serve_app(
     Raises:
         PoseViewerError: the address is taken, or what is to be opened cannot be used.
     """
-    state = state_folder()
+    state, ending = state_folder(), Event()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, lambda *_: ending.set())
     guarded = serve(host, port, "poseviewer", state)
     tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
     if browser:
         webbrowser.open(guarded.url)
     try:
-        _run(guarded, open_first, state)
+        _run(guarded, open_first, state, ending)
     except BaseException:
         guarded.stop()  # the pages may come back
         raise
@@ -47,6 +50,7 @@ def _run(
     guarded: GuardedServer,
     open_first: Callable[[], tuple[Opened, Reviewer | None]],
     state: Path,
+    ending: Event,
 ) -> None:
     gui = guarded.server.gui
     gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
@@ -58,4 +62,6 @@ def _run(
     app = App(guarded.server, opened, state, review)
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: app.stop())
+    if ending.is_set():  # while files were read
+        app.stop()
     app.run()

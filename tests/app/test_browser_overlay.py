@@ -75,9 +75,11 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
         tab.wait_for_text("at this pose")
+        tab.page.evaluate("window.poseviewer.placeMaps('away')")
         for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})
-            tab.page.wait_for_timeout(500)
+            tab.page.wait_for_timeout(1500)  # panels glide
+            tab.until(lambda: tab.view()["covered"] == 0)
             for zoom in ZOOMS:
                 assert_coincident(tab, seen, zoom)
         assert tab.errors == []
