@@ -6,7 +6,6 @@ import signal
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING
 
 from poseviewer.app.below_viser.guard import GuardedServer, serve
@@ -31,15 +30,15 @@ def serve_app(
     Raises:
         PoseViewerError: the address is taken, or what is to be opened cannot be used.
     """
-    state, ending = state_folder(), Event()
+    state, signals = state_folder(), list[int]()  # those that come while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(name, lambda *_: ending.set())
+        signal.signal(name, lambda number, _: signals.append(number))
     guarded = serve(host, port, "poseviewer", state)
     tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
     if browser:
         webbrowser.open(guarded.url)
     try:
-        _run(guarded, open_first, state, ending)
+        _run(guarded, open_first, state, signals)
     except BaseException:
         guarded.stop()  # the pages may come back
         raise
@@ -50,7 +49,7 @@ def _run(
     guarded: GuardedServer,
     open_first: Callable[[], tuple[Opened, Reviewer | None]],
     state: Path,
-    ending: Event,
+    signals: list[int],
 ) -> None:
     gui = guarded.server.gui
     gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
@@ -62,6 +61,6 @@ def _run(
     app = App(guarded.server, opened, state, review)
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: app.stop())
-    if ending.is_set():  # while files were read
+    if signals:
         app.stop()
     app.run()
