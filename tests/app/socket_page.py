@@ -172,7 +172,8 @@ class SocketPage:
         self.report(kind="key", code=code, **held)
 
     def click(self, label: str) -> None:
-        """A button of the panels, by its label."""
+        """A button of the panels or of a dialog, by its label, once it is there."""
+        self.wait_until(lambda: any(props.get("label") == label for _, props in self._fields()))
         self.change(self.uuid(label), True)
 
     def set(self, label: str, value: Any) -> None:
