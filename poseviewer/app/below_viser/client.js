@@ -287,13 +287,7 @@ function dialogTakes(event) {
 
 listen(window, "keydown", (event) => {
   noteModifiers(event);
-  if (typing(event)) {
-    // Then it is typed, and the keys are the page's again; once viser has seen the key.
-    const field = event.target;
-    const done = event.key === "Enter" || event.key === "Escape";
-    if (done && field.tagName === "INPUT") setTimeout(() => field.blur(), 0);
-    return;
-  }
+  if (typing(event)) return;
   if (dialogTakes(event)) return;
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
@@ -306,6 +300,12 @@ listen(window, "keydown", (event) => {
     shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
   });
 }, true);
+// Then it is typed, and the keys are the page's again: once viser has seen the key, and before the
+// next one comes.
+listen(window, "keydown", (event) => {
+  const done = event.key === "Enter" || event.key === "Escape";
+  if (done && typing(event) && event.target.tagName === "INPUT") event.target.blur();
+});
 listen(window, "keyup", noteModifiers, true);
 listen(window, "blur", () => { state.modifiers = ""; showHint(); });
 // A pressed button must not take the keys with it: neither itself, nor the field that it steps.
