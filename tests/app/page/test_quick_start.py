@@ -64,8 +64,9 @@ def page(tab: AppPage) -> Iterator[AppPage]:
     assert tab.errors == []
     tab.page.get_by_role("button", name="Point pairs").click()
     tab.page.get_by_role("button", name="Clear marks").click()
-    tab.page.get_by_role("button", name="Done (Esc)").click()
-    tab.wait_for_text("roll, scale")
+    done = tab.page.get_by_role("button", name="Done (Esc)")
+    done.click()
+    done.wait_for(state="hidden")
     tab.page.keyboard.press("r")
 
 
