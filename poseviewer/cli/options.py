@@ -211,7 +211,7 @@ def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
     option(
         group,
         "--calibration FILE",
-        "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt, BOP's "
+        "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt or .bin, BOP's "
         "camera.json or scene_camera.json; the photo is undistorted by it",
         Path,
         required=required,

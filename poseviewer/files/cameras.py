@@ -19,6 +19,8 @@ import numpy as np
 
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.checks import Reading
+from poseviewer.files.colmap_model import SUFFIXES as COLMAP_SUFFIXES
+from poseviewer.files.colmap_model import camera_rows, image_rows
 from poseviewer.files.quiet import quiet_libraries
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
@@ -73,7 +75,8 @@ class FileCamera:
 
 
 def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
-    """All cameras in an OpenCV YAML, XML or JSON, a BOP JSON or a COLMAP ``cameras.txt``.
+    """All cameras in an OpenCV YAML, XML or JSON, a BOP JSON or a COLMAP ``cameras.txt`` or
+    ``cameras.bin``.
 
     ``fisheye`` says of an OpenCV file that does not say so that its lens model is the fisheye's.
 
@@ -83,14 +86,16 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
     kind = path.suffix.lower()
-    if kind == ".txt":
+    if kind in COLMAP_SUFFIXES:
         return _colmap_cameras(reading)
     if kind in (".yml", ".yaml", ".xml"):
         return _opencv_cameras(reading, opencv_storage(reading), fisheye)
     if kind == ".json":
         data = reading.load_object()
         return bop_cameras(reading, data) or _opencv_cameras(reading, data, fisheye)
-    raise reading.error(f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json or .txt")
+    raise reading.error(
+        f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json, .txt or .bin"
+    )
 
 
 def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
@@ -253,32 +258,26 @@ def lens_of(reading: Reading, model: LensModel, coefficients: list[float]) -> Le
 
 
 def _colmap_cameras(reading: Reading) -> list[FileCamera]:
-    """The cameras of a ``cameras.txt``, named by their CAMERA_ID.
-
-    Which camera took which photo says the ``images.txt`` beside it: of each pair of its lines the
-    first is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME.
+    """The cameras of a ``cameras`` file, named by their CAMERA_ID; the ``images`` file beside it
+    says which photos each took.
     """
     photos: dict[str, set[str]] = defaultdict(set)
-    beside = replace(reading, path=reading.path.with_name("images.txt"))
-    text = reading.load_text()
+    beside = replace(reading, path=reading.path.with_stem("images"))
     if beside.path.is_file():
-        lines = beside.load_text().splitlines()
-        for line in [line for line in lines if not line.startswith("#")][::2]:
-            words = line.split(maxsplit=9)
+        for words in image_rows(beside):
             if len(words) == 10:
                 photos[words[8]].add(PurePosixPath(words[9]).name)
-    rows = [line.split() for line in text.splitlines()]
-    rows = [words for words in rows if words and not words[0].startswith("#")]
-    if not rows:
-        raise reading.error("holds no camera", "wanted COLMAP's cameras.txt")
-    return [
+    cameras = [
         FileCamera(words[0], *colmap_camera(reading, words), frozenset(photos[words[0]]))
-        for words in rows
+        for words in camera_rows(reading)
     ]
+    if not cameras:
+        raise reading.error("holds no camera", "wanted COLMAP's cameras.txt or cameras.bin")
+    return cameras
 
 
 def colmap_camera(reading: Reading, words: list[str]) -> tuple[Perspective, Lens | None]:
-    """The camera and lens of a line of ``cameras.txt``: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[].
+    """The camera and lens of a row of a ``cameras`` file: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[].
 
     Raises the reading's error where it is none, or of a model that OpenCV does not have.
     """

@@ -17,6 +17,7 @@ from typing import Literal
 from poseviewer.errors import FileSetError, PoseViewerError
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import read_json
+from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, MODEL_NAME, BopImage, load_bop_images
 from poseviewer.files.formats.conversion import Request
 from poseviewer.files.formats.reconstructions import colmap_photos, read_colmap
@@ -70,10 +71,10 @@ class ModelFiles:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A BOP scene's folder, or that of a COLMAP text model, and its photos."""
+    """A BOP scene's folder, or that of a COLMAP model, and its photos."""
 
     cameras: Path
-    """``scene_camera.json`` or ``cameras.txt``."""
+    """``scene_camera.json``, ``cameras.txt`` or ``cameras.bin``."""
     photos: Mapping[Path, str]
     """What the scene calls each."""
     images: Mapping[Path, BopImage] = field(default_factory=dict)
@@ -312,7 +313,7 @@ def _colmap_scenes(files: Sequence[Path]) -> Iterator[Scene]:
         if path.suffix.lower() in PICTURES:
             by_name[plain_name(path.name)].append(path)
     for path in files:
-        if path.name == "cameras.txt" and path.with_name("images.txt") in files:
+        if path == model_file(path.parent, "cameras") and path.with_stem("images") in files:
             names = colmap_photos(path.parent)
             found = {_alike(name, by_name): name for name in sorted(names)}
             photos = {photo: name for photo, name in found.items() if photo is not None}

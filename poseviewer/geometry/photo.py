@@ -106,5 +106,6 @@ class Photo:
             return ""
         return (
             f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
-            "with it the distance: six point pairs, a free focal length or a calibration tell them."
+            'with it the distance: a calibration, six point pairs or "Find the focal length" '
+            "(--free-focal) tell them."
         )

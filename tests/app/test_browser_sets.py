@@ -70,7 +70,7 @@ def shown_colours(tab: AppPage) -> tuple[bool, bool]:
     picture = tab.settled_picture().astype(int)
     reddish = (picture[..., 0] > 90) & (picture[..., 2] < 0.5 * picture[..., 0])
     blueish = (picture[..., 2] > 90) & (picture[..., 0] < 0.5 * picture[..., 2])
-    return np.count_nonzero(reddish) > 300, np.count_nonzero(blueish) > 300
+    return bool(reddish.sum() > 300), bool(blueish.sum() > 300)
 
 
 def assert_textured(tab: AppPage, name: str) -> None:

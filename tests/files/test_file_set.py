@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from poseviewer.errors import FileSetError, PoseFileError
+from poseviewer.errors import CalibrationFileError, FileSetError, PoseFileError
+from poseviewer.files.cameras import load_cameras
 from poseviewer.files.file_set import (
     FileSet,
     files_below,
@@ -18,6 +20,7 @@ from poseviewer.files.file_set import (
     nothing_to_open,
     sort_set,
 )
+from poseviewer.files.formats.reconstructions import colmap_photos
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.set_questions import ALL_MODELS, Chosen, Question, choose
 from poseviewer.files.state.uploads import gathered
@@ -338,11 +341,15 @@ def test_a_bop_scene_gives_photo_camera_model_and_start(tmp_path: Path) -> None:
         sort(tmp_path)
 
 
-def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path) -> None:
-    write(tmp_path / "sparse/0/cameras.txt", "# x\n1 PINHOLE 160 120 150 150 80 60\n")
-    images = "1 1 0 0 0 0.5 0 4 1 a/one.jpg\n\n2 1 0 0 0 0 0 5 1 b/one.jpg\n\n"
-    write(tmp_path / "sparse/0/images.txt", images)
-    write(tmp_path / "sparse/0/points3D.txt", "")
+@pytest.mark.parametrize("kind", ["txt", "bin"])
+def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path, kind: str) -> None:
+    if kind == "txt":
+        write(tmp_path / "sparse/0/cameras.txt", "# x\n1 PINHOLE 160 120 150 150 80 60\n")
+        images = "1 1 0 0 0 0.5 0 4 1 a/one.jpg\n\n2 1 0 0 0 0 0 5 1 b/one.jpg\n\n"
+        write(tmp_path / "sparse/0/images.txt", images)
+    else:
+        write_binary_model(tmp_path / "sparse/0")
+    write(tmp_path / f"sparse/0/points3D.{kind}", "")
     for folder in "ab":
         picture(tmp_path / f"images/{folder}/one.jpg")
     write(tmp_path / "meshed.obj", PLAIN)
@@ -352,6 +359,33 @@ def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path) -> None:
     assert question.options[:-1] == ("images/a/one.jpg", "images/b/one.jpg")
     assert chosen.place is not None
     np.testing.assert_array_equal(chosen.place.translation, [0, 0, 5])
+
+
+def write_binary_model(folder: Path) -> None:
+    """As COLMAP's ``Reconstruction::WriteBinary`` does: a pinhole, two images, some points."""
+    folder.mkdir(parents=True)
+    camera = struct.pack("<QIiQQ4d", 1, 1, 1, 160, 120, 150.0, 150.0, 80.0, 60.0)
+    (folder / "cameras.bin").write_bytes(camera)
+    images = struct.pack("<Q", 2)
+    for number, shift, name, points in ((1, (0.5, 0, 4), b"a", 2), (2, (0, 0, 5), b"b", 1)):
+        images += struct.pack("<I7dI", number, 1, 0, 0, 0, *shift, 1) + name + b"/one.jpg\0"
+        images += struct.pack("<Q", points) + points * struct.pack("<ddQ", 1, 2, 3)
+    (folder / "images.bin").write_bytes(images)
+
+
+def test_a_colmap_model_that_is_cut_short_is_refused(tmp_path: Path) -> None:
+    write_binary_model(tmp_path / "0")
+    whole = (tmp_path / "0/images.bin").read_bytes()
+    for cut in (5, 30, 76, 90, len(whole) - 30, len(whole) - 3):
+        (tmp_path / "0/images.bin").write_bytes(whole[:cut])
+        with pytest.raises(
+            PoseFileError, match=r"images\.bin: is cut short; wanted a file of a COLMAP model"
+        ):
+            colmap_photos(tmp_path / "0")
+    (tmp_path / "0/images.bin").write_bytes(whole)
+    (tmp_path / "0/cameras.bin").write_bytes(struct.pack("<QIiQQ", 1, 1, 99, 160, 120))
+    with pytest.raises(CalibrationFileError, match="camera 1 is of model 99; wanted one of COLMAP"):
+        load_cameras(tmp_path / "0/cameras.bin")
 
 
 def test_too_many_files_are_refused(tmp_path: Path, monkeypatch) -> None:

@@ -1,8 +1,8 @@
 """Cameras as programs of 3D reconstruction keep them; the world is the model's frame, pixel centres
 are at i + 0.5.
 
-COLMAP's text model (https://colmap.github.io/format.html; ``cameras.txt``, ``images.txt``,
-``points3D.txt``): quaternions w first, world to camera, OpenCV axes; its lens models:
+COLMAP's model (https://colmap.github.io/format.html), read as text or binary, written as text:
+quaternions w first, world to camera, OpenCV axes; its lens models:
 https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h.
 
 nerfstudio's ``transforms.json`` (https://docs.nerf.studio/quickstart/data_conventions.html): camera
@@ -15,7 +15,6 @@ s3 s4 tx ty.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import colmap_camera, lens_of
 from poseviewer.files.checks import Reading
+from poseviewer.files.colmap_model import camera_rows, image_rows, model_file
 from poseviewer.files.formats.conversion import (
     Format,
     Request,
@@ -88,11 +87,12 @@ def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
 
 
 def read_colmap(path: Path, request: Request) -> PoseRecord:
-    """Read one image of a text model: ``request.image`` by its name, or the only one.
+    """Read one image of a model, text or binary: ``request.image`` by its name, or the only one.
 
     The model's world is taken for the frame of poseviewer's model.
     """
-    reading, images = Reading(path / "images.txt"), _images(path)
+    reading = Reading(model_file(path, "images"))
+    images = list(image_rows(reading))
     names = [" ".join(words[9:]) for words in images]
     words = the_one(reading, request, "images", names, images)
     if len(words) < 10:
@@ -103,9 +103,8 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
         raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     place = RigidTransform(rotation, np.array(numbers[4:]))
-    rows = map(str.split, _lines(path / "cameras.txt"))
-    row = next((row for row in rows if row[:1] == [words[8]]), None)
-    of_cameras = Reading(path / "cameras.txt", reading.warnings)
+    of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
+    row = next((row for row in camera_rows(of_cameras) if row[:1] == [words[8]]), None)
     if row is None:
         raise of_cameras.error(
             f"it has no camera {words[8]}", "wanted the one that the image names"
@@ -116,37 +115,12 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
 
 
 def colmap_photos(path: Path) -> list[str]:
-    """The names of the photos in the text model of the folder ``path``, from its folder of photos.
+    """The names of the photos in the model of the folder ``path``, from its folder of photos.
 
     Raises:
         PoseFileError: it is no such model.
     """
-    return [" ".join(words[9:]) for words in _images(path)]
-
-
-def _images(path: Path) -> list[list[str]]:
-    """The words of each image's first line."""
-    lines, images = _lines(path / "images.txt"), []
-    for line in lines:
-        if line:
-            images.append(line.split())
-            next(lines, None)  # its points
-    return images
-
-
-def _lines(path: Path) -> Iterator[str]:
-    """The lines that are no comments, empty ones included: they stand for images without points."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            yield from (line.strip() for line in file if not line.startswith("#"))
-    except FileNotFoundError:
-        raise PoseFileError(
-            f"{path}: no such file; name the folder of a COLMAP text model (colmap "
-            "model_converter --output_type TXT makes one)."
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not text"
-        raise PoseFileError(f"{path}: cannot be read ({reason}).") from error
+    return [" ".join(words[9:]) for words in image_rows(Reading(model_file(path, "images")))]
 
 
 def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written:

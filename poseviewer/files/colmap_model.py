@@ -1,0 +1,135 @@
+"""The cameras and images of a COLMAP model, text or binary, as the words of its text files
+(https://colmap.github.io/format.html).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.checks import Reading
+
+SUFFIXES = (".bin", ".txt")
+"""Where a model is there as both, the binary one is read, as COLMAP does."""
+MODELS = (
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+)
+"""Camera models by their number in binary files, and how many parameters each has."""
+POINT_BYTES = 24
+"""Of an image's point: x, y, and the number of its point in space."""
+WANTED = "wanted a file of a COLMAP model"
+LONGEST_NAME = 4096
+"""Of an image, in bytes: paths are no longer."""
+
+
+def model_file(folder: Path, stem: str) -> Path:
+    """``cameras`` or ``images`` of the model in ``folder``; the text file where there is none."""
+    binary, text = (folder / (stem + suffix) for suffix in SUFFIXES)
+    return binary if binary.is_file() else text
+
+
+def camera_rows(reading: Reading) -> Iterator[list[str]]:
+    """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file.
+
+    Raises the reading's error where it cannot be read.
+    """
+    if reading.path.suffix == ".bin":
+        for file in _records(reading):
+            number, model, width, height = _unpack(reading, file, "<IiQQ")
+            if not 0 <= model < len(MODELS):
+                raise reading.error(f"camera {number} is of model {model}", "wanted one of COLMAP")
+            name, count = MODELS[model]
+            numbers = _unpack(reading, file, f"<{count}d")
+            yield [str(number), name, str(width), str(height), *map(repr, numbers)]
+        return
+    yield from (line.split() for line in _lines(reading) if line)
+
+
+def image_rows(reading: Reading) -> Iterator[list[str]]:
+    """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file, without
+    its points; raises as ``camera_rows``.
+    """
+    if reading.path.suffix == ".bin":
+        for file in _records(reading):
+            number, *place, camera = _unpack(reading, file, "<I7dI")
+            name = _name(reading, file)
+            (points,) = _unpack(reading, file, "<Q")
+            file.seek(points * POINT_BYTES, 1)
+            yield [str(number), *map(repr, place), str(camera), name]
+        return
+    lines = _lines(reading)
+    for line in lines:
+        if line:
+            yield line.split(maxsplit=9)
+            next(lines, None)  # its points
+
+
+def _records(reading: Reading) -> Iterator[BinaryIO]:
+    """The open file, once for each record that a binary file says it has."""
+    try:
+        with reading.path.open("rb") as file:
+            (count,) = _unpack(reading, file, "<Q")
+            for _ in range(count):  # a file that has fewer is cut short: the next read says so
+                yield file
+            if file.tell() > os.fstat(file.fileno()).st_size:  # points were skipped
+                raise _cut_short(reading)
+    except OSError as error:
+        raise _unreadable(reading, error) from error
+
+
+def _unpack(reading: Reading, file: BinaryIO, form: str) -> tuple[Any, ...]:
+    size = struct.calcsize(form)
+    data = file.read(size)
+    if len(data) < size:
+        raise _cut_short(reading)
+    return struct.unpack(form, data)
+
+
+def _name(reading: Reading, file: BinaryIO) -> str:
+    """Up to the next zero byte."""
+    start = file.tell()
+    data, zero, _ = file.read(LONGEST_NAME).partition(b"\0")
+    if not zero:
+        raise _cut_short(reading)
+    file.seek(start + len(data) + 1)
+    return data.decode("utf-8", "replace")
+
+
+def _lines(reading: Reading) -> Iterator[str]:
+    """The lines that are no comments, empty ones included: they stand for images without points."""
+    try:
+        with reading.path.open(encoding="utf-8") as file:
+            yield from (line.strip() for line in file if not line.startswith("#"))
+    except UnicodeDecodeError:
+        raise reading.error("not a text", WANTED) from None
+    except OSError as error:
+        raise _unreadable(reading, error) from error
+
+
+def _unreadable(reading: Reading, error: OSError) -> PoseViewerError:
+    match error:
+        case FileNotFoundError():
+            found = f"no such file in {reading.path.parent}"
+        case IsADirectoryError():
+            found = "is a folder"
+        case _:
+            found = f"cannot be read ({error.strerror})"
+    return reading.error(found, WANTED)
+
+
+def _cut_short(reading: Reading) -> PoseViewerError:
+    return reading.error("is cut short", f"{WANTED}, a whole one")
