@@ -21,20 +21,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.photo import load_mask, photo_text, save_image
+from poseviewer.files.masks import save_pose_and_mask
+from poseviewer.files.photo import photo_text, save_image
 from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
     PhotoReference,
     PoseRecord,
     RecordedVerdict,
-    save_pose,
 )
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
@@ -48,6 +47,7 @@ from poseviewer.fit.unexplained import Unexplained
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
@@ -69,6 +69,7 @@ __all__ = [
     "FitResult",
     "FitSettings",
     "LossMaps",
+    "Mask",
     "PoseViewerError",
     "StartCamera",
     "load",
@@ -87,7 +88,7 @@ def load(
     calibration: Calibration | str | Path | None = None,
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
-    mask: str | Path | None = None,
+    mask: str | Path | Mask | None = None,
     renderer: Renderer | None = None,
     watch: Callable[[], object] = lambda: None,
     **changes: Any,
@@ -107,7 +108,8 @@ def load(
             the settings' region, or the whole photo.
         camera: for ``"auto"``: what is known of it; default: EXIF's focal length, or a view of 50
             degrees.
-        mask: a picture of the photo's size whose white pixels count.
+        mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
+            weights (height, width) from 0, hidden, to 1. Default: that of the pose file.
         watch: for ``"auto"``: called after every evaluation; what it raises ends the search.
         renderer: one of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
@@ -127,36 +129,28 @@ def load(
             f'box={box}: wanted (left, top, width, height), and start="auto", which it is for.'
         )
     if start == AUTOMATIC:
-        known, where = camera or StartCamera(), Path(mask) if mask else None
         rectangle = None if box is None else Rectangle(*box)
-        start = AutoStart(rectangle, known, chosen, where, watch=watch).find
+        start = AutoStart(rectangle, camera or StartCamera(), chosen, watch).find
+    if isinstance(mask, str | Path):
+        chosen = replace(chosen, mask=Path(mask).name)
     if isinstance(start, str | Path):
-        registration = load_registration(photo, model, start, calibration)
+        registration = load_registration(photo, model, start, calibration, mask)
     else:
         find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_with_start(Path(photo), unplaced, find, calibration)
-    weights = None
-    if mask is not None:
-        weights = load_mask(mask, registration.photo.width, registration.photo.height)
-        chosen = replace(chosen, mask=Path(mask).name)
-    return make_case(registration, chosen, weights, renderer)
+        registration = load_with_start(Path(photo), unplaced, find, calibration, mask)
+    return make_case(registration, chosen, renderer)
 
 
 def make_case(
-    registration: Registration,
-    settings: FitSettings,
-    weights: NDArray[np.float32] | None = None,
-    renderer: Renderer | None = None,
+    registration: Registration, settings: FitSettings, renderer: Renderer | None = None
 ) -> Case:
     """As ``load``, of a photo, a model and a start that are open already.
-
-    ``weights`` (height, width) say how much each pixel of the photo counts.
 
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the start.
     """
-    problem, note = make_problem(registration, settings, weights)
+    problem, note = make_problem(registration, settings)
     if renderer is None:
         renderer = make_renderer(registration.mesh, settings.renderer)
     more = (f"the free-body chart is used: {note}.",) if note else ()
@@ -346,12 +340,13 @@ class FitResult:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the pose file, whole or not at all.
+        """Write the pose file, and the mask beside it (``car.mask.png`` for ``car.pose.json``),
+        whole or not at all.
 
         Raises:
-            PoseFileError: the folder is missing or cannot be written to.
+            PoseViewerError: the folder is missing or cannot be written to.
         """
-        save_pose(path, self.record)
+        save_pose_and_mask(path, self.record, self.case.registration.mask)
 
     def picture(self, look: str = "outline", *, opacity: float = SOLID_OPACITY) -> Picture:
         """(height, width, 3) RGB: the model over the photo, in one of ``overlay.LOOKS``.

@@ -36,14 +36,14 @@ def run(options: Namespace) -> int:
     if options.json:
         require_writable(options.json, SettingsError)
     from poseviewer.confidence.identify import identify
-    from poseviewer.files.photo import load_mask
     from poseviewer.files.writing import write_whole
     from poseviewer.starts.registration import load_registration
 
     settings = settings_of(options)
-    opened = [load_registration(options.photo, model, options.start) for model in options.models]
-    photo = opened[0].photo
-    mask = load_mask(options.mask, photo.width, photo.height) if options.mask else None
+    opened = [
+        load_registration(options.photo, model, options.start, mask=options.mask)
+        for model in options.models
+    ]
     if not options.quiet:
         for warning in dict.fromkeys(text for one in opened for text in one.warnings):
             tell(f"note: {warning}")
@@ -53,7 +53,7 @@ def run(options: Namespace) -> int:
             bar.set_description_str(f"{name}, {progress.loss_text}", refresh=False)
             bar.update()
 
-        ranked = identify(opened, settings, mask, watch)
+        ranked = identify(opened, settings, watch)
     _print_ranking(ranked)
     if options.json:
         pairs = zip_longest(ranked, ranked[1:])

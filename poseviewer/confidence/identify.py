@@ -8,9 +8,6 @@ from functools import reduce
 from itertools import pairwise, zip_longest
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import box_near, make_problem
 from poseviewer.fit.progress import FitProgress
@@ -64,14 +61,13 @@ class Identification:
 def identify(
     registrations: Sequence[Registration],
     settings: FitSettings,
-    mask: NDArray[np.float32] | None = None,
     watch: Watch | None = None,
 ) -> list[Ranked]:
     """As ``identifying``, to its end; ``watch`` is called with the model's name at every
     evaluation, and whatever it raises ends it.
     """
     found = Identification(())
-    for found in identifying(registrations, settings, mask):
+    for found in identifying(registrations, settings):
         if watch is not None and found.at is not None and found.progress is not None:
             watch(registrations[found.at].mesh_name, found.progress)
     return list(found.ranked)
@@ -80,7 +76,6 @@ def identify(
 def identifying(
     registrations: Sequence[Registration],
     settings: FitSettings,
-    mask: NDArray[np.float32] | None = None,
     renderer_of: Callable[[Mesh], Renderer] | None = None,
 ) -> Iterator[Identification]:
     """Fit each model from its start, one after the other, and rank them by their losses: how far
@@ -88,9 +83,8 @@ def identifying(
 
     The registrations are of one photo. The pixels P are the same for all: the box about all
     models at their starts, within the settings' region. So a model is not the better for looking
-    at fewer pixels, and what it leaves of the photo beside it counts against it. ``mask`` (height,
-    width) weighs the photo's pixels; ``renderer_of`` gives what draws a model (by default it is
-    made).
+    at fewer pixels, and what it leaves of the photo beside it counts against it.
+    ``renderer_of`` gives what draws a model (by default it is made).
 
     Raises:
         SettingsError: there are fewer than two models; the pixels are those that each model
@@ -102,7 +96,7 @@ def identifying(
     draw = renderer_of or (lambda mesh: make_renderer(mesh, settings.renderer))
     ranked: tuple[Ranked, ...] = ()
     for index, registration in enumerate(registrations):
-        problem, _ = make_problem(registration, shared, mask)
+        problem, _ = make_problem(registration, shared)
         renderer = draw(registration.mesh)
         progress: FitProgress | None = None
         for progress in fit_pose(problem, renderer, processors()):

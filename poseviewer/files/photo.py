@@ -1,4 +1,4 @@
-"""Photos and masks from files, undistorted where the camera is calibrated; pictures into files."""
+"""Photos from files, undistorted where the camera is calibrated; pictures into files."""
 
 from __future__ import annotations
 
@@ -98,19 +98,6 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         return False
     return bool(tags & {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength})
-
-
-def load_mask(path: str | Path, width: int, height: int) -> NDArray[np.float32]:
-    """(height, width) weights in [0, 1] from a picture, white 1 and black 0.
-
-    Raises:
-        PhotoFileError: no such file, not a picture, or not of the photo's size.
-    """
-    mask = load_photo(path)
-    if (mask.width, mask.height) != (width, height):
-        found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
-        raise _reading(path).error(found, "save the mask in the photo's size")
-    return mask.grey()
 
 
 def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:

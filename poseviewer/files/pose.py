@@ -97,6 +97,8 @@ class PoseRecord:
     """What the user of the pose should know, such as a camera that is a guess."""
     unexplained: float | None = None
     """The loss on the scale from 0, all explained, to 1, nothing."""
+    mask: str | None = None
+    """Name of the picture beside the pose file whose white pixels count (``files.masks``)."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -150,6 +152,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("verdict", _verdict),
         optional("notes", Reading.texts) or (),
         optional("unexplained", Reading.number),
+        optional("mask", Reading.text),
     )
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
@@ -213,6 +216,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
             "reasons": list(verdict.reasons),
             "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
         }
+    if record.mask is not None:
+        data["mask"] = record.mask
     if record.notes:
         data["notes"] = list(record.notes)
     if record.undistortion is not None:

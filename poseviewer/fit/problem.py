@@ -121,9 +121,7 @@ FINE_PIXELS = 150_000
 """The same for the photo that a search is refined on: there the minimum is nearer to the truth."""
 
 
-def make_problem(
-    registration: Registration, settings: FitSettings, mask: NDArray[np.float32] | None = None
-) -> tuple[FitProblem, str]:
+def make_problem(registration: Registration, settings: FitSettings) -> tuple[FitProblem, str]:
     """The problem of fitting from the start pose, and a note on the chart ("" if none is due).
 
     Raises:
@@ -143,8 +141,8 @@ def make_problem(
     free = tuple(name not in settings.lock for name in chart.names)
     if not any(free):
         raise SettingsError("--lock holds every number of the chart; leave one free at least")
-    plain = _plain_attributes(registration.photo, mesh, pose, settings, mask)
-    photo = _compared(plain, registration.photo.name, mesh, pose, settings)
+    plain = _plain_attributes(registration, settings)
+    photo = _compared(plain, registration, settings)
     fine_factor = working_factor(mesh, pose, FINE_PIXELS)
     is_coarser = photo.structure is not None and fine_factor < working_factor(mesh, pose)
     problem = FitProblem(
@@ -193,21 +191,14 @@ def choose_chart(
     return chart, "" if wanted == "free-body" else reason
 
 
-def make_photo_attributes(
-    photo: Photo,
-    mesh: Mesh,
-    start: Pose,
-    settings: FitSettings,
-    mask: NDArray[np.float32] | None = None,
-) -> PhotoAttributes:
-    """F and P of a photo; ``mask`` (height, width) weighs its pixels.
+def make_photo_attributes(registration: Registration, settings: FitSettings) -> PhotoAttributes:
+    """F and P of a photo, about the start.
 
     Raises:
         SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
             than a fit needs.
     """
-    plain = _plain_attributes(photo, mesh, start, settings, mask)
-    return _compared(plain, photo.name, mesh, start, settings)
+    return _compared(_plain_attributes(registration, settings), registration, settings)
 
 
 def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
@@ -216,15 +207,10 @@ def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
     return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
 
 
-def _plain_attributes(
-    photo: Photo,
-    mesh: Mesh,
-    start: Pose,
-    settings: FitSettings,
-    mask: NDArray[np.float32] | None,
-) -> PhotoAttributes:
+def _plain_attributes(registration: Registration, settings: FitSettings) -> PhotoAttributes:
     """F and P at the photo's own size, without structure."""
-    weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask
+    photo, mask = registration.photo, registration.mask
+    weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered
     if settings.region is not None:
@@ -237,11 +223,12 @@ def _plain_attributes(
             )
         weights = weights * region
     if settings.pixels == "near" and np.any(weights > 0.0):
-        weights = weights * box_near(mesh, start).mask(photo.height, photo.width)
+        near = box_near(registration.mesh, registration.start)
+        weights = weights * near.mask(photo.height, photo.width)
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
-                "and the region, or use --pixels whole"
+                "and the region, mask less, or use --pixels whole"
             )
     coloured = not settings.grey and _has_colour(photo, weights)
     channels = photo.as_float() if coloured else photo.grey()[..., None]
@@ -250,17 +237,18 @@ def _plain_attributes(
 
 
 def _compared(
-    plain: PhotoAttributes, name: str, mesh: Mesh, start: Pose, settings: FitSettings
+    plain: PhotoAttributes, registration: Registration, settings: FitSettings
 ) -> PhotoAttributes:
     """The level that poses are compared on, with its structure where that is used."""
     photo = plain
     if not plain.clipped and settings.method == "default":
-        photo = structured(plain, working_factor(mesh, start))
+        photo = structured(plain, working_factor(registration.mesh, registration.start))
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
-    if np.count_nonzero(plain.weights) < fewest:
+    counted = np.count_nonzero(plain.weights)
+    if counted < fewest:
         raise SettingsError(
-            f"{name}: {np.count_nonzero(plain.weights)} pixels count, and a fit needs at least "
-            f"{fewest}; use a larger photo or region"
+            f"{registration.photo.name}: {counted} pixels count, and a fit needs at least "
+            f"{fewest}; use a larger photo or region, or hide less of it"
         )
     return photo
 

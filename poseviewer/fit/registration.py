@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.vehicle.keypoints import VehicleKeypoints
@@ -34,3 +36,18 @@ class Registration:
     warnings: tuple[str, ...]
     start_is_guess: bool = False
     """Nobody has said yet where the model is."""
+    mask: Mask | None = None
+    """How much each pixel of the photo counts; None: all do."""
+
+    def __post_init__(self) -> None:
+        """Raises ``SettingsError`` where the mask is of another size than the photo."""
+        photo, mask = self.photo, self.mask
+        if mask is not None and (mask.width, mask.height) != (photo.width, photo.height):
+            raise SettingsError(
+                f"the mask has {mask.width}x{mask.height} px, the photo {photo.name} has "
+                f"{photo.width}x{photo.height} px; make the mask in the photo's size."
+            )
+
+    def compares_same(self, other: Registration) -> bool:
+        """Whether both compare the same model with the same pixels."""
+        return self.photo is other.photo and self.mesh is other.mesh and self.mask is other.mask

@@ -14,22 +14,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.errors import QuickStartError, SettingsError
-from poseviewer.files.photo import load_mask
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.problem import make_photo_attributes, make_problem
-from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
@@ -123,9 +120,14 @@ class StartQuery:
     rectangle: Rectangle | None = None
     """About the object; None: anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
-    mask: NDArray[np.float32] | None = None
-    """(height, width): weights of the photo's pixels."""
+    mask: Mask | None = None
+    """How much each pixel of the photo counts; None: all do."""
     options: ViewOptions = field(default_factory=ViewOptions)
+
+    @property
+    def inputs(self) -> StartInputs:
+        """The same without camera and rectangle."""
+        return StartInputs(self.photo, self.mesh, self.keypoints, self.mask)
 
     @property
     def points(self) -> FloatArray:
@@ -158,7 +160,7 @@ class StartQuery:
             region = both if both.area > 0.0 else region
         settings = replace(self.settings, method="default", pixels="whole", region=region)
         pose = self.views(rectangle, 1).poses[0]
-        return make_photo_attributes(self.photo, self.mesh, pose, settings, self.mask)
+        return make_photo_attributes(self.inputs.at(pose), settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,9 +312,8 @@ def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
     query = search.query
     if query.keypoints is None:
         return views
-    inputs = StartInputs(query.photo, query.mesh, query.keypoints)
     try:
-        found = likely_wheels(inputs, search.rectangle, query.camera)
+        found = likely_wheels(query.inputs, search.rectangle, query.camera)
     except QuickStartError:  # no two are seen, as from in front
         return views
     agreeing = [v.pose for v in views if _shows(v.pose, query.keypoints, found[0].wheels)]
@@ -410,9 +411,8 @@ def best_start(
 def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[], object]) -> Pose:
     """Where a short fit from ``start`` ends; ``start`` where none can be made from it."""
     settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
-    registration = Registration(query.photo, query.mesh, "", "", query.keypoints, start, ())
     try:
-        problem = make_problem(registration, settings, query.mask)[0]
+        problem = make_problem(query.inputs.at(start), settings)[0]
     except SettingsError:
         return start
     pose = start
@@ -430,14 +430,13 @@ class AutoStart:
     """About the object; None: the settings' region, or anywhere."""
     camera: StartCamera = field(default_factory=StartCamera)
     settings: FitSettings = field(default_factory=FitSettings)
-    mask: Path | None = None
     watch: Callable[[], object] = lambda: None
 
     def find(self, inputs: StartInputs) -> Start:
         """The best of the proposals.
 
         Raises:
-            PoseViewerError: the rectangle, the region or the mask cannot be used.
+            PoseViewerError: the rectangle or the region cannot be used.
         """
         photo, rectangle = inputs.photo, self.rectangle or self.settings.region
         query = StartQuery(
@@ -447,7 +446,7 @@ class AutoStart:
             self.camera.of(photo),
             None if rectangle is None else Rectangle(*rectangle),
             self.settings,
-            load_mask(self.mask, photo.width, photo.height) if self.mask else None,
+            inputs.mask,
         )
         renderer = make_renderer(inputs.mesh)
         return best_start(query, propose(query, renderer), renderer, self.watch)

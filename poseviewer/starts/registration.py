@@ -11,12 +11,14 @@ from pathlib import Path
 from poseviewer.errors import SettingsError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, matched
 from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.vehicle.keypoints import VehicleKeypoints
@@ -61,6 +63,13 @@ class StartInputs:
     photo: Photo
     mesh: Mesh
     keypoints: VehicleKeypoints | None
+    mask: Mask | None = None
+    """How much each pixel of the photo counts; None: all do."""
+
+    def at(self, start: Pose) -> Registration:
+        """The registration from a start pose, without the names of files."""
+        nameless = (self.photo, self.mesh, "", "", self.keypoints, start, ())
+        return Registration(*nameless, mask=self.mask)
 
 
 FindStart = Callable[[StartInputs], Start]
@@ -81,9 +90,11 @@ def load_registration(
     model: str | Path | LoadedModel,
     pose_path: str | Path,
     calibration: Calibration | None = None,
+    mask: str | Path | Mask | None = None,
 ) -> Registration:
     """Photo, model (a file, or one that is loaded) and start, checked against one another; the
-    photo undistorted, where a calibration or the pose file says by which lens it was taken.
+    photo undistorted, where a calibration or the pose file says by which lens it was taken. Without
+    a ``mask`` that of the pose file is used.
 
     Raises:
         PoseViewerError: one of them cannot be used.
@@ -91,8 +102,11 @@ def load_registration(
     photo = load_calibrated_photo(photo_path, calibration)
     photo, record, notes = matched(photo, load_pose(pose_path, photo.width, photo.height))
     model = model if isinstance(model, LoadedModel) else load_model(model)
-    checks = check_against(record, photo.sha256, model.sha256)
-    return _registration(photo, model, record.pose, (*record.warnings, *checks, *notes))
+    notes = (*record.warnings, *check_against(record, photo.sha256, model.sha256), *notes)
+    if mask is None:
+        mask, of_mask = mask_beside(pose_path, record, photo.width, photo.height)
+        notes = (*notes, *of_mask)
+    return _registration(photo, model, record.pose, notes, _mask_of(photo, mask))
 
 
 def load_with_start(
@@ -100,6 +114,7 @@ def load_with_start(
     model: str | Path | LoadedModel,
     find: FindStart,
     calibration: Calibration | None = None,
+    mask: str | Path | Mask | None = None,
 ) -> Registration:
     """The same with a start that ``find`` finds on the photo; its notes are last.
 
@@ -114,7 +129,8 @@ def load_with_start(
         )
     photo = load_calibrated_photo(photo_path, calibration)
     model = model if isinstance(model, LoadedModel) else load_model(model)
-    start = find(StartInputs(photo, model.mesh, model.keypoints))
+    mask = _mask_of(photo, mask)
+    start = find(StartInputs(photo, model.mesh, model.keypoints, mask))
     if not isinstance(start, Start):
         raise SettingsError(
             f"the function that finds a start gave {type(start).__name__}; "
@@ -127,15 +143,28 @@ def load_with_start(
             f"{photo.width}x{photo.height}; use pose.scaled, if it is the same photo made smaller "
             "or larger."
         )
-    return _registration(photo, model, start.pose, start.notes)
+    return _registration(photo, model, start.pose, start.notes, mask)
+
+
+def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
+    if mask is None or isinstance(mask, Mask):
+        return mask
+    return load_mask(mask, photo.width, photo.height)
 
 
 def _registration(
-    photo: Photo, model: LoadedModel, start: Pose, notes: tuple[str, ...]
+    photo: Photo, model: LoadedModel, start: Pose, notes: tuple[str, ...], mask: Mask | None
 ) -> Registration:
     of_files = [(photo.name, note) for note in photo.notes]
     of_files += [(model.name, note) for note in model.mesh.notes]
     warnings = (*(f"{name}: {note}" for name, note in of_files), *notes)
     return Registration(
-        photo, model.mesh, model.name, model.sha256, model.keypoints, start, warnings
+        photo,
+        model.mesh,
+        model.name,
+        model.sha256,
+        model.keypoints,
+        start,
+        warnings,
+        mask=mask,
     )

@@ -173,7 +173,7 @@ def likely_wheels(
     across, down = round(MARGIN * width), round(MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
-    seen = make_photo_attributes(inputs.photo, inputs.mesh, found[0].fit.pose, settings)
+    seen = make_photo_attributes(inputs.at(found[0].fit.pose), settings)
     renderer = make_renderer(inputs.mesh)
     losses = [registration_loss(renderer.moments(one.fit.pose, seen)) for one in found]
     return [found[index] for index in np.argsort(losses, kind="stable")]
@@ -181,8 +181,7 @@ def likely_wheels(
 
 def _least_loss(inputs: StartInputs, fits: Sequence[WheelFit]) -> WheelFit:
     """The pose that some lighting explains best, all judged over the whole photo."""
-    photo, mesh = inputs.photo, inputs.mesh
-    attributes = make_photo_attributes(photo, mesh, fits[0].pose, FitSettings(pixels="whole"))
-    renderer = make_renderer(mesh)
+    attributes = make_photo_attributes(inputs.at(fits[0].pose), FitSettings(pixels="whole"))
+    renderer = make_renderer(inputs.mesh)
     losses = [lighting_loss(renderer.moments(fit.pose, attributes)) for fit in fits]
     return fits[int(np.argmin(losses))]

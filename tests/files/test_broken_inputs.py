@@ -5,8 +5,9 @@ from typing import Any
 import pytest
 
 from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError
+from poseviewer.files.masks import load_mask
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_mask, load_photo
+from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 
 LOADERS: dict[str, Any] = {

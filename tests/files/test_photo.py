@@ -12,7 +12,7 @@ import pytest
 from PIL import ExifTags, Image, TiffImagePlugin
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.photo import load_mask, load_photo, save_image
+from poseviewer.files.photo import load_photo, save_image
 from poseviewer.geometry.camera import Perspective
 
 RGB = np.random.default_rng(5).integers(0, 256, (48, 64, 3), dtype=np.uint8)
@@ -227,17 +227,6 @@ def test_a_photo_is_read_only(tmp_path: Path) -> None:
     Image.fromarray(RGB).save(tmp_path / "photo.png")
     with pytest.raises(ValueError, match="read-only"):
         load_photo(tmp_path / "photo.png").pixels[0] = 0
-
-
-def test_a_mask_is_weights(tmp_path: Path) -> None:
-    mask = np.zeros((48, 64), np.uint8)
-    mask[10:20, 30:40] = 255
-    mask[0, 0] = 51
-    save_image(tmp_path / "mask.png", np.repeat(mask[..., None], 3, axis=2))
-    weights = load_mask(tmp_path / "mask.png", 64, 48)
-    np.testing.assert_allclose(weights, mask / 255.0, atol=1e-6)
-    with pytest.raises(PhotoFileError, match=r"mask\.png: the mask has 64x48 px.*640x480 px"):
-        load_mask(tmp_path / "mask.png", 640, 480)
 
 
 def test_pictures_are_saved_whole_under_any_name(tmp_path: Path) -> None:

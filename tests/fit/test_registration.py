@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.fit.problem import make_photo_attributes, shown_attributes
+from poseviewer.errors import SettingsError
+from poseviewer.fit.problem import make_photo_attributes, make_problem, shown_attributes
+from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_box
 
 MESH = make_box()
@@ -27,21 +31,29 @@ def make_photo(chroma: float, channels: int = 3) -> Photo:
     return Photo(np.clip(np.rint(pixels), 0, 255).astype(np.uint8), "p.png", "0" * 64)
 
 
+def opened(photo: Photo, mask: Mask | None = None) -> Registration:
+    return Registration(photo, MESH, "box.ply", "", None, START, (), mask=mask)
+
+
+def compared(photo: Photo, settings: FitSettings) -> PhotoAttributes:
+    return make_photo_attributes(opened(photo), settings)
+
+
 @pytest.mark.parametrize(("chroma", "channels"), [(1.0, 1), (2.0, 1), (10.0, 3), (30.0, 3)])
 def test_colour_is_compared_where_there_is_some(chroma, channels):
-    made = make_photo_attributes(make_photo(chroma), MESH, START, FitSettings())
+    made = compared(make_photo(chroma), FitSettings())
     assert made.channels.shape == (120, 160, channels)
 
 
 def test_grey_can_be_had_of_any_photo():
     for photo in (make_photo(30.0), make_photo(30.0, channels=1)):
-        made = make_photo_attributes(photo, MESH, START, FitSettings(grey=True))
+        made = compared(photo, FitSettings(grey=True))
         assert made.channels.shape == (120, 160, 1)
         assert made.channels[..., 0] == pytest.approx(photo.grey())
 
 
 def test_near_is_a_box_about_the_start():
-    made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings())
+    made = compared(make_photo(30.0), FitSettings())
     rows, columns = np.nonzero(made.weights)
     seen = START.project(MESH.vertices)
     margin = 0.25 * np.linalg.norm(np.ptp(seen, axis=0))
@@ -52,13 +64,13 @@ def test_near_is_a_box_about_the_start():
 
 def test_whole_and_clip_count_every_pixel():
     for pixels in ("whole", "clip"):
-        made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings(pixels=pixels))
+        made = compared(make_photo(30.0), FitSettings(pixels=pixels))
         assert np.all(made.weights == 1.0)
         assert made.clipped == (pixels == "clip")
 
 
 def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
-    made = make_photo_attributes(make_photo(30.0), MESH, START, FitSettings())
+    made = compared(make_photo(30.0), FitSettings())
     shown = shown_attributes(made)
     assert shown.clipped
     assert shown.model_channels == 12
@@ -71,7 +83,41 @@ def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
 def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
     settings = FitSettings(method="paper", pixels=chosen, colour_reflectance=True)
     assert settings.pixels == used
-    made = make_photo_attributes(make_photo(30.0), MESH, START, settings)
+    made = compared(make_photo(30.0), settings)
     assert made.channels.shape == (120, 160, 1)
     assert not made.colour_reflectance
     assert settings_from_json(settings_as_json(settings)) == settings
+
+
+def test_what_a_mask_hides_does_not_count():
+    weights = np.ones((120, 160), np.float32)
+    weights[:, :80], weights[50, 100] = 0.0, 0.25
+    registration = opened(make_photo(30.0), Mask.of(weights))
+    for pixels in ("whole", "clip"):
+        made = make_photo_attributes(registration, FitSettings(pixels=pixels))
+        assert np.array_equal(made.weights, weights)
+    near = compared(make_photo(30.0), FitSettings()).weights
+    problem, _ = make_problem(registration, FitSettings())
+    found = problem.fine_photo or problem.photo
+    assert found.weights.sum() == pytest.approx((near * weights).sum())
+
+
+def test_a_mask_of_another_size_is_refused():
+    said = "the mask has 20x10 px, the photo p.png has 160x120 px; make"
+    with pytest.raises(SettingsError, match=said):
+        opened(make_photo(30.0), Mask.of(np.ones((10, 20))))
+
+
+def test_a_photo_that_is_all_hidden_is_refused():
+    registration = opened(make_photo(30.0), Mask.of(np.zeros((120, 160))))
+    with pytest.raises(SettingsError, match="0 pixels count"):
+        make_problem(registration, FitSettings())
+
+
+def test_another_mask_is_another_comparison():
+    photo = make_photo(30.0)
+    mask = Mask.of(np.ones((120, 160)))
+    own = opened(photo, mask)
+    assert own.compares_same(opened(photo, mask))
+    assert not own.compares_same(opened(photo))
+    assert not own.compares_same(opened(photo, Mask.of(np.ones((120, 160)))))

@@ -51,9 +51,8 @@ class OverlayRequest:
 
     def compares_same(self, other: OverlayRequest) -> bool:
         """Whether both compare the same pixels by the same loss."""
-        own, its = self.registration, other.registration
-        same_files = own.photo is its.photo and own.mesh is its.mesh
-        return same_files and self.anchor is other.anchor and self.settings == other.settings
+        same = self.registration.compares_same(other.registration)
+        return same and self.anchor is other.anchor and self.settings == other.settings
 
     def has_loss_of(self, other: OverlayRequest) -> bool:
         """Whether the losses of both are one."""
@@ -223,7 +222,7 @@ class ProposedStarts:
         own, settings = self.document.registration, self.document.settings
         camera, box = self.document.pose.camera, self.document.marks.box or settings.region
         rectangle = None if box is None else Rectangle(*box)
-        return StartQuery(own.photo, own.mesh, own.keypoints, camera, rectangle, settings)
+        return StartQuery(own.photo, own.mesh, own.keypoints, camera, rectangle, settings, own.mask)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -57,9 +57,9 @@ class MapJob:
         return self.document.pose is not other.document.pose or (other.moving and not self.moving)
 
     def _same_loss(self, other: MapJob) -> bool:
-        own, its = self.document, other.document
+        own, its = self.document.registration, other.document.registration
         same_maps = self.losses == other.losses and self.half_width == other.half_width
-        return own.shows_same(its) and same_maps
+        return own.compares_same(its) and same_maps
 
 
 class MapMaker:
@@ -123,9 +123,14 @@ class MapMaker:
         """The search's, where it is by these settings, or one about the job's anchor."""
         if job.case is not None and job.case.settings == settings:
             return job.case
-        kept = self._cases.get(settings.method)
-        if kept is None or kept.registration.start is not job.anchor or kept.settings != settings:
-            kept = case_at(job.document.registration, job.anchor, settings, self._renderer)
+        kept, own = self._cases.get(settings.method), job.document.registration
+        if (
+            kept is None
+            or kept.registration.start is not job.anchor
+            or kept.settings != settings
+            or not kept.registration.compares_same(own)
+        ):
+            kept = case_at(own, job.anchor, settings, self._renderer)
             self._cases[settings.method] = kept
         return kept
 

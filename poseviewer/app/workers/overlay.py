@@ -93,11 +93,9 @@ class OverlayDrawer:
         if self._anchored is None or not request.compares_same(self._anchored):
             self._anchored, self._attributes, self._note = request, None, ""
             self._start_loss = None
-            own = request.registration
+            about = replace(request.registration, start=request.anchor)
             try:
-                self._attributes = make_photo_attributes(
-                    own.photo, own.mesh, request.anchor, request.settings
-                )
+                self._attributes = make_photo_attributes(about, request.settings)
             except PoseViewerError as error:
                 self._note = str(error)
             else:

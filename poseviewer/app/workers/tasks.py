@@ -180,8 +180,9 @@ def find_wheels_in_region(session: Session) -> Iterator[Found]:
     own, region = document.registration, document.settings.region
     if region is None:
         raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
+    inputs = StartInputs(own.photo, own.mesh, own.keypoints, own.mask)
     photo, camera = own.photo, document.pose.camera
     is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
-    found = find_wheels(StartInputs(photo, own.mesh, own.keypoints), region, camera, is_guess)
+    found = find_wheels(inputs, region, camera, is_guess)
     laid = LayWheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
     yield Found((SetTool("wheels"), laid))

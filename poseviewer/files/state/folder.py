@@ -62,8 +62,8 @@ def state_folder() -> Path:
 def keep_last_pose(record: PoseRecord, state: Path | None = None) -> None:
     """Keep a pose in the state folder (the user's own by default).
 
-    That it was found on another photo is what it is kept for: only the photo's size stays. A
-    folder that cannot be written to is no reason to fail: the pose itself is saved.
+    That it was found on another photo is what it is kept for: only the photo's size stays, and no
+    mask. A folder that cannot be written to is no reason to fail: the pose itself is saved.
     """
     from poseviewer.files.pose import PhotoReference, save_pose
 
@@ -71,9 +71,8 @@ def keep_last_pose(record: PoseRecord, state: Path | None = None) -> None:
     size = None if photo is None else PhotoReference(width=photo.width, height=photo.height)
     try:
         folder = state_folder() if state is None else state
-        save_pose(
-            folder / LAST_POSE, replace(record, photo=size, loss=None, unexplained=None, chart=None)
-        )
+        kept = replace(record, photo=size, loss=None, unexplained=None, chart=None, mask=None)
+        save_pose(folder / LAST_POSE, kept)
     except PoseViewerError as error:
         logger.warning("the last pose was not kept: %s", error)
 

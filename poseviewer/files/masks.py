@@ -1,0 +1,74 @@
+"""Masks as pictures: white counts, black is hidden by something in front. A pose file names its
+mask, which lies beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from poseviewer.errors import PhotoFileError
+from poseviewer.files.checks import Reading
+from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.writing import write_whole
+from poseviewer.geometry.mask import Mask
+
+
+def load_mask(path: str | Path, width: int, height: int) -> Mask:
+    """The mask in a picture, white 1 and black 0.
+
+    Raises:
+        PhotoFileError: no such file, not a picture, or not of the photo's size.
+    """
+    mask = load_photo(path)
+    if (mask.width, mask.height) != (width, height):
+        found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
+        reading = Reading(Path(path), error_type=PhotoFileError)
+        raise reading.error(found, "save the mask in the photo's size")
+    return Mask.of(mask.grey())
+
+
+def mask_as_png(mask: Mask) -> bytes:
+    """The picture of a mask, grey: to 16 bits where it is not black and white alone."""
+    weights = mask.weights
+    top = np.uint8(255) if np.all((weights == 0.0) | (weights == 1.0)) else np.uint16(65535)
+    pixels = np.rint(weights.astype(float) * top).astype(top.dtype)
+    return np.asarray(cv2.imencode(".png", pixels)[1]).tobytes()
+
+
+def mask_path(pose_file: str | Path) -> Path:
+    """Where the mask of a pose file lies: ``car.mask.png`` beside ``car.pose.json``."""
+    path = Path(pose_file)
+    return path.with_name(path.name.removesuffix(".json").removesuffix(".pose") + ".mask.png")
+
+
+def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) -> None:
+    """Write a pose file, and its mask, where there is one, beside it; each whole or not at all.
+
+    Raises:
+        PoseViewerError: the folder is missing or cannot be written to.
+    """
+    if mask is not None:
+        beside = mask_path(path)
+        write_whole(beside, mask_as_png(mask), PhotoFileError)
+        record = replace(record, mask=beside.name)
+    save_pose(path, record)
+
+
+def mask_beside(
+    pose_file: str | Path, record: PoseRecord, width: int, height: int
+) -> tuple[Mask | None, tuple[str, ...]]:
+    """The mask that a pose file names, for a photo of ``width`` x ``height`` px; where it cannot be
+    used none, and a sentence that says so.
+    """
+    if record.mask is None:
+        return None, ()
+    try:
+        return load_mask(Path(pose_file).with_name(bare_name(record.mask)), width, height), ()
+    except PhotoFileError as error:
+        return None, (f"Nothing of the photo is hidden: {error}",)

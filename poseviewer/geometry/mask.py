@@ -1,0 +1,54 @@
+"""Which pixels of a photo count: white where they do, black where something is in front."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mask:
+    """A weight for each pixel, in [0, 1]. Kept packed: an undo history holds hundreds of them."""
+
+    width: int
+    height: int
+    _packed: bytes
+    _is_binary: bool
+
+    @classmethod
+    def of(cls, weights: ArrayLike) -> Mask:
+        """The mask of weights (height, width): 1, or true, counts; 0 does not.
+
+        Raises:
+            ValueError: they have another shape, or are not in [0, 1].
+        """
+        found = np.asarray(weights, np.float32)
+        if found.ndim != 2 or not np.all((found >= 0.0) & (found <= 1.0)):
+            raise ValueError(f"a mask of shape {found.shape}: wanted (height, width), from 0 to 1")
+        height, width = found.shape
+        counts = found > 0.0
+        is_binary = bool(np.all(found[counts] == 1.0))
+        content = np.packbits(counts) if is_binary else found
+        return cls(width, height, zlib.compress(content.tobytes(), level=1), is_binary)
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """(height, width), read-only: 1 counts, 0 does not."""
+        return _unpacked(self)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(mask: Mask) -> NDArray[np.float32]:
+    content, count = zlib.decompress(mask._packed), mask.width * mask.height
+    if mask._is_binary:
+        bits = np.unpackbits(np.frombuffer(content, np.uint8), count=count)
+        weights = bits.astype(np.float32)
+    else:
+        weights = np.frombuffer(content, np.float32)
+    weights = weights.reshape(mask.height, mask.width)
+    weights.flags.writeable = False
+    return weights

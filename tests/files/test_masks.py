@@ -1,0 +1,108 @@
+"""Masks as pictures, and beside pose files."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.errors import PhotoFileError
+from poseviewer.files.masks import (
+    load_mask,
+    mask_as_png,
+    mask_beside,
+    mask_path,
+    save_pose_and_mask,
+)
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, load_pose
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.transform import RigidTransform
+
+WIDTH, HEIGHT = 64, 48
+RECORD = PoseRecord(
+    Pose(
+        Perspective(100.0, 100.0, 32.0, 24.0, WIDTH, HEIGHT),
+        RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0])),
+    )
+)
+
+
+def some_mask() -> Mask:
+    counts = np.ones((HEIGHT, WIDTH), bool)
+    counts[10:20, 30:40] = False
+    return Mask.of(counts)
+
+
+def test_a_mask_is_weights(tmp_path: Path) -> None:
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[10:20, 30:40] = 255
+    mask[0, 0] = 51
+    save_image(tmp_path / "mask.png", np.repeat(mask[..., None], 3, axis=2))
+    weights = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
+    np.testing.assert_allclose(weights, mask / 255.0, atol=1e-6)
+    with pytest.raises(PhotoFileError, match=r"mask\.png: the mask has 64x48 px.*640x480 px"):
+        load_mask(tmp_path / "mask.png", 640, 480)
+
+
+def test_a_painted_mask_is_black_and_white(tmp_path: Path) -> None:
+    path = tmp_path / "mask.png"
+    path.write_bytes(mask_as_png(some_mask()))
+    pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert pixels.dtype == np.uint8
+    assert set(np.unique(pixels[10:20, 30:40])) == {0}  # what is hidden is black
+    assert np.count_nonzero(pixels == 0) == 100
+    assert np.array_equal(load_mask(path, WIDTH, HEIGHT).weights, some_mask().weights)
+
+
+def test_shades_of_a_mask_are_kept(tmp_path: Path) -> None:
+    weights = np.linspace(0.0, 1.0, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH)
+    (tmp_path / "mask.png").write_bytes(mask_as_png(Mask.of(weights)))
+    found = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
+    np.testing.assert_allclose(found, weights, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("pose", "mask"),
+    [("a/car.pose.json", "a/car.mask.png"), ("fit.json", "fit.mask.png"), ("x", "x.mask.png")],
+)
+def test_a_mask_is_named_like_its_pose(pose, mask):
+    assert mask_path(pose) == Path(mask)
+
+
+def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
+    path = tmp_path / "car.pose.json"
+    save_pose_and_mask(path, RECORD, some_mask())
+    assert json.loads(path.read_text())["mask"] == "car.mask.png"
+    record = load_pose(path, WIDTH, HEIGHT)
+    mask, notes = mask_beside(path, record, WIDTH, HEIGHT)
+    assert notes == ()
+    assert mask is not None
+    assert np.array_equal(mask.weights, some_mask().weights)
+    save_pose_and_mask(path, RECORD, None)
+    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT) == (None, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("gone.mask.png", r"Nothing of the photo is hidden: gone\.mask\.png: no such file"),
+        ("small.png", r"Nothing of the photo is hidden: small\.png: the mask has 8x8 px"),
+        ("../secret.png", r"secret\.png: no such file"),
+    ],
+)
+def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for path in (folder / "small.png", tmp_path / "secret.png"):
+        cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
+    found = mask_beside(folder / "p.json", replace(RECORD, mask=name), WIDTH, HEIGHT)
+    assert found[0] is None
+    (note,) = found[1]
+    assert re.search(said, note)
