@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.loss import fewest_pixels, registration_loss, worst_registration_loss
 from poseviewer.fit.paper import paper_loss
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
 from poseviewer.fit.unexplained import LossScale
+from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
@@ -196,7 +197,7 @@ def make_photo_attributes(registration: Registration, settings: FitSettings) -> 
 
     Raises:
         SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
-            than a fit needs.
+            than a fit needs; or the model stands wholly behind others.
     """
     return _compared(_plain_attributes(registration, settings), registration, settings)
 
@@ -213,6 +214,15 @@ def _plain_attributes(registration: Registration, settings: FitSettings) -> Phot
     weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered
+    if registration.others:
+        placed = PlacedModel(registration.mesh, registration.start)
+        found = hiding(placed, registration.others)
+        if found.is_whole:
+            raise SettingsError(
+                "the model stands wholly behind other objects of the photo, so that nothing of it "
+                "can be compared: move it or them, or leave these out"
+            )
+        weights = weights * ~found.hidden
     if settings.region is not None:
         region = settings.region.mask(photo.height, photo.width)
         if not region.any():

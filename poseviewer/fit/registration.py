@@ -24,6 +24,14 @@ class LoadedModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlacedModel:
+    """A model at a pose: another object of the photo, say."""
+
+    mesh: Mesh
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Registration:
     """What is open: the photo, the model and where the model starts."""
 
@@ -38,6 +46,9 @@ class Registration:
     """Nobody has said yet where the model is."""
     mask: Mask | None = None
     """How much each pixel of the photo counts; None: all do."""
+    others: tuple[PlacedModel, ...] = ()
+    """The other objects of the photo, by the same camera and in the same unit: pixels where one of
+    them stands in front of this model do not count."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where the mask is of another size than the photo."""
@@ -50,4 +61,5 @@ class Registration:
 
     def compares_same(self, other: Registration) -> bool:
         """Whether both compare the same model with the same pixels."""
-        return self.photo is other.photo and self.mesh is other.mesh and self.mask is other.mask
+        same_pixels = self.photo is other.photo and self.mask is other.mask
+        return same_pixels and self.mesh is other.mesh and self.others == other.others

@@ -82,6 +82,15 @@ class SoftwareRenderer:
         self._rasterise(pose)
         return self._ids[:, : pose.camera.width] >= 0
 
+    def depth(self, pose: Pose) -> NDArray[np.float32]:
+        """(height, width): z in the camera of what is seen, in the model's unit; inf elsewhere."""
+        self._rasterise(pose)
+        nearness = self._depth[:, : pose.camera.width]  # 1 / z, or -z in parallel projection
+        if isinstance(pose.camera, Parallel):
+            return -nearness
+        depth = np.full(nearness.shape, np.inf, np.float32)
+        return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
+
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments, added up in the kernel: no picture of the attributes is made.
 

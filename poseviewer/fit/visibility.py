@@ -1,0 +1,111 @@
+"""Which pixels show which of several models: the nearest one, by the depth of each.
+
+All are seen by one camera, and their lengths are in one unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.fit.registration import PlacedModel
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.software.renderer import SoftwareRenderer
+
+DepthImage = NDArray[np.float32]
+"""(height, width): z in the camera, in the models' unit; inf where there is nothing."""
+NOTHING = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visibility:
+    """What a photo shows of several models."""
+
+    nearest: NDArray[np.int32]
+    """(height, width): the index of the model that a pixel shows; ``NOTHING`` where none is."""
+    drawn: tuple[NDArray[np.bool_], ...]
+    """Of each model, (height, width): where it would be seen if it were alone."""
+
+    def seen(self, index: int) -> NDArray[np.bool_]:
+        """(height, width): where a model is seen."""
+        return self.nearest == index
+
+    @property
+    def shares(self) -> FloatArray:
+        """(n,): how much of each model the others leave to be seen, of what of it lies within the
+        photo, in [0, 1]; 0 for one that lies outside.
+        """
+        whole = np.array([np.count_nonzero(drawn) for drawn in self.drawn], float)
+        seen = np.array([np.count_nonzero(self.seen(i)) for i in range(len(self.drawn))], float)
+        return np.divide(seen, whole, where=whole > 0.0, out=np.zeros_like(seen))
+
+
+def visibility(models: Sequence[PlacedModel]) -> Visibility:
+    """Which pixel shows which of one or more models."""
+    depths = [depth_image(model) for model in models]
+    return visibility_of_depths(depths)
+
+
+def visibility_of_depths(depths: Sequence[DepthImage]) -> Visibility:
+    """The same of depth images that are there already; of two as near, the first is shown."""
+    nearest = np.argmin(depths, axis=0).astype(np.int32)
+    drawn = tuple(np.isfinite(depth) for depth in depths)
+    nearest[~np.logical_or.reduce(drawn)] = NOTHING
+    return Visibility(nearest, drawn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hiding:
+    """What other models hide of one."""
+
+    drawn: NDArray[np.bool_]
+    """(height, width): where the model would be seen if it were alone."""
+    hidden: NDArray[np.bool_]
+    """(height, width): where another stands in front of it, or would, were it there."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is left to be seen of a model that lies in the photo."""
+        return bool(self.drawn.any() and self.hidden[self.drawn].all())
+
+
+def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
+    """Where the ``others`` stand in front of a model.
+
+    Where both are drawn, depth decides. Where the other is drawn alone, it is in front if it is so
+    in most of the pixels that they share, or, without any, if its centre is nearer: that is where
+    the model may be found yet.
+    """
+    own = depth_image(model)
+    drawn = np.isfinite(own)
+    hidden = np.zeros(own.shape, bool)
+    for other in others:
+        depth = depth_image(other)
+        in_front = depth < own
+        shared = drawn & np.isfinite(depth)
+        if shared.any():
+            is_nearer = float(np.mean(in_front[shared])) > 0.5
+        else:
+            is_nearer = _depth_of_centre(other) < _depth_of_centre(model)
+        hidden |= in_front if is_nearer else in_front & drawn
+    return Hiding(drawn, hidden)
+
+
+def depth_image(model: PlacedModel) -> DepthImage:
+    """The depth of a model alone, in the size of its pose's picture."""
+    return _renderer(model.mesh).clone().depth(model.pose)
+
+
+@lru_cache(maxsize=16)
+def _renderer(mesh: Mesh) -> SoftwareRenderer:
+    """To be cloned: it may be asked for by several threads."""
+    return SoftwareRenderer(mesh)
+
+
+def _depth_of_centre(model: PlacedModel) -> float:
+    return float(model.pose.camera_from_model.apply(model.mesh.centre)[2])

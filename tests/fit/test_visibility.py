@@ -1,0 +1,107 @@
+"""Which pixels show which of several models, and what that leaves to be compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.problem import make_photo_attributes
+from poseviewer.fit.registration import PlacedModel, Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.visibility import NOTHING, depth_image, hiding, visibility
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.transform import RigidTransform
+from tests.meshes import make_box, make_sphere
+
+CAMERA = Perspective(100.0, 100.0, 80.0, 60.0, 160, 120)
+BOX = make_box((2.0, 1.0, 0.5))
+
+
+def place(x: float, z: float, mesh=BOX, camera=CAMERA, turn=(0.0, 0.0, 0.0)) -> PlacedModel:
+    return PlacedModel(mesh, Pose(camera, RigidTransform.from_rotation_vector(turn, [x, 0.0, z])))
+
+
+@pytest.mark.parametrize("camera", [CAMERA, Parallel(12.0, 80.0, 60.0, 160, 120)])
+def test_depth_is_that_of_the_surface(camera):
+    ball = make_sphere(5)
+    depth = depth_image(place(0.0, 6.0, ball, camera))
+    rows, columns = np.nonzero(np.isfinite(depth))
+    z = depth[rows, columns].astype(float)
+    offset = np.column_stack([columns + 0.5 - 80.0, rows + 0.5 - 60.0])
+    xy = offset * z[:, None] / 100.0 if isinstance(camera, Perspective) else offset / 12.0
+    radius = np.linalg.norm(np.column_stack([xy, z - 6.0]), axis=1)
+    assert len(z) > 300
+    assert radius == pytest.approx(1.0, abs=0.01)
+    assert z.max() < 6.05
+
+
+def test_a_near_camera_cuts_depth_as_it_cuts_the_picture():
+    inside = place(0.0, 0.0, make_box((4.0, 4.0, 4.0)))
+    depth = depth_image(inside)
+    assert np.isfinite(depth).all()
+    assert depth.max() == pytest.approx(2.0, abs=1e-3)
+    assert depth.min() > 0.0
+
+
+def test_the_nearest_is_seen_whatever_the_order():
+    near, far = place(0.5, 5.0), place(0.0, 8.0)
+    one, other = visibility([near, far]), visibility([far, near])
+    assert np.array_equal(one.seen(0), other.seen(1))
+    assert np.array_equal(one.seen(1), other.seen(0))
+    assert np.array_equal(one.seen(0), one.drawn[0])
+    assert np.array_equal(one.nearest == NOTHING, ~(one.drawn[0] | one.drawn[1]))
+    share = np.count_nonzero(one.drawn[1] & ~one.drawn[0]) / np.count_nonzero(one.drawn[1])
+    assert one.shares == pytest.approx([1.0, share])
+    assert 0.1 < share < 0.9
+
+
+def test_models_that_run_into_each_other_are_told_apart_pixel_by_pixel():
+    seen = visibility(
+        [place(0.0, 6.0, turn=(0.0, 0.6, 0.0)), place(0.0, 6.0, turn=(0.0, -0.6, 0.0))]
+    )
+    assert seen.shares == pytest.approx([0.5, 0.5], abs=0.06)
+
+
+def test_a_model_out_of_sight_is_seen_to_nothing():
+    assert visibility([place(0.0, 6.0), place(40.0, 6.0)]).shares == pytest.approx([1.0, 0.0])
+
+
+def test_what_is_in_front_hides_also_where_the_model_is_not_yet():
+    model, near, far = place(0.0, 8.0), place(0.6, 5.0), place(0.6, 12.0)
+    found = hiding(model, [near])
+    assert np.array_equal(found.hidden, np.isfinite(depth_image(near)))
+    assert not hiding(model, [far]).hidden.any()
+    apart = place(-1.8, 5.0)
+    assert not (np.isfinite(depth_image(apart)) & found.drawn).any()
+    assert np.array_equal(hiding(model, [apart]).hidden, np.isfinite(depth_image(apart)))
+    both = hiding(model, [near, far, apart])
+    assert np.array_equal(both.hidden, found.hidden | np.isfinite(depth_image(apart)))
+    assert not both.is_whole
+
+
+def registration(model: PlacedModel, *others: PlacedModel) -> Registration:
+    pixels = np.random.default_rng(0).integers(0, 255, (120, 160, 3))
+    photo = Photo(pixels.astype(np.uint8), "p.png", "0" * 64)
+    return Registration(photo, model.mesh, "m.ply", "0" * 64, None, model.pose, (), others=others)
+
+
+def test_hidden_pixels_do_not_count():
+    model, near = place(0.0, 8.0), place(0.6, 5.0)
+    alone = make_photo_attributes(registration(model), FitSettings())
+    together = make_photo_attributes(registration(model, near), FitSettings())
+    hidden = np.isfinite(depth_image(near))
+    assert np.array_equal(together.weights, alone.weights * ~hidden)
+    assert np.count_nonzero(together.weights) < np.count_nonzero(alone.weights)
+
+
+def test_a_model_wholly_behind_another_is_said():
+    model = place(0.0, 8.0)
+    wall = place(0.0, 5.0, make_box((4.0, 4.0, 0.5)))
+    with pytest.raises(SettingsError, match="wholly behind other objects"):
+        make_photo_attributes(registration(model, wall), FitSettings())
+    beside = replace(wall, pose=place(9.0, 5.0).pose)
+    make_photo_attributes(registration(model, beside), FitSettings())
