@@ -141,8 +141,8 @@ def test_ten_clicks_on_two_wheels_place_the_car(
     assert math.degrees(math.acos(min(1.0, float(axles[0] @ axles[1])))) < 8.0
 
 
-CAR, ROAD = ((140.0, 220.0), (810.0, 550.0)), ((600.0, 600.0), (900.0, 690.0))
-"""Corners of rectangles: about the car, and where there is none."""
+CAR, ROAD = ((810.0, 550.0), (140.0, 220.0)), ((600.0, 600.0), (900.0, 690.0))
+"""Corners of rectangles: about the car, and where there is none. They begin where no notice lies."""
 
 
 def test_wheels_are_found_in_the_region_that_is_drawn(
