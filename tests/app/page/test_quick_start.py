@@ -142,7 +142,7 @@ def test_ten_clicks_on_two_wheels_place_the_car(
 
 
 CAR, ROAD = ((810.0, 550.0), (140.0, 220.0)), ((600.0, 600.0), (900.0, 690.0))
-"""Corners of rectangles: about the car, and where there is none. They begin where no notice lies."""
+"""Corners of rectangles, from where no notice lies: about the car, and where there is none."""
 
 
 def test_wheels_are_found_in_the_region_that_is_drawn(
