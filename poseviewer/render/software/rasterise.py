@@ -56,7 +56,7 @@ COLUMN_OF, ROW_OF, GREY, PLANE, PAINT = 12, 13, 15, 16, 12
 reflectance; how many entries there are, and how many of its paint."""
 MOST_PIECES = 6  # a triangle cut by five planes has eight corners
 
-COLUMN, STATE, FACE = 4, 5, 6  # rows of a chunk's boxes; 0 to 3: left, top, right, bottom
+COLUMN, STATE, LISTED = 4, 5, 6  # rows of a chunk's boxes; 0 to 3: left, top, right, bottom
 HIDDEN, DRAWN, LARGE = np.int32(0), np.int32(1), np.int32(2)  # states of a face
 _i32 = np.int32  # sums of 32 bits would have 64, and vectors half the lanes
 _SUB, _HALF_SUB, _HALF_LESS, _BITS = _i32(SUBPIXELS), _i32(128), _i32(127), _i32(8)
@@ -170,15 +170,18 @@ def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large,
     is_painted, left_over = paint.shape[0] > 1, 0
     for begin in range(0, faces.shape[0], CHUNK):
         size = min(CHUNK, faces.shape[0] - begin)
-        _gather(begin, size, faces, screen, corners)
+        _gather(begin, size, faces, screen, depths, corners, values)
         _find_boxes(size, width, depth.shape[0], corners, boxes)
-        _find_state(size, two_sided, corners, boxes)
-        left_over, size = _keep_drawn(begin, size, faces, depths, chunk, large, left_over)
-        _set_depth(size, corners, boxes, values)
+        _set_up(size, two_sided, corners, boxes, values)
         for k in range(3):
             _set_edge(size, k, weighs, corners, boxes, steps, values)
-        for i in range(size):
-            face = boxes[FACE, i]
+        for k in range(_list_drawn(size, boxes)):
+            i = np.int64(boxes[LISTED, k])
+            face = np.int32(begin + i)
+            if boxes[STATE, i] == LARGE:
+                large[left_over] = face
+                left_over += 1
+                continue
             left, top = np.int64(boxes[COLUMN, i]), np.int64(boxes[1, i])
             right, bottom = np.int64(boxes[2, i]), np.int64(boxes[3, i])
             if draw_blocks(depth, ids, steps, values, i, left, right, top, bottom, face):
@@ -216,13 +219,14 @@ def _texture_level(texels, pixels, count):
 
 
 @_jit
-def _gather(begin, size, faces, screen, corners):
-    """Corners (6, CHUNK) of the faces from ``begin`` on."""
+def _gather(begin, size, faces, screen, depths, corners, values):
+    """Corners (6, CHUNK) and depth values (6, CHUNK) of the faces from ``begin`` on."""
     for i in range(size):
         f = np.uint32(begin + i)
         a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
         corners[0, i], corners[1, i], corners[2, i] = screen[0, a], screen[0, b], screen[0, c]
         corners[3, i], corners[4, i], corners[5, i] = screen[1, a], screen[1, b], screen[1, c]
+        values[0, i], values[1, i], values[2, i] = depths[a], depths[b], depths[c]
 
 
 @_jit_inline
@@ -234,12 +238,6 @@ def _edge_at(xa, ya, xb, yb, px, py, sign):
     excluded = _i32(0) if (ey < 0) | ((ey == 0) & (ex > 0)) else _i32(1)
     e = _i32(_i32(ex * _i32(py - ya)) - _i32(ey * _i32(px - xa)))
     return e, excluded, _i32(-ey * _SUB), _i32(ex * _SUB)
-
-
-@_jit_inline
-def _area(x0, x1, x2, y0, y1, y2):
-    """Twice a triangle's area, of the sign of its corners' turn."""
-    return _i32(_i32(_i32(x1 - x0) * _i32(y2 - y0)) - _i32(_i32(x2 - x0) * _i32(y1 - y0)))
 
 
 @_jit
@@ -258,8 +256,9 @@ def _find_boxes(size, width, height, corners, boxes):
 
 
 @_jit
-def _find_state(size, two_sided, corners, boxes):
-    """Whether each face is drawn: row STATE of ``boxes``.
+def _set_up(size, two_sided, corners, boxes, values):
+    """Whether each face is drawn (row STATE of ``boxes``), from which column on (row COLUMN), and
+    its depth ``values`` there on the first row of its box.
 
     A face whose box is two pixels wide and high at most is drawn only if it holds the centre of one
     of the four: most faces of a detailed model lie between the centres. Here and in what follows
@@ -269,15 +268,31 @@ def _find_state(size, two_sided, corners, boxes):
     x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
     y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
     left, top, right, bottom = boxes[0, :size], boxes[1, :size], boxes[2, :size], boxes[3, :size]
-    state = boxes[STATE, :size]
+    z0, z1, z2 = values[0, :size], values[1, :size], values[2, :size]
+    column, state = boxes[COLUMN, :size], boxes[STATE, :size]
+    value, across, along = values[VALUE, :size], values[ACROSS, :size], values[ALONG, :size]
+    turned = values[SCALE, :size]
     none, both = _i32(0), _i32(1 if two_sided else 0)
     for i in range(size):
-        area = _area(x0[i], x1[i], x2[i], y0[i], y1[i], y2[i])
-        sign = _i32(1) if area > none else _i32(-1)
+        area = _i32(
+            _i32(_i32(x1[i] - x0[i]) * _i32(y2[i] - y0[i]))
+            - _i32(_i32(x2[i] - x0[i]) * _i32(y1[i] - y0[i]))
+        )
+        sign = _i32(1) if area > none else _i32(-1)  # y runs down: a front has an area < 0
         px, py = _i32(_i32(left[i] * _SUB) + _HALF_SUB), _i32(_i32(top[i] * _SUB) + _HALF_SUB)
         e0, b0, r0, d0 = _edge_at(x1[i], y1[i], x2[i], y2[i], px, py, sign)
         e1, b1, r1, d1 = _edge_at(x2[i], y2[i], x0[i], y0[i], px, py, sign)
         e2, b2, r2, d2 = _edge_at(x0[i], y0[i], x1[i], y1[i], px, py, sign)
+        scale = _ONE / np.float32(_i32(sign * area))
+        s1, s2 = (z1[i] - z0[i]) * scale, (z2[i] - z0[i]) * scale
+        slope = np.float32(r1) * s1 + np.float32(r2) * s2
+        # Whole blocks: a block that was just written can be read again without waiting for it.
+        begin = _i32(left[i] & _i32(-BLOCK))
+        at_left = z0[i] + np.float32(e1) * s1 + np.float32(e2) * s2
+        value[i] = at_left - np.float32(_i32(left[i] - begin)) * slope
+        across[i] = slope
+        along[i] = np.float32(d1) * s1 + np.float32(d2) * s2
+        turned[i] = np.float32(-sign) * scale  # normals shall point to the side that is seen
         f0, f1, f2 = _i32(e0 - b0), _i32(e1 - b1), _i32(e2 - b2)
         outside = _i32(f0 | f1 | f2) & _i32(_i32(f0 + r0) | _i32(f1 + r1) | _i32(f2 + r2))
         f0, f1, f2 = _i32(f0 + d0), _i32(f1 + d1), _i32(f2 + d2)
@@ -290,67 +305,8 @@ def _find_state(size, two_sided, corners, boxes):
         lowest, highest = min(y0[i], y1[i], y2[i]), max(y0[i], y1[i], y2[i])
         large = max(_i32(most - least), _i32(highest - lowest)) > _i32(SMALL)
         large |= min(least, lowest) == OFF_SCREEN
-        state[i] = LARGE if large else (DRAWN if drawn else HIDDEN)
-
-
-@_jit
-def _keep_drawn(begin, size, faces, depths, chunk, large, left_over):
-    """Move the faces that are drawn to the front of their chunk, with their indices (row FACE) and
-    the depth ``values`` of their corners, and add the ``large`` ones to those ``left_over``;
-    returns how many each are. What follows is a half of all the work, for a third of the faces.
-    """
-    corners, boxes, _, values = chunk
-    state, place = boxes[STATE], boxes[FACE]
-    count, kept = np.uint32(0), np.uint32(0)
-    for i in range(size):  # no branch, which could not be foretold
-        place[count] = i
-        count += np.uint32(1) if state[i] != HIDDEN else np.uint32(0)
-    for k in range(count):
-        i = np.uint32(place[np.uint32(k)])
-        f = np.uint32(begin + i)
-        if state[i] == LARGE:
-            large[left_over] = f
-            left_over += 1
-            continue
-        for row in range(6):
-            corners[row, kept] = corners[row, i]
-        for row in range(4):
-            boxes[row, kept] = boxes[row, i]
-        for corner in range(3):
-            values[corner, kept] = depths[np.uint32(faces[f, corner])]
-        place[kept] = f
-        kept += np.uint32(1)
-    return left_over, np.int64(kept)
-
-
-@_jit
-def _set_depth(size, corners, boxes, values):
-    """From which column on each face is drawn (row COLUMN of ``boxes``), its depth ``values`` there
-    on the first row of its box, and one over its area.
-    """
-    x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
-    y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
-    left, top, column = boxes[0, :size], boxes[1, :size], boxes[COLUMN, :size]
-    z0, z1, z2 = values[0, :size], values[1, :size], values[2, :size]
-    value, across, along = values[VALUE, :size], values[ACROSS, :size], values[ALONG, :size]
-    turned = values[SCALE, :size]
-    for i in range(size):
-        area = _area(x0[i], x1[i], x2[i], y0[i], y1[i], y2[i])
-        sign = _i32(1) if area > _i32(0) else _i32(-1)  # y runs down: a front has an area < 0
-        px, py = _i32(_i32(left[i] * _SUB) + _HALF_SUB), _i32(_i32(top[i] * _SUB) + _HALF_SUB)
-        e1, _, r1, d1 = _edge_at(x2[i], y2[i], x0[i], y0[i], px, py, sign)
-        e2, _, r2, d2 = _edge_at(x0[i], y0[i], x1[i], y1[i], px, py, sign)
-        scale = _ONE / np.float32(_i32(sign * area))
-        s1, s2 = (z1[i] - z0[i]) * scale, (z2[i] - z0[i]) * scale
-        slope = np.float32(r1) * s1 + np.float32(r2) * s2
-        # Whole blocks: a block that was just written can be read again without waiting for it.
-        begin = _i32(left[i] & _i32(-BLOCK))
-        at_left = z0[i] + np.float32(e1) * s1 + np.float32(e2) * s2
-        value[i] = at_left - np.float32(_i32(left[i] - begin)) * slope
-        across[i] = slope
-        along[i] = np.float32(d1) * s1 + np.float32(d2) * s2
-        turned[i] = np.float32(-sign) * scale  # normals shall point to the side that is seen
         column[i] = begin
+        state[i] = LARGE if large else (DRAWN if drawn else HIDDEN)
 
 
 @_jit
@@ -374,6 +330,17 @@ def _set_edge(size, k, weighs, corners, boxes, steps, values):
         weight = scale[i] * (weighs * depth[i] if perspective else _ONE)
         here[i], across[i] = np.float32(e) * weight, np.float32(r) * weight
         along[i] = np.float32(d) * weight
+
+
+@_jit
+def _list_drawn(size, boxes):
+    """List the places of the faces that are drawn in row LISTED of ``boxes``; how many they are."""
+    state, listed = boxes[STATE], boxes[LISTED]
+    count = np.uint32(0)
+    for i in range(size):
+        listed[count] = i
+        count += np.uint32(1) if state[i] > 0 else np.uint32(0)
+    return count
 
 
 @_jit

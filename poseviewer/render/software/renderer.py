@@ -156,7 +156,7 @@ class SoftwareRenderer:
     def _allocate(self) -> None:
         surface, count_of_levels = self._surface, self._textures[1].shape[1]
         faces, vertices = len(surface.faces), surface.vertices.shape[1]
-        planes = _aligned(faces + 1, rasterise.PLANE, np.float32, 0.0)
+        planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
         paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
         levels = np.zeros(faces + 1, np.int32)
         colours = surface.colours.copy()
