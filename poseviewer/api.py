@@ -133,12 +133,16 @@ def load(
         start = AutoStart(rectangle, camera or StartCamera(), chosen, watch).find
     if isinstance(mask, str | Path):
         chosen = replace(chosen, mask=Path(mask).name)
+    more = (calibration, mask, chosen.without or ())
     if isinstance(start, str | Path):
-        registration = load_registration(photo, model, start, calibration, mask)
+        registration = load_registration(photo, model, start, *more)
     else:
         find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_with_start(Path(photo), unplaced, find, calibration, mask)
+        registration = load_with_start(Path(photo), unplaced, find, *more)
+    own = model.mesh if isinstance(model, LoadedModel) else None
+    if registration.mesh.left_out and registration.mesh is not own:
+        renderer = None  # it draws the parts that are left out
     return make_case(registration, chosen, renderer)
 
 
@@ -337,6 +341,7 @@ class FitResult:
             verdict,
             self.notes,
             case.problem.scale.unexplained(loss),
+            without=mesh.left_out,
         )
 
     def save(self, path: str | Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -38,6 +40,26 @@ def make_box(size=(2.0, 1.0, 0.5)) -> Mesh:
     box = trimesh.creation.box(extents=size)
     colours = 0.5 + 0.3 * np.sign(box.vertices)
     return make_mesh(box.vertices, box.faces, colours=colours)
+
+
+def make_two_boxes() -> Mesh:
+    """A box called body, and beside it a smaller one called mirror."""
+    body = make_box()
+    count = len(body.vertices)
+    small = 0.2 * body.vertices + np.array([3.0, 0.0, 0.0])
+    both = {
+        name: np.concatenate([getattr(body, name)] * 2)
+        for name in ("normals", "colours", "uvs", "face_texture")
+    }
+    faces = len(body.faces)
+    return replace(
+        body,
+        vertices=np.concatenate([body.vertices, small]),
+        faces=np.concatenate([body.faces, body.faces + count]),
+        face_part=np.repeat([0, 1], faces),
+        part_names=("body", "mirror"),
+        **both,
+    )
 
 
 def make_sphere(subdivisions=4, radius=1.0) -> Mesh:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -83,7 +83,7 @@ def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     model_path = job.path(job.model)
-    model, renderer = _open_model(model_path, file_stamp(model_path), plan.settings.renderer)
+    model, renderer = _open_model(model_path, file_stamp(model_path), plan.settings)
 
     def watch(_progress: object = None) -> None:
         if stopped():
@@ -122,11 +122,12 @@ def _start_of(job: Job, plan: BatchPlan) -> str | Path:
 def _open_model(
     path: Path,
     stamp: tuple[int, int],  # noqa: ARG001 - of the file, which may change: workers live long
-    renderer: str,
+    settings: FitSettings,
 ) -> tuple[LoadedModel, Renderer | None]:
     """A model and its renderer, once for all rows that name it while the file is the same."""
     model = load_model(path)
-    return model, make_renderer(model.mesh) if renderer == "software" else None
+    model = replace(model, mesh=model.mesh.without(settings.without or ()))
+    return model, make_renderer(model.mesh) if settings.renderer == "software" else None
 
 
 def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> JobResult:

@@ -41,7 +41,9 @@ def run(options: Namespace) -> int:
 
     settings = settings_of(options)
     opened = [
-        load_registration(options.photo, model, options.start, mask=options.mask)
+        load_registration(
+            options.photo, model, options.start, None, options.mask, settings.without or ()
+        )
         for model in options.models
     ]
     if not options.quiet:

@@ -82,9 +82,12 @@ COMPARED = {
     ),
     "region": (f"--region {RECTANGLE}", "in px", rectangle),
     "mask": ("--mask MASK.png", "weights: white counts", Path),
+    "without": ("--without PART", "a part of the model to leave out; again for more", str),
     "renderer": ("--renderer",),
 }
 """Fields of ``FitSettings``, and the options that every command has for them."""
+REPEATED = ("without",)
+"""Those of them that may be given more than once."""
 LIMITS = {
     "evaluations": ("--evaluations N", "limit ({:g})", whole),
     "seconds": ("--seconds SECONDS", "limit ({:g})", positive),
@@ -133,8 +136,9 @@ def add_fields(
         texts: list[Any] = [
             text.format(defaults[name]) if isinstance(text, str) else text for text in rest
         ]
-        choices = {"choices": CHOICES[name]} if name in CHOICES else {}
-        option(group, usage, *texts, dest=name, **choices)
+        more = {"choices": CHOICES[name]} if name in CHOICES else {}
+        more |= {"action": "append"} if name in REPEATED else {}
+        option(group, usage, *texts, dest=name, **more)
 
 
 def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
@@ -170,6 +174,7 @@ def settings_of(options: Namespace) -> FitSettings:
         FitSettings,
         options,
         mask=options.mask.name if options.mask else None,
+        without=tuple(options.without) if options.without else None,
         options=made(RestartOptions, options),
         limits=made(Limits, options),
     )

@@ -99,6 +99,8 @@ class PoseRecord:
     """The loss on the scale from 0, all explained, to 1, nothing."""
     mask: str | None = None
     """Name of the picture beside the pose file whose white pixels count (``files.masks``)."""
+    without: tuple[str, ...] = ()
+    """Names of the model's parts that are left out."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -153,6 +155,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("notes", Reading.texts) or (),
         optional("unexplained", Reading.number),
         optional("mask", Reading.text),
+        optional("without", Reading.texts) or (),
     )
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
@@ -218,6 +221,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         }
     if record.mask is not None:
         data["mask"] = record.mask
+    if record.without:
+        data["without"] = list(record.without)
     if record.notes:
         data["notes"] = list(record.notes)
     if record.undistortion is not None:

@@ -250,11 +250,10 @@ def _compared(
     plain: PhotoAttributes, registration: Registration, settings: FitSettings
 ) -> PhotoAttributes:
     """The level that poses are compared on, with its structure where that is used."""
-    photo = plain
-    if not plain.clipped and settings.method == "default":
+    photo, counted = plain, np.count_nonzero(plain.weights)
+    if counted and not plain.clipped and settings.method == "default":
         photo = structured(plain, working_factor(registration.mesh, registration.start))
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
-    counted = np.count_nonzero(plain.weights)
     if counted < fewest:
         raise SettingsError(
             f"{registration.photo.name}: {counted} pixels count, and a fit needs at least "

@@ -63,6 +63,8 @@ class FitSettings:
     """That P lies in, px."""
     mask: str | None = None
     """File name of the mask, for the record."""
+    without: tuple[str, ...] | None = None
+    """Names of the model's parts that are left out as it is loaded: neither compared nor drawn."""
     renderer: RendererName = "software"
     options: RestartOptions = field(default_factory=RestartOptions)
     """Of the restarted simplex; in files it is called ``rules``."""
@@ -131,7 +133,7 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
             given["options"] = RestartOptions(**options)
         if "limits" in given:
             given["limits"] = Limits(**given["limits"])
-        for key in ("lock", "region"):
+        for key in ("lock", "region", "without"):
             if key in given:
                 given[key] = tuple(given[key])
         return FitSettings(**given)

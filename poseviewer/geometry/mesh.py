@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 
 FEWEST_FOR_HULL = 100
 """Models of fewer vertices are taken for their own convex hull."""
+MOST_NAMES = 12
+"""Parts that a message names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,10 @@ class Mesh:
     """Whether its format has y upwards and the front at +z, as glTF."""
     notes: tuple[str, ...] = field(default=())
     """What was mended on loading, in words for the user."""
+    left_out: tuple[str, ...] = ()
+    """Names of the parts of ``whole`` that are left out here."""
+    complete: Mesh | None = field(default=None, repr=False)
+    """The model with all its parts; None: this one."""
 
     def __post_init__(self) -> None:
         shapes = {
@@ -83,6 +91,48 @@ class Mesh:
         """The diagonal of the bounding box, in the model's unit."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
+    @property
+    def whole(self) -> Mesh:
+        """The model with all its parts."""
+        return self.complete or self
+
+    def without(self, names: Collection[str]) -> Mesh:
+        """The ``whole`` model but for the parts of these names.
+
+        Raises:
+            SettingsError: there is no part of such a name, or no other one.
+        """
+        whole, wanted = self.whole, set(names)
+        if wanted == set(self.left_out):
+            return self
+        if not wanted:
+            return whole
+        parts = whole.part_names
+        unknown = [name for name in names if name not in parts]
+        if unknown:
+            raise SettingsError(f"the model has no part {unknown[0]!r}; it has {_listed(parts)}.")
+        if wanted >= set(parts):
+            raise SettingsError(
+                f"nothing would be left of the model, whose parts are {_listed(parts)}; "
+                "leave one of them in."
+            )
+        stays = np.array([name not in wanted for name in parts])
+        keep = stays[whole.face_part]
+        used, faces = np.unique(whole.faces[keep], return_inverse=True)
+        return replace(
+            whole,
+            vertices=whole.vertices[used],
+            faces=faces.reshape(-1, 3),
+            normals=whole.normals[used],
+            colours=whole.colours[used],
+            uvs=whole.uvs[used],
+            face_texture=whole.face_texture[keep],
+            face_part=(np.cumsum(stays) - 1)[whole.face_part[keep]],
+            part_names=tuple(name for name in parts if name not in wanted),
+            left_out=tuple(name for name in parts if name in wanted),
+            complete=whole,
+        )
+
     def part_vertices(self, name: str) -> FloatArray:
         """(N, 3): the vertices of the parts called ``name``."""
         wanted = [i for i, part in enumerate(self.part_names) if part == name]
@@ -111,3 +161,8 @@ def principal_axes(mesh: Mesh) -> FloatArray:
     """
     points = hull_points(mesh)
     return np.linalg.eigh(np.cov(points.T))[1].T
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(name or "(unnamed)" for name in names[:MOST_NAMES]) + more

@@ -124,7 +124,13 @@ def _resting_up(mesh: Mesh) -> FloatArray:
 
 
 def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None:
-    """The nearest point (3,) of the surface, in the model's frame, that is seen at ``pixel``.
+    """The point (3,) of the surface, in the model's frame, that is seen at ``pixel``, if any."""
+    found = surface_hit(mesh, pose, pixel)
+    return None if found is None else found[1]
+
+
+def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArray] | None:
+    """The face that is seen at ``pixel``, and where (3,) on it, in the model's frame.
 
     Every face is asked (T. Moeller and B. Trumbore, *Fast, minimum storage ray-triangle
     intersection*, 1997); None where none is hit.
@@ -152,4 +158,5 @@ def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None
     hit = crossed & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0)
     if not hit.any():
         return None
-    return origin + float(along[hit].min()) * direction
+    nearest = int(np.argmin(np.where(hit, along, np.inf)))
+    return nearest, origin + float(along[nearest]) * direction

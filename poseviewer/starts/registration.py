@@ -4,7 +4,7 @@ on the photo.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -91,18 +91,27 @@ def load_registration(
     pose_path: str | Path,
     calibration: Calibration | None = None,
     mask: str | Path | Mask | None = None,
+    without: Sequence[str] = (),
 ) -> Registration:
     """Photo, model (a file, or one that is loaded) and start, checked against one another; the
-    photo undistorted, where a calibration or the pose file says by which lens it was taken. Without
-    a ``mask`` that of the pose file is used.
+    photo undistorted, where a calibration or the pose file says by which lens it was taken. Where
+    no ``mask`` is given that of the pose file is used; of the model, the parts ``without`` and
+    those that the pose file leaves out are not.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     photo = load_calibrated_photo(photo_path, calibration)
     photo, record, notes = matched(photo, load_pose(pose_path, photo.width, photo.height))
-    model = model if isinstance(model, LoadedModel) else load_model(model)
+    model = _model_of(model, without)
     notes = (*record.warnings, *check_against(record, photo.sha256, model.sha256), *notes)
+    known = [name for name in record.without if name in model.mesh.whole.part_names]
+    model = _model_of(model, known)
+    notes += tuple(
+        f"The pose file leaves out the part {name!r}, which {model.name} has not."
+        for name in record.without
+        if name not in known
+    )
     if mask is None:
         mask, of_mask = mask_beside(pose_path, record, photo.width, photo.height)
         notes = (*notes, *of_mask)
@@ -115,6 +124,7 @@ def load_with_start(
     find: FindStart,
     calibration: Calibration | None = None,
     mask: str | Path | Mask | None = None,
+    without: Sequence[str] = (),
 ) -> Registration:
     """The same with a start that ``find`` finds on the photo; its notes are last.
 
@@ -128,7 +138,7 @@ def load_with_start(
             '"auto", or a function that finds a start on the photo.'
         )
     photo = load_calibrated_photo(photo_path, calibration)
-    model = model if isinstance(model, LoadedModel) else load_model(model)
+    model = _model_of(model, without)
     mask = _mask_of(photo, mask)
     start = find(StartInputs(photo, model.mesh, model.keypoints, mask))
     if not isinstance(start, Start):
@@ -144,6 +154,12 @@ def load_with_start(
             "or larger."
         )
     return _registration(photo, model, start.pose, start.notes, mask)
+
+
+def _model_of(model: str | Path | LoadedModel, without: Sequence[str]) -> LoadedModel:
+    """The model without these parts, and without those that it is without already."""
+    model = model if isinstance(model, LoadedModel) else load_model(model)
+    return replace(model, mesh=model.mesh.without([*model.mesh.left_out, *without]))
 
 
 def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
