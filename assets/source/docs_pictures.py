@@ -38,6 +38,8 @@ WINDOW, LARGE_WINDOW = (1280, 720), (1440, 900)
 """CSS px of pages; the large one has room for two landscapes."""
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
+POST, POST_RADIUS, POST_FOOT = 560.0, 26.0, 665.0
+"""Of a post in front of the car, px: its middle, half its width, where it stands."""
 REGION = ((140.0, 220.0), (810.0, 550.0))
 """Two corners, px."""
 
@@ -232,6 +234,36 @@ def which_model(folder: Path) -> None:
         save_page("which_model", tab)
 
 
+def hide(folder: Path) -> None:
+    """A post drawn in front of the demo's car, hidden by a scribble."""
+    case, path = demo_case(), folder / "post.png"
+    cv2.imwrite(str(path), with_post(np.asarray(cv2.imread(str(case.photo)))))
+    with open_app(folder, WINDOW, path, case.model, "--pose", case.truth, maps="away") as tab:
+        tab.open_step(3)
+        tab.page.keyboard.press("h")
+        tab.page.get_by_role("button", name="Scribble").click()
+        tab.wait_for_text("Scribble:")
+        tab.drag((POST, 60.0), (POST, 640.0), PHOTO)
+        tab.wait_for_text("of the photo is hidden")
+        tab.page.mouse.move(*tab.on_screen((POST + 90.0, 330.0), PHOTO))
+        settle(tab)
+        save_page("hide", tab)
+
+
+def with_post(photo: np.ndarray) -> np.ndarray:
+    """The photo (height, width, 3) with a painted post from above its upper edge to the ground,
+    round by its shading, blurred and noisy as the photo is.
+    """
+    v, u = np.mgrid[: photo.shape[0], : photo.shape[1]].astype(float)
+    across = (u - POST) / POST_RADIUS
+    is_post = (np.abs(across) < 1.0) & (v < POST_FOOT)
+    cover = cv2.GaussianBlur(is_post.astype(float), (0, 0), 0.8)[..., None]
+    light = 0.35 + 0.65 * np.clip(0.9 * np.sqrt(np.clip(1.0 - across**2, 0.0, 1.0)), 0.0, 1.0)
+    paint = light[..., None] * np.array([70.0, 140.0, 90.0])
+    paint += np.random.default_rng(0).normal(0.0, 3.0, paint.shape)
+    return np.clip(np.rint(cover * paint + (1.0 - cover) * photo), 0, 255).astype(np.uint8)
+
+
 def save_page(name: str, tab: AppPage) -> None:
     """What a page shows, as it is, as JPEG."""
     shot_of(tab).save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
@@ -247,6 +279,7 @@ PICTURES = {
     "box": box,
     "methods": methods,
     "which_model": which_model,
+    "hide": hide,
 }
 
 

@@ -20,10 +20,12 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.document import History
+from poseviewer.app.state.hiding import Grow
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
+from poseviewer.app.workers.growing import grow
 from poseviewer.app.workers.jobs import (
     compare,
     has_renderer,
@@ -76,11 +78,11 @@ class App:
     ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[r.Request] = Mailbox()
-        pose = opened.document.pose
+        document = opened.document
         self.session = Session(
-            opened.document,
-            anchor=pose,
-            saved=None if opened.restored else pose,
+            document,
+            anchor=document.pose,
+            saved=None if opened.restored else document,
             candidates=opened.candidates,
         )
         notify = self._mailbox.notify
@@ -168,6 +170,9 @@ class App:
             case r.FindWheels():
                 self._tasks.add(find_wheels_in_region, draws=True)
                 self._page.working("Looking for wheels ...", STOPPED_BY)
+            case Grow():
+                self._tasks.add(grow(request))
+                self._page.working("Finding its edge ...", STOPPED_BY)
             case r.ShowHelp():
                 self._page.show_help(request.client)
             case r.Greet():
@@ -197,7 +202,7 @@ class App:
         assert isinstance(self._autosaver, Autosaver)  # in a review, saving is accepting
         path = self._autosaver.save_pose(self.session, record)
         keep_last_pose(record, self._state)
-        self._command(c.Saved(document.pose))
+        self._command(c.Saved(document))
         self._page.tell(f"Saved {path.name}", str(path))
 
     # --- workers ---------------------------------------------------------------------------------
@@ -230,6 +235,7 @@ class App:
     def _finish(self, result: Result | None, error: Exception | None) -> None:
         """Take what a task has brought."""
         self._page.working("")
+        self._page.forget_strokes()
         review = self._review
         if error is not None:
             self._page.show_error(str(error))
@@ -237,8 +243,8 @@ class App:
                 review.gave_up()
         match result:
             case Reviewed() if review is not None:
-                if result.pose is not None:
-                    self._command(c.Saved(result.pose))
+                if result.mended is not None:
+                    self._command(c.Saved(result.mended))
                 self._tasks.add(review.finish(result, self.session))
             case Opened():
                 self._open(result)

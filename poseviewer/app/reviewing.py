@@ -24,7 +24,8 @@ from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
 from poseviewer.errors import BatchError, PoseViewerError
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.masks import is_same_mask, mask_beside, save_pose_and_mask
+from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import load_model, load_registration
@@ -59,7 +60,7 @@ class Reviewer:
     def __init__(self, folder: Path) -> None:
         self._queue = r.load_queue(folder)
         self._at = self._wanted = 0
-        self._found: Pose | None = None
+        self._found: Document | None = None
         self._kept: Document | None = None
         self._next = time.monotonic() + PERIOD_S
         self._reporter: Worker[None] = Worker("review report")
@@ -90,11 +91,15 @@ class Reviewer:
         document = session.document
         if document is self._kept:
             return
-        undistortion = document.registration.photo.undistortion
+        own = document.registration
         try:
             if self.mended(session):
-                record = PoseRecord(document.pose, undistortion=undistortion)
-                save_pose(self._queue.draft(self.row), record)
+                record = PoseRecord(
+                    document.pose,
+                    undistortion=own.photo.undistortion,
+                    without=own.mesh.left_out,
+                )
+                save_pose_and_mask(self._queue.draft(self.row), record, own.mask)
             else:
                 r.drop_draft(self._queue, self.row)
             self._kept = document
@@ -128,9 +133,11 @@ class Reviewer:
         return ReviewState(self._at + 1, self._queue, self.mended(session), self._trouble)
 
     def mended(self, session: Session) -> bool:
-        """Whether the pose at hand is another than the one that the row has."""
-        pose = session.document.pose
-        return self._found is None or not _same(pose, self._found)
+        """Whether the pose at hand, or what is compared there, is another than the row has."""
+        own, found = session.document, self._found
+        if found is None or not _same(own.pose, found.pose):
+            return True
+        return not own.registration.compares_same(found.registration)
 
     def takes(self, request: Request) -> bool:
         """Whether a request is for the review."""
@@ -184,8 +191,8 @@ class Reviewer:
     def finish(self, done: Reviewed, session: Session) -> Task | None:
         """Take what was kept of a row; gives the way to the next one not accepted, if wanted."""
         self._renew(done.row, done.result)
-        if done.row.job.key == self.row.job.key and done.pose is not None:
-            self._found, self._kept = done.pose, None
+        if done.row.job.key == self.row.job.key and done.mended is not None:
+            self._found, self._kept = done.mended, None
         if not done.leave or done.row.job.key != self.row.job.key or self._wanted != self._at:
             return None
         rows = self._queue.rows
@@ -197,8 +204,7 @@ class Reviewer:
         self._at = self._wanted = next(
             i for i, row in enumerate(self._queue.rows) if row.job.key == opened.row
         )
-        start = opened.document.registration.start
-        self._found = start if self.row.result.pose else None
+        self._found = opened.found if self.row.result.pose else None
         self._kept = opened.document
 
     def gave_up(self) -> None:
@@ -254,12 +260,17 @@ class Reviewer:
             photo_path=photo,
             model_path=job.path(job.model),
         )
-        draft, shown = self._queue.draft(row), registration.photo
+        found, draft, shown = document, self._queue.draft(row), registration.photo
         restored = draft.is_file()
         if restored:
-            pose = load_pose(draft, shown.width, shown.height).pose
-            document = replace(document, pose=pose)
-        return Opened(document, registration.warnings, row=job.key, restored=restored)
+            record = load_pose(draft, shown.width, shown.height)
+            mask, _ = mask_beside(draft, record, shown.width, shown.height)
+            mask = registration.mask if is_same_mask(mask, registration.mask) else mask
+            mesh = registration.mesh.without(record.without)
+            changed = replace(registration, mask=mask, mesh=mesh)
+            document = replace(document, registration=changed, pose=record.pose)
+        said = registration.warnings
+        return Opened(document, said, row=job.key, restored=restored, found=found)
 
     def _accepting(self, session: Session, record: PoseRecord, leave: bool) -> Task:
         """Draw and keep the pose at hand, away from the main loop."""
@@ -268,8 +279,9 @@ class Reviewer:
 
         def run(_: Session) -> Iterator[Reviewed]:
             case = case_at(document.registration, record.pose, document.settings, renderer)
-            result = r.accept_mended(queue, row, record, case.start.picture())
-            yield Reviewed(row, result, leave, record.pose)
+            mask = document.registration.mask
+            result = r.accept_mended(queue, row, record, case.start.picture(), mask)
+            yield Reviewed(row, result, leave, document)
 
         return run
 

@@ -33,8 +33,10 @@ from poseviewer.batch.run import save_summaries
 from poseviewer.batch.scene import require_scene_camera
 from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
+from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.photo import save_image
-from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.pose import PoseRecord
+from poseviewer.geometry.mask import Mask
 from poseviewer.render.overlay.looks import Picture
 
 DRAFTS = "review"
@@ -114,9 +116,14 @@ def accept(queue: ReviewQueue, row: ReviewRow) -> JobResult:
 
 
 def accept_mended(
-    queue: ReviewQueue, row: ReviewRow, record: PoseRecord, picture: Picture
+    queue: ReviewQueue,
+    row: ReviewRow,
+    record: PoseRecord,
+    picture: Picture,
+    mask: Mask | None = None,
 ) -> JobResult:
-    """Accept a pose that a person set, in place of the one found, which is kept beside it.
+    """Accept a pose that a person set, in place of the one found, which is kept beside it; with the
+    mask by which it is compared.
 
     Raises:
         PoseViewerError: it is by another camera than its BOP scene's, or cannot be written.
@@ -131,7 +138,7 @@ def accept_mended(
             raise BatchError(
                 f"{fitted}: cannot be written ({error.strerror}); nothing was changed."
             ) from None
-    save_pose(path, record)
+    save_pose_and_mask(path, record, mask)
     save_image(queue.folder / drawn, smaller(picture))
     result = _save(
         queue,
@@ -177,7 +184,8 @@ def _save(queue: ReviewQueue, row: ReviewRow, **changes: Any) -> JobResult:
 def drop_draft(queue: ReviewQueue, row: ReviewRow) -> None:
     """Forget a pose that was being mended; nothing happens where there is none."""
     try:
-        queue.draft(row).unlink(missing_ok=True)
+        for path in (queue.draft(row), mask_path(queue.draft(row))):
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise BatchError(
             f"{queue.draft(row)}: cannot be removed ({error.strerror}); remove it by hand."

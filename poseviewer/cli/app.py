@@ -7,8 +7,16 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.cli.options import add_calibration, add_server, calibration_of, option
+from poseviewer.cli.options import (
+    COMPARED,
+    add_calibration,
+    add_fields,
+    add_server,
+    calibration_of,
+    option,
+)
 from poseviewer.errors import SettingsError
+from poseviewer.fit.settings import FitSettings
 
 if TYPE_CHECKING:
     from poseviewer.app.workers.opening import Opened
@@ -22,6 +30,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "others MODEL", "more, to tell which one it is", Path, nargs="*")
     option(parser, "--pose POSE.json", "the start", Path)
     option(parser, "--last", "start from the pose saved last")
+    add_fields(parser, FitSettings, {name: COMPARED[name] for name in ("mask", "without")})
     add_server(parser)
     add_calibration(parser)
 
@@ -78,6 +87,9 @@ def run(options: Namespace) -> int:
     if photo is None:
         if pose is not None or options.last:
             raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
+        for name in ("mask", "without"):
+            if getattr(options, name):
+                raise SettingsError(f"--{name} without PHOTO and MODEL; name all three")
         if options.calibration is not None:
             raise SettingsError("--calibration without PHOTO and MODEL; name all three")
     elif model is None and not _is_set(photo):
@@ -90,7 +102,7 @@ def run(options: Namespace) -> int:
         others = [*others, *more]
         pose, place = pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
-    for path in filter(None, (photo, model, pose, *others)):
+    for path in filter(None, (photo, model, pose, options.mask, *others)):
         if not path.is_file():  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
     from poseviewer.app.serving import serve_app
@@ -104,7 +116,8 @@ def run(options: Namespace) -> int:
             case = demo_case("perspective")
             return open_files(case.photo, case.model, case.start), None
         start = last_pose() if options.last else pose
-        opened = open_files(photo, model, start, calibration, others)
+        hidden = options.mask, options.without or ()
+        opened = open_files(photo, model, start, calibration, others, *hidden)
         return opened if place is None or start is not None else placed(opened, place), None
 
     serve_app(

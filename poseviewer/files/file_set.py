@@ -9,6 +9,7 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -180,7 +181,8 @@ def sort_set(
     root = Path(os.path.commonpath([path.parent for path in files] or ["."]))
     if kind == "pose":
         poses = [path for path in files if path.suffix.lower() == ".json"]
-        return FileSet(root, poses=tuple(poses), leftovers=_without(files, poses))
+        used = {*poses, *_masks_of(poses)}
+        return FileSet(root, poses=tuple(poses), leftovers=_without(files, used))
     scenes = (*_bop_scenes(files), *_colmap_scenes(files))
     loose = _without(files, _inside(scenes, files))
     models = [model_files(path, loose) for path in files if path.suffix.lower() in READERS]
@@ -193,6 +195,8 @@ def sort_set(
     for path in rest:
         if path.suffix.lower() in TEXTS:
             texts[_kind_of_text(path, sole=len(files) == 1)].append(path)
+    masks = _masks_of(texts["pose"])
+    rest = _without(rest, masks)
     pictures = [path for path in rest if path.suffix.lower() in PICTURES]
     photos = [path for scene in scenes for path in scene.photos]
     if photos or kind == "model":
@@ -270,6 +274,17 @@ def _walk(root: Path) -> Iterator[Path]:
             path = Path(folder, name)
             if not is_of_system(name) and path.is_file():
                 yield path
+
+
+def _masks_of(poses: Sequence[Path]) -> set[Path]:
+    """The pictures beside pose files that these name as their masks."""
+    found = set()
+    for path in poses:
+        with suppress(PoseViewerError):
+            data = read_json(path)
+            if isinstance(data, dict) and isinstance(data.get("mask"), str):
+                found.add(path.parent / bare_name(data["mask"]))
+    return found - set(poses)
 
 
 def _kind_of_text(path: Path, sole: bool) -> str:

@@ -30,7 +30,7 @@ def load_mask(path: str | Path, width: int, height: int) -> Mask:
         found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
         reading = Reading(Path(path), error_type=PhotoFileError)
         raise reading.error(found, "save the mask in the photo's size")
-    return Mask.of(mask.grey())
+    return Mask.of(np.minimum(mask.grey(), 1.0))  # a sum of colours may end just above it
 
 
 def mask_as_png(mask: Mask) -> bytes:
@@ -39,6 +39,21 @@ def mask_as_png(mask: Mask) -> bytes:
     top = np.uint8(255) if np.all((weights == 0.0) | (weights == 1.0)) else np.uint16(65535)
     pixels = np.rint(weights.astype(float) * top).astype(top.dtype)
     return np.asarray(cv2.imencode(".png", pixels)[1]).tobytes()
+
+
+def mask_from_png(data: bytes) -> Mask:
+    """The mask that ``mask_as_png`` made a picture of; raises ValueError where it is none."""
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if pixels is None or pixels.ndim != 2:
+        raise ValueError("not a grey picture")
+    return Mask.of(pixels * np.float32(1.0 / (65535 if pixels.dtype == np.uint16 else 255)))
+
+
+def is_same_mask(one: Mask | None, other: Mask | None) -> bool:
+    """Whether two say the same of every pixel."""
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one.weights, other.weights)
 
 
 def mask_path(pose_file: str | Path) -> Path:
@@ -69,6 +84,6 @@ def mask_beside(
     if record.mask is None:
         return None, ()
     try:
-        return load_mask(Path(pose_file).with_name(bare_name(record.mask)), width, height), ()
+        return load_mask(Path(pose_file).parent / bare_name(record.mask), width, height), ()
     except PhotoFileError as error:
         return None, (f"Nothing of the photo is hidden: {error}",)

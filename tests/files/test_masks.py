@@ -47,6 +47,7 @@ def test_a_mask_is_weights(tmp_path: Path) -> None:
     save_image(tmp_path / "mask.png", np.repeat(mask[..., None], 3, axis=2))
     weights = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
     np.testing.assert_allclose(weights, mask / 255.0, atol=1e-6)
+    assert set(np.unique(weights[10:20, 30:40])) == {1.0}  # white, of three colours as of one
     with pytest.raises(PhotoFileError, match=r"mask\.png: the mask has 64x48 px.*640x480 px"):
         load_mask(tmp_path / "mask.png", 640, 480)
 
@@ -54,7 +55,7 @@ def test_a_mask_is_weights(tmp_path: Path) -> None:
 def test_a_painted_mask_is_black_and_white(tmp_path: Path) -> None:
     path = tmp_path / "mask.png"
     path.write_bytes(mask_as_png(some_mask()))
-    pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    pixels = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
     assert pixels.dtype == np.uint8
     assert set(np.unique(pixels[10:20, 30:40])) == {0}  # what is hidden is black
     assert np.count_nonzero(pixels == 0) == 100

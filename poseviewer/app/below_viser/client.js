@@ -18,7 +18,7 @@ const state = {
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
   covered: 0, // CSS px at the canvas's lower end that the maps lie over
-  pointer: null, // "drag" or "pan" while a button is down
+  pointer: null, // "drag", "draw" or "pan" while a button is down
   last: [0, 0],
   pending: null,
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
@@ -107,6 +107,7 @@ function applyView() {
   camera.setViewOffset(w, h, seenAt[0] - mx / state.zoom, seenAt[1] - my / state.zoom, vw, vh);
   camera.updateProjectionMatrix();
   sizeHandles();
+  drawSheet();
   viewer.requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
     zoom: state.zoom, centre: state.centre, scale: k * state.zoom, covered: state.covered,
@@ -189,7 +190,10 @@ listen(window, "pointerdown", (event) => {
   const canvas = vm().canvas;
   try { canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
   state.last = [event.clientX, event.clientY];
-  if (event.button === 0) {
+  if (event.button === 0 && pen.shape) {
+    state.pointer = "draw";
+    beginStroke(event);
+  } else if (event.button === 0) {
     state.pointer = "drag";
     send({ kind: "press", ...at(event) });
   } else {
@@ -206,11 +210,13 @@ function flush() {
 }
 
 listen(window, "pointermove", (event) => {
+  hover(event);
   if (!state.pointer) {
     if (overPhoto(event)) event.stopImmediatePropagation();
     return;
   }
   taken(event);
+  if (state.pointer === "draw") { goOn(event); return; }
   if (state.pointer === "pan") {
     const k = fitted() * state.zoom;
     state.centre = [
@@ -234,6 +240,7 @@ function ended(event, kind) {
     flush();
     send({ kind });
   }
+  if (state.pointer === "draw") lift(kind);
   state.pointer = null;
   showHint();
 }
@@ -247,7 +254,8 @@ for (const kind of ["mousedown", "mousemove", "mouseup", "click", "contextmenu"]
 listen(window, "dblclick", (event) => {
   if (!overPhoto(event)) return;
   taken(event);
-  send({ kind: "double", ...at(event) });
+  if (pen.shape) finishStroke();
+  else send({ kind: "double", ...at(event) });
 }, true);
 
 listen(window, "wheel", (event) => {
@@ -255,8 +263,168 @@ listen(window, "wheel", (event) => {
   taken(event);
   const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
   const [x, y] = place(event);
-  zoomAt(x, y, Math.exp(-event.deltaY * lines * 0.0016));
+  const factor = Math.exp(-event.deltaY * lines * 0.0016);
+  if (pen.shape === "brush" && !event.ctrlKey && !event.metaKey) sizePen(factor);
+  else zoomAt(x, y, factor);
 }, { capture: true, passive: false });
+
+// --- strokes ------------------------------------------------------------------------------------
+
+// Where a tool draws, the main button leaves a stroke. It is drawn here at once, on a sheet over the
+// photo, and sent when it is done; it stays on the sheet until the server has taken it.
+const sheet = document.createElement("canvas");
+sheet.id = "poseviewer-sheet";
+sheet.style.cssText = "position:absolute;left:0;top:0;width:100%;height:100%;z-index:4;" +
+  "pointer-events:none";
+cleanups.push(() => sheet.remove());
+const pen = {
+  shape: "", // "brush", "polygon", "scribble"
+  erases: false, // unless alt or shift is held
+  radius: 18, // of the brush, CSS px
+  at: null, // where the pointer is, CSS px of the canvas
+  now: null, // the stroke that is being drawn: {shape, points (photo px), radius (photo px), erase}
+  done: [], // strokes that the server has not taken yet
+};
+const SCRIBBLE = 3; // half its width, CSS px
+const STEP = 1.5; // CSS px between a stroke's points
+const NEAR = 9; // CSS px: a press so near to a polygon's first corner closes it
+const LASSO = 12; // a polygon with so many points from one drag is closed when the button goes up
+
+function setPen(shape, erases) {
+  if (shape !== pen.shape) pen.now = null;
+  pen.shape = shape;
+  pen.erases = erases;
+  drawSheet();
+}
+
+function sizePen(factor) {
+  pen.radius = Math.min(Math.max(pen.radius * factor, 2), 240);
+  drawSheet();
+}
+
+const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
+const apart = (one, other) =>
+  Math.hypot(one[0] - other[0], one[1] - other[1]) * fitted() * state.zoom;
+
+function hover(event) {
+  if (!pen.shape) return;
+  pen.at = overPhoto(event) || state.pointer ? place(event) : null;
+  pen.preview = erasing(event);
+  drawSheet();
+}
+
+function beginStroke(event) {
+  const point = photoFromCanvas(...place(event));
+  const stroke = pen.now;
+  if (stroke && pen.shape === "polygon") {
+    if (stroke.points.length > 2 && apart(point, stroke.points[0]) < NEAR) finishStroke();
+    else if (apart(point, stroke.points.at(-1)) >= STEP) stroke.points.push(point);
+    if (pen.now) pen.now.before = pen.now.points.length;
+  } else {
+    const half = pen.shape === "scribble" ? SCRIBBLE : pen.radius;
+    const radius = half / (fitted() * state.zoom);
+    pen.now = { shape: pen.shape, points: [point], radius, erase: erasing(event), before: 1 };
+  }
+  drawSheet();
+}
+
+function goOn(event) {
+  if (!pen.now) return;
+  const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
+  for (const one of events.length ? events : [event]) {
+    const point = photoFromCanvas(...place(one));
+    if (apart(point, pen.now.points.at(-1)) >= STEP) pen.now.points.push(point);
+  }
+  drawSheet();
+}
+
+function lift(kind) {
+  const stroke = pen.now;
+  if (!stroke) return;
+  if (kind === "cancel") { pen.now = null; drawSheet(); return; }
+  if (stroke.shape !== "polygon" || stroke.points.length - stroke.before >= LASSO) finishStroke();
+}
+
+function finishStroke() {
+  const stroke = pen.now;
+  if (!stroke || (stroke.shape === "polygon" && stroke.points.length < 3)) return;
+  pen.now = null;
+  pen.done.push(stroke);
+  const points = stroke.points.flat().map((v) => Math.round(v * 100) / 100);
+  const { shape, radius, erase } = stroke;
+  send({ kind: "stroke", shape, points, radius, erase });
+  drawSheet();
+}
+
+function forgetStrokes() {
+  const taken = pen.done;
+  // The tint's picture is decoded after it has come.
+  setTimeout(() => {
+    pen.done = pen.done.filter((stroke) => !taken.includes(stroke));
+    drawSheet();
+  }, 150);
+}
+
+let drawing = false;
+function drawSheet() {
+  if (drawing || (!pen.shape && !pen.done.length && !sheet.width)) return;
+  drawing = true;
+  requestAnimationFrame(() => { drawing = false; paintSheet(); });
+}
+
+function paintSheet() {
+  const viewer = vm();
+  if (!viewer || !viewer.canvas) return;
+  viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
+  const ratio = window.devicePixelRatio || 1;
+  const size = [viewer.canvas.clientWidth, viewer.canvas.clientHeight].map((v) => v * ratio);
+  const strokes = [...pen.done, ...(pen.now ? [pen.now] : [])];
+  const empty = !strokes.length && !(pen.shape && pen.at);
+  if (empty && !sheet.width) return;
+  [sheet.width, sheet.height] = empty ? [0, 0] : size;
+  if (empty) return;
+  const ink = sheet.getContext("2d");
+  ink.scale(ratio, ratio);
+  ink.lineCap = ink.lineJoin = "round";
+  for (const stroke of strokes) drawStroke(ink, stroke);
+  if (!pen.shape || !pen.at || pen.shape === "polygon") return;
+  const radius = pen.shape === "brush" ? pen.radius : SCRIBBLE;
+  for (const [colour, width] of [["rgba(0,0,0,.6)", 3], [pen.preview ? "#fff" : "#ff4040", 1.4]]) {
+    ink.beginPath();
+    ink.arc(...pen.at, radius, 0, 2 * Math.PI);
+    ink.strokeStyle = colour;
+    ink.lineWidth = width;
+    ink.stroke();
+  }
+}
+
+function drawStroke(ink, stroke) {
+  const places = stroke.points.map(([x, y]) => canvasFromPhoto(x, y));
+  const open = stroke === pen.now;
+  ink.beginPath();
+  places.forEach(([x, y], i) => (i ? ink.lineTo(x, y) : ink.moveTo(x, y)));
+  if (places.length === 1) ink.lineTo(...places[0]);
+  const tint = stroke.erase ? "rgba(255,255,255,.4)" : "rgba(255,64,64,.5)";
+  const line = stroke.erase ? "#fff" : "#ff4040";
+  if (stroke.shape !== "polygon") {
+    ink.strokeStyle = stroke.shape === "scribble" ? line : tint;
+    ink.lineWidth = 2 * stroke.radius * fitted() * state.zoom;
+    ink.stroke();
+    return;
+  }
+  if (open && pen.at) ink.lineTo(...pen.at);
+  ink.fillStyle = tint;
+  ink.fill();
+  ink.strokeStyle = line;
+  ink.lineWidth = 1.6;
+  if (!open) ink.closePath();
+  ink.stroke();
+  if (!open) return;
+  ink.beginPath();
+  ink.arc(...places[0], 4.5, 0, 2 * Math.PI);
+  ink.fillStyle = line;
+  ink.fill();
+}
 
 // --- keys ---------------------------------------------------------------------------------------
 
@@ -287,8 +455,16 @@ function dialogTakes(event) {
 
 listen(window, "keydown", (event) => {
   noteModifiers(event);
+  // Else the browser's own menu has the keys next.
+  if (event.key === "Alt" && pen.shape) event.preventDefault();
   if (typing(event)) return;
   if (dialogTakes(event)) return;
+  if (pen.now && ["Enter", "Escape"].includes(event.key)) {
+    taken(event);
+    if (event.key === "Enter") finishStroke();
+    else { pen.now = null; drawSheet(); }
+    return;
+  }
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
   if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
   taken(event);
@@ -571,7 +747,7 @@ function watch(now) {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) { host.append(bar, guide); showHint(); }
+    if (bar.parentElement !== host) { host.append(sheet, bar, guide); showHint(); }
     // The picture is shifted where maps lie over it: what it leaves free is as dark.
     viewer.canvas.style.background = "#16181d";
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
@@ -587,6 +763,7 @@ cleanups.push(() => cancelAnimationFrame(timer));
 
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
+window.poseviewerPart = (index) => send({ kind: "part", index });
 window.poseviewerModel = (wish, index) => send({ kind: "model", wish, index });
 window.poseviewer = {
   setPhoto(width, height) {
@@ -596,7 +773,7 @@ window.poseviewer = {
     else showAll();
   },
   setHint(text) { state.hint = text; showHint(); },
-  setGuide,
+  setGuide, setPen, forgetStrokes,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   view() { return { photo: state.photo, zoom: state.zoom, centre: state.centre }; },

@@ -56,6 +56,7 @@ class ClientScript:
         self._config = config
         self._photo = (1, 1)
         self._hint = self._guide = ""
+        self._pen = ("", False)
         # Pages report through a text field that nobody sees; viser has no other public way back.
         self._channel = server.gui.add_text("report", "", visible=False)
 
@@ -86,6 +87,21 @@ class ClientScript:
             self._guide = text
             self._run(f"window.poseviewer && window.poseviewer.setGuide({json.dumps(text)})")
 
+    def show_pen(self, shape: str, erase: bool) -> None:
+        """What the main button draws on the photo: ``brush``, ``polygon``, ``scribble``, "" for
+        nothing; whether strokes ``erase``, for their colour and for the page's report of them.
+        """
+        if self._pen != (shape, erase):
+            self._pen = shape, erase
+            self._run(f"window.poseviewer && {self._pen_call()}")
+
+    def forget_strokes(self) -> None:
+        """Pages need not show the strokes that are done any longer."""
+        self._run("window.poseviewer && window.poseviewer.forgetStrokes()")
+
+    def _pen_call(self) -> str:
+        return f"window.poseviewer.setPen({json.dumps(self._pen[0])}, {json.dumps(self._pen[1])})"
+
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
         config = {
@@ -97,7 +113,8 @@ class ClientScript:
         source = _SOURCE.read_text(encoding="utf-8")
         source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
         hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
-        _run_on(client, source + "".join(f"\nwindow.poseviewer.{hint};" for hint in hints))
+        source += "".join(f"\nwindow.poseviewer.{hint};" for hint in hints)
+        _run_on(client, f"{source}\n{self._pen_call()};")
 
     def _run(self, source: str) -> None:
         for client in self._server.get_clients().values():

@@ -31,6 +31,7 @@ from poseviewer.app.page.preparing_panel import PreparingPanel
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.requests import Answer, Greet, Report, Restore
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Asked, Exported
@@ -113,9 +114,12 @@ class Page:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
+            self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
             if self._review is None:
                 self._script.show_guide(self._guide.text(session))
             self.scene.show(session)
+            if self._shown is None or session.strokes != self._shown.strokes:
+                self.forget_strokes()
         self._shown, self._late = session, True
         now = time.monotonic()
         if now < self._next_panels:
@@ -174,6 +178,10 @@ class Page:
                 client.add_notification(what, note, loading=True, with_close_button=False)
                 for client in self._server.get_clients().values()
             ]
+
+    def forget_strokes(self) -> None:
+        """Take away what pages show of strokes that are done: their tint is there."""
+        self._script.forget_strokes()
 
     def maps_note(self, text: str) -> None:
         """Why there are no maps."""

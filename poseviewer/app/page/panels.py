@@ -16,6 +16,7 @@ import numpy as np
 from viser import uplot
 
 from poseviewer.app.page.controls import STEPS, Controls, Field, set_properties
+from poseviewer.app.page.hide_panel import HINTS, HidePanel
 from poseviewer.app.page.loss_bar import loss_bar
 from poseviewer.app.page.methods_panel import MethodsPanel
 from poseviewer.app.reviewing import ReviewState
@@ -347,6 +348,7 @@ class FitPanel:
                 gui.add_checkbox("Outlines of the candidates", False),
                 lambda on: c.ChangeView(candidates=on),
             )
+            self._hide = HidePanel(controls)
             self._methods = MethodsPanel(controls)
             with gui.add_folder("Settings", expand_by_default=False):
                 self._add_settings(controls)
@@ -431,6 +433,7 @@ class FitPanel:
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
         self._candidates.show(session.look.candidates)
+        self._hide.show(session)
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
         set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
@@ -564,6 +567,8 @@ def hint_of(session: Session) -> str:
                 what = f"pair {number}: click the same point on the photo"
             else:
                 what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
+        case tool if tool in HINTS:
+            return HINTS[tool]
         case _:
             return PLACE_HINT if session.document.awaits_place else ""
     return f"<b>{what}</b>{MARKING_HINT}"

@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
@@ -45,11 +48,11 @@ PLAIN: Mapping[str, Request] = {
     "KeyS": SavePose(),
     "Escape": c.CancelDrag(),
 }
-TOGGLES = ("Space", "KeyB", "KeyG", "KeyZ")
+TOGGLES = ("Space", "KeyB", "KeyG", "KeyH", "KeyZ")
 """Keys whose meaning depends on the session or on shift."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
-LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "Digit0", "Digit1", *REVIEW]
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "KeyH", "Digit0", "Digit1", *REVIEW]
 """Not taken where ctrl is held: find, reload, and so on."""
 HELP = """
 | | |
@@ -67,6 +70,7 @@ HELP = """
 | **1 2 3 4 5**, **0** | outline, solid, relit, normals, residual, nothing |
 | **B** | blink: photo, model |
 | **G** | rotation rings |
+| **H** | hide what is in front: wheel brush size, **alt** erase |
 | **R** | back to the start pose |
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
 | **S**, **ctrl S** | save the pose |
@@ -86,6 +90,8 @@ def request_of(report: Report, session: Session) -> Request | None:
 def _request_of(report: Report, session: Session) -> Request | None:
     content = report.content
     match content["kind"]:
+        case "press" if session.tool == "part":
+            return h.LeaveOut(*_point(content))
         case "press":
             held = bool(content.get("shift")), bool(content.get("ctrl"))
             return c.Press(*_point(content), _zoom(content), *held)
@@ -95,7 +101,13 @@ def _request_of(report: Report, session: Session) -> Request | None:
             return c.Release()
         case "cancel":
             return c.CancelDrag()
+        case "stroke":
+            return _stroke(content)
+        case "part":
+            return h.BringBack(int(content["index"]))
         case "double":
+            if session.tool in h.HIDING:
+                return None
             return c.DoublePress(*_point(content), _zoom(content))
         case "pick":
             pair = int(content["first"]), int(content["second"])
@@ -135,9 +147,23 @@ def _key(content: Mapping[str, Any], session: Session, client: int) -> Request |
             return c.Redo() if shift else c.Undo()
         case "KeyB":
             return c.ChangeView(hidden=not session.look.hidden)
+        case "KeyH":
+            return c.SetTool("pose" if session.tool in h.HIDING else "brush")
         case "KeyG":
             return c.ChangeView(rings=not session.look.rings)
     return PLAIN.get(code)
+
+
+def _stroke(content: Mapping[str, Any]) -> Request:
+    shape = content["shape"]
+    if shape not in h.SHAPES:
+        raise ValueError(f"{shape!r} is no shape")
+    places = [_finite(value) for value in content["points"]]
+    points = np.array(places).reshape(-1, 2)
+    if len(points) < (3 if shape == "polygon" else 1):
+        raise ValueError("too few points")
+    stroke = h.Stroke(shape, points, abs(_finite(content["radius"])), bool(content["erase"]))
+    return h.Grow(stroke) if shape == "scribble" else h.Paint(stroke)
 
 
 def _point(content: Mapping[str, Any]) -> tuple[float, float]:

@@ -9,24 +9,27 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import viser
 
 from poseviewer.app.page.controls import set_properties
 from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
+from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
 from poseviewer.app.state.session import Overlay, Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
+from poseviewer.render.structure import bounding_slices
 from poseviewer.vehicle.chart import VehicleChart
 
 DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
-PICTURE, CANDIDATES, HALO, OUTLINE, HANDLES = 0.998, 0.9975, 0.997, 0.996, 0.995
+PICTURE, TINT, CANDIDATES, HALO, OUTLINE, HANDLES = 0.998, 0.9978, 0.9975, 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 MARKS, MARK_LINES = 0.994, 0.9945
 """And of a quick start's marks: nearer than all else that is drawn."""
@@ -45,6 +48,11 @@ REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
 MARK_COLOUR, MODEL_MARK_COLOUR = (255, 226, 70), (255, 120, 220)
 """Of a mark on the photo, and of the model's point that belongs to it."""
+HIDDEN_COLOUR = (255, 64, 64)
+HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
+"""Of the tint over what is hidden."""
+LARGEST_TINT = 1_000_000
+"""Pixels of the tint; it is drawn smaller where it has more."""
 _NO_LINES = np.zeros((1, 2, 3))
 
 
@@ -65,6 +73,7 @@ class PhotoScene:
         camera.near, camera.far = 1.0, 100.0
         self._photo: viser.ImageHandle | None = None
         self._picture: viser.ImageHandle | None = None
+        self._tint: viser.ImageHandle | None = None
         self._shown: dict[str, Any] = {}
         self._size = (1.0, 1.0)
         self._candidates = self._lines("/model/candidates", CANDIDATE_COLOUR, 1.0)
@@ -94,6 +103,7 @@ class PhotoScene:
         drawn = self._shown.get("model")
         with self._server.atomic():
             self._show_photo(session)
+            self._show_hidden(session)
             overlay = session.overlay
             registration = session.document.registration
             if overlay is not None and overlay.request.registration.photo is registration.photo:
@@ -150,6 +160,46 @@ class PhotoScene:
         if self._picture is not None:
             self._picture.visible = False
 
+    def _show_hidden(self, session: Session) -> None:
+        """A tint over what does not count, stronger while it is painted."""
+        mask, painting = session.document.registration.mask, session.tool in HIDING
+        mask = None if session.look.hidden else mask
+        if not self._is_new("hidden", (mask, painting, self._size)):
+            return
+        if mask is None:
+            if self._tint is not None:
+                set_properties(self._tint, visible=False)
+            return
+        rows, columns = bounding_slices(1.0 - mask.weights)
+        hidden = 1.0 - mask.weights[rows, columns]
+        height, width = hidden.shape
+        share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
+        size = max(1, round(width * share)), max(1, round(height * share))
+        shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
+        pixels = np.empty((*shown.shape, 4), np.uint8)
+        pixels[..., :3] = HIDDEN_COLOUR
+        opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
+        pixels[..., 3] = np.rint(255.0 * opacity * shown)
+        unit = SIDE / max(self._size) * TINT
+        corner = np.array([columns.start + width / 2.0, rows.start + height / 2.0])
+        middle = tuple(self.place(corner, TINT))
+        if self._tint is None:
+            self._tint = self._server.scene.add_image(
+                "/hidden",
+                pixels,
+                width * unit,
+                height * unit,
+                format="png",
+                cast_shadow=False,
+                receive_shadow=False,
+                position=middle,
+            )
+            return
+        self._tint.image = pixels
+        self._tint.render_width, self._tint.render_height = width * unit, height * unit
+        self._tint.position = middle
+        set_properties(self._tint, visible=True)
+
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
         hidden = look.hidden or look.name == "none"
@@ -201,7 +251,7 @@ class PhotoScene:
         document = session.document
         pins = pins_in_photo(document)
         # Of the pose at hand alone, and where presses are for them.
-        if session.look.hidden or session.look.before or session.tool in MARKING:
+        if session.look.hidden or session.look.before or session.tool in (*MARKING, *HIDING):
             pins = pins[:0]
         if not self._is_new("pins", pins.tobytes()):
             return

@@ -66,7 +66,7 @@ from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse
 
 Projection = Literal["perspective", "parallel"]
-Tool = Literal["pose", "region", "box", "pairs", "wheels"]
+Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
 MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
@@ -226,7 +226,7 @@ class DoublePress(Command):
 @dataclass(frozen=True, slots=True)
 class SetTool(Command):
     """What a press does: the pose, the rectangle of the region or about the object, a point pair,
-    or a wheel's rim.
+    a wheel's rim, or one of ``hiding``.
     """
 
     tool: Tool
@@ -359,18 +359,18 @@ class Open(Command):
             overlay=None,
             drag=None,
             tool="pose",
-            saved=None if self.unsaved else self.document.pose,
+            saved=None if self.unsaved else self.document,
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saved(DragCommand):
-    """``pose`` stands in a file."""
+    """``document``'s pose, and what is compared there, stands in a file."""
 
-    pose: Pose
+    document: Document
 
     def __call__(self, session: Session) -> Session:
-        return replace(session, saved=self.pose)
+        return replace(session, saved=self.document)
 
 
 # --- settings and camera ------------------------------------------------------------------------

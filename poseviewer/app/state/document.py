@@ -180,7 +180,7 @@ def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
     photos, meshes = set(), set()
     for index in reversed(range(len(past))):
         photos.add(id(past[index].registration.photo))
-        meshes.add(id(past[index].registration.mesh))
+        meshes.add(id(past[index].registration.mesh.whole))
         if max(len(photos), len(meshes)) > MOST_REGISTRATIONS:
             return past[index + 1 :]
     return past

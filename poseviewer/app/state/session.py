@@ -248,6 +248,10 @@ class Session:
     before_drag: Document | None = None
     """The document when it was taken hold of; None until the pointer moves."""
     tool: str = "pose"
+    erasing: bool = False
+    """Whether strokes of the tools that hide bring back what they cover."""
+    strokes: int = 0
+    """How many strokes were taken: a page shows its own until then."""
     look: Look = field(default_factory=Look)
     maps: LandscapeView = field(default_factory=LandscapeView)
     search: Search | None = None
@@ -270,8 +274,8 @@ class Session:
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Pose | None = None
     """The pose that the compared pixels are about (see ``OverlayRequest``)."""
-    saved: Pose | None = None
-    """The pose that stands in a file."""
+    saved: Document | None = None
+    """What stands in a file."""
     typed: tuple[str, Document] | None = None
     """The parameter that was last typed, and the document that it led to."""
     error_message: str = ""
@@ -317,8 +321,11 @@ class Session:
 
     @property
     def unsaved(self) -> bool:
-        """Whether the pose at hand stands in no file."""
-        return self.document.pose is not self.saved
+        """Whether the pose at hand, or what is compared there, stands in no file."""
+        own, kept = self.document, self.saved
+        if kept is None or own.pose is not kept.pose:
+            return True
+        return not own.registration.compares_same(kept.registration)
 
     def at(self, history: History, document: Document) -> Session:
         """At another document of a history, a search ended; maps and overlay of another photo or

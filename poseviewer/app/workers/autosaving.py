@@ -10,7 +10,8 @@ from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.masks import mask_path, save_pose_and_mask
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     discard,
@@ -73,12 +74,17 @@ class Autosaver:
             model=_absolute(document.model_path),
             model_name=registration.mesh_name,
             model_sha256=registration.mesh_sha256,
-            pose=PoseRecord(document.pose, undistortion=registration.photo.undistortion),
+            pose=PoseRecord(
+                document.pose,
+                undistortion=registration.photo.undistortion,
+                without=registration.mesh.left_out,
+            ),
             start=PoseRecord(registration.start, undistortion=registration.photo.undistortion),
             settings=settings_as_json(document.settings),
             unsaved=session.unsaved,
             saved_at=time.time(),
             process=os.getpid(),
+            mask=registration.mask,
             candidates=tuple(one.path.resolve() for one in models if one.path is not None),
         )
         try:
@@ -98,7 +104,8 @@ class Autosaver:
         return self._pose_path(session).name
 
     def save_pose(self, session: Session, record: PoseRecord) -> Path:
-        """Write the pose beside its photo. A file that another session wrote is kept as ``.bak``.
+        """Write the pose, and the mask, beside the photo. A file that another session wrote is kept
+        as ``.bak``.
 
         Raises:
             PoseFileError: it cannot be written there.
@@ -106,7 +113,10 @@ class Autosaver:
         path = self._pose_path(session)
         if path.exists() and path not in self._own:
             path.replace(path.with_suffix(".json.bak"))
-        save_pose(path, record)
+            beside = mask_path(path)
+            if beside.exists():
+                beside.replace(beside.with_suffix(".png.bak"))
+        save_pose_and_mask(path, record, session.document.registration.mask)
         self._own.add(path)
         if self._file is not None:
             discard(self._file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.photo import described, photo_text
 from poseviewer.files.pose import (
     ChartParameters,
@@ -54,6 +56,7 @@ def _plain_record(session: Session) -> PoseRecord:
         {"name": "poseviewer", "version": version("poseviewer")},
         photo.undistortion,
         notes=tuple(filter(None, (photo.focal_note(document.pose.camera),))),
+        without=registration.mesh.left_out,
     )
 
 
@@ -66,9 +69,13 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     photo = session.document.registration.photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
-        record = record_as_json(record_of(session))
-        text = json.dumps(record, indent=2, ensure_ascii=False)
-        return {f"{stem}.pose.json": (text + "\n").encode()}
+        name, record = f"{stem}.pose.json", record_of(session)
+        mask, files = session.document.registration.mask, {}
+        if mask is not None:
+            beside = mask_path(name).name
+            record, files = replace(record, mask=beside), {beside: mask_as_png(mask)}
+        text = json.dumps(record_as_json(record), indent=2, ensure_ascii=False)
+        return {name: (text + "\n").encode(), **files}
     if what == "overlay":
         return {f"{stem}.overlay.png": _overlay(session)}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")

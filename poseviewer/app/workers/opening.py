@@ -11,6 +11,7 @@ from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mes
 from poseviewer.app.state.document import Document, Marks
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.photo import (
     load_calibrated_photo,
     load_photo,
@@ -44,6 +45,8 @@ class Opened:
     """Models that the photo may show."""
     row: str = ""
     """In a review: the key of the row that it is."""
+    found: Document | None = None
+    """In a review: what the row has, without what was being mended."""
 
 
 def open_files(
@@ -52,17 +55,21 @@ def open_files(
     pose: Path | None,
     calibration: Calibration | None = None,
     others: Sequence[Path] = (),
+    mask: Path | None = None,
+    without: Sequence[str] = (),
 ) -> Opened:
     """Photo and model from their files, with a start pose from one, or seen from a corner; the
-    photo undistorted, where there is a calibration; ``others``: models that the photo may show.
+    photo undistorted, where there is a calibration; ``others``: models that the photo may show;
+    ``mask``: what of the photo counts, ``without``: parts of the model that are left out.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     if pose is not None:
-        registration = load_registration(photo, model, pose, calibration)
+        registration = load_registration(photo, model, pose, calibration, mask, without)
     else:
         registration = _without_pose(load_calibrated_photo(photo, calibration), model)
+        registration = _hidden(registration, mask, without)
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
     candidates, warnings = Candidates(), registration.warnings
     for path in others:
@@ -139,8 +146,16 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         middle = placed.apply(mesh.centre)
         pose = Pose(camera, RigidTransform(rotation, middle - rotation @ mesh.centre))
     guess = path != now.photo_path or now.awaits_place
+    before = now.registration.photo
+    same_pixels = photo.sha256 == before.sha256
+    same_pixels = same_pixels and same_undistortion(photo.undistortion, before.undistortion)
     registration = replace(
-        now.registration, photo=photo, start=pose, warnings=(), start_is_guess=guess
+        now.registration,
+        photo=photo,
+        start=pose,
+        warnings=(),
+        start_is_guess=guess,
+        mask=now.registration.mask if same_pixels else None,
     )
     settings = replace(now.settings, region=None)
     document = replace(
@@ -161,6 +176,9 @@ def completed(now: Document, path: Path) -> Opened:
         PoseViewerError: the model cannot be used.
     """
     model = load_model(path)
+    parts = model.mesh.part_names
+    left_out = [name for name in now.registration.mesh.left_out if name in parts]
+    model = replace(model, mesh=model.mesh.without(left_out))
     registration = with_mesh(now.registration, model)
     notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
     return Opened(replace(now, registration=registration, model_path=path), notes)
@@ -173,13 +191,15 @@ def open_model(now: Document, path: Path) -> Opened:
         PoseViewerError: the model cannot be used.
     """
     registration = _without_pose(now.registration.photo, path, now.pose)
+    registration = replace(registration, mask=now.registration.mask)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
     document = Document(registration, registration.start, settings, (), now.photo_path, path)
     return Opened(document, registration.warnings)
 
 
 def open_pose(now: Document, path: Path) -> Iterator[Opened]:
-    """A pose file for the photo and the model at hand: the start from now on.
+    """A pose file for the photo and the model at hand: the start from now on; what it says is
+    hidden, or left out, is.
 
     Raises:
         PoseFileError: it holds no pose.
@@ -191,10 +211,16 @@ def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     if other and now.photo_path is not None:
         photo = replace(load_photo(now.photo_path), name=photo.name)
     photo, record, notes = matched(photo, read)
-    same = photo is now.registration.photo
-    now = replace(now, registration=replace(now.registration, photo=photo))
-    document = now.started_from(record.pose)
-    yield Opened(document, (*record.warnings, *checks, *notes), pose_alone=same)
+    own = now.registration
+    mask, of_mask = mask_beside(path, record, photo.width, photo.height)
+    if mask is None and photo is own.photo:
+        mask = own.mask
+    known = [name for name in record.without if name in own.mesh.whole.part_names]
+    mesh = own.mesh.without(known) if known else own.mesh
+    changed = replace(own, photo=photo, mask=mask, mesh=mesh)
+    document = replace(now, registration=changed).started_from(record.pose)
+    same = changed.compares_same(own)
+    yield Opened(document, (*record.warnings, *checks, *notes, *of_mask), pose_alone=same)
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
@@ -214,12 +240,15 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     photo = opened.document.registration.photo
     if kept.pose.undistortion is not None:
         photo = undistorted(photo, kept.pose.undistortion)
+    mesh = opened.document.registration.mesh
     registration = replace(
         opened.document.registration,
         photo=replace(photo, name=kept.photo_name),
+        mesh=mesh.without([name for name in kept.pose.without if name in mesh.part_names]),
         mesh_name=kept.model_name,
         start=kept.start.pose,
         start_is_guess=False,
+        mask=kept.mask,
     )
     settings = settings_from_json(kept.settings)
     document = replace(
@@ -237,6 +266,11 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     yield replace(
         opened, document=document, restored=True, candidates=candidates, warnings=warnings
     )
+
+
+def _hidden(own: Registration, mask: Path | None, without: Sequence[str]) -> Registration:
+    found = load_mask(mask, own.photo.width, own.photo.height) if mask else None
+    return replace(own, mask=found, mesh=own.mesh.without(without))
 
 
 def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:

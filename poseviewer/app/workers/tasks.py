@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Answer, Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
@@ -24,7 +25,6 @@ from poseviewer.files.file_set import ModelFiles, files_below, nothing_to_open, 
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import gathered, keep_set
-from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import StartInputs
 from poseviewer.starts.wheels import find_wheels
 
@@ -47,8 +47,8 @@ class Reviewed:
     result: JobResult
     leave: bool
     """Whether the next row is wanted."""
-    pose: Pose | None = None
-    """The one that was mended, which is the row's now."""
+    mended: Document | None = None
+    """What was mended, which is the row's now."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

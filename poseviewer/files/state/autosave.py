@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import logging
@@ -14,17 +15,22 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from poseviewer.errors import AutosaveError, PoseFileError
 from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.masks import mask_as_png, mask_from_png
 from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-autosave", 1
 FILE_NAME = re.compile(r"session-([0-9]{1,10})-([0-9a-f]{16})\.json")
+LARGEST_FILE = 500_000_000
+"""Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
 EXACT_TOLERANCE = 1e-6
 """By how much the exact numbers may differ from the pose file's, which are rounded."""
 
@@ -56,6 +62,8 @@ class AutosavedSession:
     """The process that runs the session."""
     candidates: tuple[Path, ...] = ()
     """Models that the photo may show."""
+    mask: Mask | None = None
+    """What of the photo counts."""
 
 
 def save_autosave(folder: Path, session: AutosavedSession) -> Path:
@@ -88,7 +96,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path)
+    reading = Reading(path, largest=LARGEST_FILE)
     try:
         return _from_json(reading, reading.load_object())
     except PoseFileError as error:
@@ -141,6 +149,8 @@ def _as_json(session: AutosavedSession) -> dict[str, Any]:
     for name in ("pose", "start"):
         values[name] = _pose_as_json(values[name])
     values["candidates"] = [str(path) for path in session.candidates]
+    if session.mask is not None:
+        values["mask"] = base64.b64encode(mask_as_png(session.mask)).decode()
     return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
 
 
@@ -162,6 +172,16 @@ def _name(reading: Reading, value: Any, what: str) -> str:
 def _paths(reading: Reading, value: Any, what: str) -> tuple[Path, ...]:
     """Sessions of earlier versions have none."""
     return () if value is None else tuple(map(Path, reading.texts(value, what)))
+
+
+def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
+    text = reading.text(value, what)
+    if text is None:
+        return None
+    try:
+        return mask_from_png(base64.b64decode(text, validate=True))
+    except (ValueError, cv2.error) as error:
+        raise reading.error(f"{what} is no picture ({error})", "wanted a PNG in base64") from None
 
 
 def _truth(reading: Reading, value: Any, what: str) -> bool:
@@ -219,6 +239,7 @@ _CHECKS = {
     "saved_at": Reading.number,
     "process": lambda reading, value, what: int(reading.number(value, what)),
     "candidates": _paths,
+    "mask": _mask,
 }
 """Of the session's fields, in their order."""
 

@@ -34,7 +34,7 @@ FOLDER_NAME = re.compile(r"[0-9a-f]{16}")
 ACCEPTED = {
     "photo": (*ENDINGS, ".json", ".yml", ".yaml", ".xml", ".zip"),
     "model": (*READERS, ".mtl", ".bin", *ENDINGS, ".json", ".zip"),
-    "pose": (".json",),
+    "pose": (".json", ".png"),
 }
 """Endings that a file chooser offers first."""
 LEADS_OUT = re.compile(r"^([/\\]|[A-Za-z]:)|(^|[/\\])\.\.([/\\]|$)")

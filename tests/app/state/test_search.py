@@ -214,7 +214,7 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
         *[c.SearchAdvanced(search_number, updates[pick(len(updates))])] * 3,
         c.SearchFailed(search_number, "it could not"),
         c.LandscapeAdvanced(landscape),
-        c.Saved(session.document.pose),
+        c.Saved(session.document),
     ]
     return made[pick(len(made))]
 

@@ -308,7 +308,7 @@ def test_start_reset_and_poses_set():
 def test_unsaved_is_told():
     session = make_session()
     assert session.unsaved
-    saved = after(session, c.Saved(session.document.pose))
+    saved = after(session, c.Saved(session.document))
     assert not saved.unsaved
     assert after(saved, c.Nudge("move", 1.0)).unsaved
     assert not after(saved, c.Nudge("move", 1.0), c.Undo()).unsaved

@@ -117,7 +117,7 @@ def test_the_models_that_a_photo_may_show_come_back(scene: Scene, tmp_path: Path
     save_image(tmp_path / "wood.png", picture)
     before = open_files(scene.photo, scene.model, scene.start, others=[other])
     keeper = Autosaver(tmp_path / "state")
-    session = Session(before.document, saved=before.document.pose, candidates=before.candidates)
+    session = Session(before.document, saved=before.document, candidates=before.candidates)
     keeper.save_now(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)

@@ -1,0 +1,84 @@
+"""In the step "Fit": what does not count, painted over on the photo or taken off the model."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
+from poseviewer.app.state.session import Session
+from poseviewer.geometry.mesh import Mesh
+
+HIDE = "Hide what is in front (H)"
+TOOLS = {
+    "Brush": c.SetTool("brush"),
+    "Polygon": c.SetTool("polygon"),
+    "Scribble": c.SetTool("scribble"),
+    "Part": c.SetTool("part"),
+}
+ENDS = " &nbsp;·&nbsp; Esc: done"
+DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
+HINTS = {
+    "brush": "<b>Brush:</b> paint over what is in front &nbsp;·&nbsp; <b>wheel</b> its size, "
+    f"ctrl + wheel zoom{DRAWING_ENDS}",
+    "polygon": "<b>Polygon:</b> click corners about what is in front, or drag around it "
+    f"&nbsp;·&nbsp; <b>Enter</b> or double-click closes it{DRAWING_ENDS}",
+    "scribble": "<b>Scribble:</b> draw a line along what is in front: all of it is hidden, to its "
+    f"edge{DRAWING_ENDS}",
+    "part": "<b>Part:</b> press a part of the model that is to be left out &nbsp;·&nbsp; "
+    f"2 shows it solid{ENDS}",
+}
+"""The line over the photo, by tool."""
+
+
+class HidePanel:
+    """The tools that hide, and what is hidden."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._shown: object = None
+        self._active = False
+        self._go = controls.button_for(
+            HIDE, lambda _: c.SetTool("pose" if self._active else "brush"), icon="brush"
+        )
+        self._tools = controls.choices("With", TOOLS)
+        self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.Erase)
+        self._text = controls.gui.add_markdown("", visible=False)
+        self._clear = controls.button("Hide nothing of the photo", h.Unhide())
+        self._parts = controls.gui.add_html("", visible=False)
+
+    def show(self, session: Session) -> None:
+        """Bring the controls to the session."""
+        own, tool = session.document.registration, session.tool
+        key = (own.mask, own.mesh, tool, session.erasing)
+        if self._shown == key:
+            return
+        self._shown, self._active = key, tool in h.HIDING
+        set_properties(self._go, label="Done hiding (H)" if self._active else HIDE)
+        set_properties(self._tools, visible=self._active)
+        self._erase.show(session.erasing, visible=tool in h.SHAPES)
+        text = hidden_text(session)
+        set_properties(self._text, content=text, visible=bool(text))
+        set_properties(self._clear, visible=own.mask is not None)
+        parts = parts_left_out(own.mesh)
+        set_properties(self._parts, content=parts, visible=bool(parts))
+
+
+def hidden_text(session: Session) -> str:
+    """How much of the photo is hidden (markdown); "" where nothing is."""
+    mask = session.document.registration.mask
+    if mask is None:
+        return ""
+    return f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden"
+
+
+def parts_left_out(mesh: Mesh) -> str:
+    """The parts that are left out, each with a button that brings it back (HTML)."""
+    rows = "".join(
+        f'<li>{escape(name or "(unnamed)")}<button type="button" '
+        f'onclick="window.poseviewerPart({index})">Bring back</button></li>'
+        for index, name in enumerate(mesh.left_out)
+    )
+    return f'<div class="pv-parts">Left out of the model:<ul>{rows}</ul></div>' if rows else ""

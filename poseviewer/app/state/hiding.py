@@ -1,0 +1,165 @@
+"""What does not count: pixels of the photo where something is in front, painted over; and parts of
+the model that the thing in the photo has not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.app.state.commands import Command
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.requests import Request
+from poseviewer.app.state.session import Session
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.starts.placing import surface_hit
+
+Shape = Literal["brush", "polygon", "scribble"]
+SHAPES: tuple[Shape, ...] = ("brush", "polygon", "scribble")
+HIDING = (*SHAPES, "part")
+"""The tools: three that draw on the photo, and one that takes a part of the model."""
+SUBPIXEL_BITS = 4
+"""Of the places that OpenCV draws at: sixteenths of a pixel."""
+THICKEST = 32767
+"""px: OpenCV draws no thicker line."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stroke:
+    """What was drawn on the photo in one go."""
+
+    shape: Shape
+    points: FloatArray
+    """(n, 2), px: along the line, or the polygon's corners."""
+    radius: float
+    """Half the line's width, px."""
+    erase: bool = False
+    """Whether what is covered counts again."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_array(self.points, (-1, 2)))
+
+    def covers(self, width: int, height: int) -> NDArray[np.bool_]:
+        """(height, width): what lies below the line, or inside the polygon."""
+        canvas = np.zeros((height, width), np.uint8)
+        # OpenCV's pixel centres are at integers.
+        places = np.rint((self.points - 0.5) * 2**SUBPIXEL_BITS).astype(np.int32)
+        if self.shape == "polygon":
+            cv2.fillPoly(canvas, [places], 1, shift=SUBPIXEL_BITS)
+            return canvas > 0
+        thickness = min(max(round(2.0 * self.radius), 1), THICKEST)
+        first, radius = places[0].tolist(), max(self.radius, 0.5) * 2**SUBPIXEL_BITS
+        cv2.circle(canvas, first, round(radius), 1, cv2.FILLED, shift=SUBPIXEL_BITS)
+        cv2.polylines(canvas, [places], False, 1, thickness, shift=SUBPIXEL_BITS)
+        return canvas > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grow(Request):
+    """Hide the thing that was scribbled on, to its edge."""
+
+    stroke: Stroke
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paint(Command):
+    """Hide what a stroke covers, or bring it back."""
+
+    stroke: Stroke
+
+    def __call__(self, session: Session) -> Session:
+        photo = session.document.registration.photo
+        return _painted(session, self.stroke.covers(photo.width, photo.height), self.stroke.erase)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaintFound(Command):
+    """Hide pixels that were found for a photo, or bring them back."""
+
+    photo: Photo
+    where: NDArray[np.bool_]
+    """(height, width)."""
+    erase: bool = False
+
+    def __call__(self, session: Session) -> Session:
+        if session.document.registration.photo is not self.photo:  # another one by now
+            return session
+        return _painted(session, self.where, self.erase)
+
+
+@dataclass(frozen=True, slots=True)
+class Unhide(Command):
+    """All pixels count again."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.document.registration.mask is None:
+            return session
+        return session.with_document(with_mask(session.document, None))
+
+
+@dataclass(frozen=True, slots=True)
+class Erase(Command):
+    """Whether strokes bring back what they cover."""
+
+    on: bool
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, erasing=self.on)
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveOut(Command):
+    """The part of the model that is seen at a point of the photo is not compared and not drawn."""
+
+    x: float
+    y: float
+
+    def __call__(self, session: Session) -> Session:
+        document = session.document
+        mesh = document.registration.mesh
+        found = surface_hit(mesh, document.pose, np.array([self.x, self.y]))
+        if found is None:
+            raise QuickStartError("There is no model there; press on the part to be left out.")
+        part = mesh.part_names[mesh.face_part[found[0]]]
+        return session.with_document(_with_mesh(document, mesh.without([*mesh.left_out, part])))
+
+
+@dataclass(frozen=True, slots=True)
+class BringBack(Command):
+    """A part that was left out, by its place among them."""
+
+    index: int
+
+    def __call__(self, session: Session) -> Session:
+        mesh = session.document.registration.mesh
+        if not 0 <= self.index < len(mesh.left_out):
+            return session
+        left = [name for i, name in enumerate(mesh.left_out) if i != self.index]
+        return session.with_document(_with_mesh(session.document, mesh.without(left)))
+
+
+def with_mask(document: Document, mask: Mask | None) -> Document:
+    """The document with another mask."""
+    return replace(document, registration=replace(document.registration, mask=mask))
+
+
+def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
+    photo, mask = session.document.registration.photo, session.document.registration.mask
+    before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
+    weights = np.where(where, np.float32(erase), before)
+    if not np.array_equal(weights, before):
+        mask = None if np.all(weights == 1.0) else Mask.of(weights)
+        session = session.with_document(with_mask(session.document, mask))
+    return replace(session, strokes=session.strokes + 1)
+
+
+def _with_mesh(document: Document, mesh: Mesh) -> Document:
+    return replace(document, registration=replace(document.registration, mesh=mesh))

@@ -1,0 +1,150 @@
+"""What is painted over, or taken off the model, does not count; all of it can be undone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.geometry.mask import Mask
+from tests.app.state.documents import HEIGHT, PERSPECTIVE, WIDTH, after, make_photo, make_session
+from tests.meshes import make_two_boxes
+
+
+def brush(*points: tuple[float, float], radius: float = 5.0, erase: bool = False) -> h.Paint:
+    return h.Paint(h.Stroke("brush", np.array(points), radius, erase))
+
+
+def counts(session: Session) -> np.ndarray:
+    mask = session.document.registration.mask
+    return np.ones((HEIGHT, WIDTH)) if mask is None else mask.weights
+
+
+def with_two_parts() -> Session:
+    return make_session(PERSPECTIVE, mesh=make_two_boxes())
+
+
+def test_a_brush_hides_what_lies_within_its_radius():
+    session = after(make_session(PERSPECTIVE), brush((40.5, 30.5), (80.5, 30.5), radius=6.0))
+    hidden = counts(session) == 0.0
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    away = np.hypot(u - np.clip(u, 40.5, 80.5), v - 30.5)
+    assert hidden[away < 5.5].all()
+    assert not hidden[away > 7.0].any()
+    assert set(np.unique(counts(session))) == {0.0, 1.0}
+
+
+def test_a_polygon_hides_its_inside():
+    corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 50.0], [20.0, 50.0]])
+    session = after(make_session(PERSPECTIVE), h.Paint(h.Stroke("polygon", corners, 1.0)))
+    hidden = counts(session) == 0.0
+    assert hidden[21:49, 21:59].all()
+    assert not hidden[:19].any()
+    assert not hidden[:, 62:].any()
+
+
+def test_a_tap_hides_a_dot():
+    session = after(make_session(PERSPECTIVE), brush((50.0, 40.0), radius=4.0))
+    assert np.sum(1.0 - counts(session)) == pytest.approx(np.pi * 16, rel=0.25)
+
+
+def test_what_is_erased_counts_again():
+    session = after(make_session(PERSPECTIVE), brush((40.0, 30.0), radius=10.0))
+    part = after(session, brush((40.0, 30.0), radius=4.0, erase=True))
+    assert counts(part)[30, 40] == 1.0
+    assert counts(part)[30, 48] == 0.0
+    everything = after(part, brush((40.0, 30.0), radius=20.0, erase=True))
+    assert everything.document.registration.mask is None
+
+
+def test_a_stroke_that_changes_nothing_is_no_step():
+    session = after(make_session(PERSPECTIVE), brush((40.0, 30.0)))
+    again = after(session, brush((40.0, 30.0)))
+    assert again.document is session.document
+    assert len(again.history.past) == len(session.history.past)
+    assert again.strokes == session.strokes + 1  # the page need not show it any longer
+
+
+def test_strokes_are_undone_and_redone():
+    start = make_session(PERSPECTIVE)
+    one = after(start, brush((40.0, 30.0)))
+    two = after(one, brush((90.0, 70.0)))
+    back = after(two, c.Undo())
+    assert np.array_equal(counts(back), counts(one))
+    assert after(back, c.Undo()).document.registration.mask is None
+    assert np.array_equal(counts(after(back, c.Redo())), counts(two))
+    cleared = after(two, h.Unhide())
+    assert cleared.document.registration.mask is None
+    assert np.array_equal(counts(after(cleared, c.Undo())), counts(two))
+
+
+def test_shades_of_a_mask_stay_where_nothing_is_painted():
+    session = make_session(PERSPECTIVE)
+    shades = Mask.of(np.full((HEIGHT, WIDTH), 0.25))
+    session = replace(session, document=h.with_mask(session.document, shades))
+    painted = after(session, brush((40.0, 30.0)))
+    assert counts(painted)[30, 40] == 0.0
+    assert counts(painted)[100, 100] == 0.25
+
+
+def test_a_stroke_ends_a_search_and_is_unsaved():
+    session = make_session(PERSPECTIVE)
+    session = after(session, c.Saved(session.document))
+    assert not session.unsaved
+    searching = after(session, c.StartSearch())
+    painted = after(searching, brush((40.0, 30.0)))
+    assert painted.search is None
+    assert painted.unsaved
+    assert not after(painted, c.Saved(painted.document)).unsaved
+
+
+def test_pixels_found_for_another_photo_are_dropped():
+    session = make_session(PERSPECTIVE)
+    where = np.zeros((HEIGHT, WIDTH), bool)
+    where[10:20, 10:20] = True
+    own = session.document.registration.photo
+    assert np.sum(counts(after(session, h.PaintFound(own, where))) == 0.0) == 100
+    other = after(session, h.PaintFound(make_photo(7), where))
+    assert other.document is session.document
+
+
+def test_the_part_that_is_pressed_is_left_out_and_comes_back():
+    session = with_two_parts()
+    mesh, pose = session.document.registration.mesh, session.document.pose
+    mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
+    without = after(session, h.LeaveOut(*mirror))
+    assert without.document.registration.mesh.left_out == ("mirror",)
+    assert without.document.pose is pose
+    assert after(without, h.BringBack(0)).document.registration.mesh is mesh
+    assert after(without, c.Undo()).document.registration.mesh is mesh
+    assert after(without, h.BringBack(5)).document is without.document
+
+
+def test_the_last_part_and_the_background_are_refused():
+    session = with_two_parts()
+    mesh, pose = session.document.registration.mesh, session.document.pose
+    places = [pose.project(mesh.part_vertices(name).mean(axis=0)) for name in mesh.part_names]
+    one = after(session, h.LeaveOut(*places[1]))
+    refused = update(one, h.LeaveOut(*places[0]))
+    assert refused.document is one.document
+    assert "nothing would be left" in refused.error_message.lower()
+    beside = update(session, h.LeaveOut(1.0, 1.0))
+    assert beside.document is session.document
+    assert beside.error_message.startswith("There is no model there")
+
+
+def test_undo_reaches_over_many_parts():
+    session, start = with_two_parts(), None
+    for _ in range(6):  # each a mesh of its own, all of one model
+        start = start or session.document
+        mesh, pose = session.document.registration.mesh, session.document.pose
+        mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
+        session = after(session, h.LeaveOut(*mirror), h.BringBack(0))
+    for _ in range(12):
+        session = after(session, c.Undo())
+    assert session.document is start

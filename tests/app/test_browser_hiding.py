@@ -1,0 +1,191 @@
+"""Painting over what is in front, and leaving parts out, in real Chromium on the real app."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+
+from poseviewer.api import load
+from poseviewer.files.pose import load_pose
+from poseviewer.fit.settings import FitSettings, Limits
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, keep_picture
+from tests.scene import Scene, make_scene
+
+pytestmark = pytest.mark.slow
+
+PHOTO = (160, 120)
+BAR = slice(50, 62), slice(20, 140)
+"""Rows and columns of what stands in front."""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    """The scene with a green bar across the model."""
+    scene = make_scene(tmp_path)
+    photo = np.asarray(cv2.imread(str(scene.photo)))
+    noise = np.random.default_rng(1).normal(0.0, 4.0, photo[BAR].shape)
+    photo[BAR] = np.clip(np.array([40, 170, 60]) + noise, 0, 255).astype(np.uint8)
+    cv2.imwrite(str(scene.photo), photo)
+    return scene
+
+
+def opened(browser: Browser, app: AppProcess) -> AppPage:
+    tab = AppPage(browser, app.url)
+    tab.wait_for_text("at this pose")
+    tab.open_step(3)
+    return tab
+
+
+@pytest.fixture
+def app(tmp_path: Path, scene: Scene) -> Iterator[AppProcess]:
+    with AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start) as process:
+        yield process
+
+
+def hidden_share(tab: AppPage) -> str:
+    """What the page says is hidden; "" where nothing is."""
+    said = tab.page.get_by_text("of the photo is hidden")
+    return said.first.inner_text() if said.count() and said.first.is_visible() else ""
+
+
+def hidden_in(path: Path) -> np.ndarray:
+    """(height, width): what a saved mask hides."""
+    pixels = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+    assert set(np.unique(pixels)) == {0, 255}
+    return pixels == 0
+
+
+def test_what_is_painted_over_is_kept_and_compared_alike(
+    browser: Browser, app: AppProcess, scene: Scene, tmp_path: Path
+) -> None:
+    tab = opened(browser, app)
+    tab.page.keyboard.press("h")
+    tab.wait_for_text("Brush:")
+    tab.drag((25.0, 56.0), (135.0, 56.0), PHOTO)
+    tab.wait_for_text("of the photo is hidden")
+    first = hidden_share(tab)
+    tab.drag((80.0, 80.0), (81.0, 80.0), PHOTO)
+    tab.until(lambda: hidden_share(tab) not in ("", first))
+    tab.page.keyboard.press("z")
+    tab.until(lambda: hidden_share(tab) == first)
+    tab.drag((130.0, 56.0), (140.0, 56.0), PHOTO, keys=["Alt"])
+    tab.until(lambda: hidden_share(tab) not in ("", first))
+    keep_picture(tab, "hiding")
+    # The sheet of strokes is empty by and by, and the tint lies over the photo.
+    tab.until(lambda: tab.page.evaluate("document.getElementById('poseviewer-sheet').width") >= 0)
+    x, y = tab.on_screen((60.0, 56.0), PHOTO)
+    red, green, _ = tab.settled_picture((x, y), 12.0)[int(y), int(x)]
+    assert red > green
+    tab.page.keyboard.press("Escape")
+    tab.page.keyboard.press("Space")
+    tab.wait_for_text("Verdict:")
+    path = tmp_path / "p.pose.json"
+    record = tab.saved_pose(path)
+    assert record["mask"] == "p.mask.png"
+    hidden = hidden_in(tmp_path / "p.mask.png")
+    assert hidden[53:59, 30:110].all()
+    assert not hidden[56, 136:].any()
+    assert not hidden[:30].any()
+    tab.page.close()
+
+    settings = FitSettings(limits=Limits(10))
+    by_pose = load(scene.photo, scene.model, path, settings)
+    by_option = load(scene.photo, scene.model, scene.start, settings, mask=tmp_path / "p.mask.png")
+    for case in (by_pose, by_option):
+        assert case.registration.mask is not None
+        assert np.array_equal(case.registration.mask.weights == 0.0, hidden)
+    again = load(scene.photo, scene.model, path, settings, mask=tmp_path / "p.mask.png")
+    assert np.array_equal(again.problem.photo.weights, by_pose.problem.photo.weights)
+
+    (tmp_path / "again").mkdir()
+    with AppProcess(tmp_path / "again", scene.photo, scene.model, "--pose", path) as second:
+        tab = opened(browser, second)
+        tab.wait_for_text("of the photo is hidden")
+        assert tab.errors == []
+        tab.page.close()
+
+
+def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
+    browser: Browser, scene: Scene, tmp_path: Path
+) -> None:
+    arguments = scene.photo, scene.model, "--pose", scene.start
+    with AppProcess(tmp_path, *arguments) as app:
+        tab = opened(browser, app)
+        tab.page.keyboard.press("h")
+        tab.page.get_by_role("button", name="Scribble").click()
+        tab.wait_for_text("Scribble:")
+        tab.drag((30.0, 56.0), (130.0, 56.0), PHOTO)
+        tab.wait_for_text("of the photo is hidden")
+        tab.page.keyboard.press("Escape")
+        session = tmp_path / "state" / "sessions"
+        kept = lambda: [json.loads(f.read_text()).get("mask") for f in session.glob("*.json")]  # noqa: E731
+        tab.until(lambda: any(kept()))
+        tab.page.close()
+        app.kill()
+    with AppProcess(tmp_path, *arguments) as app:
+        tab = AppPage(browser, app.url)
+        tab.page.get_by_role("button", name="Open it again").click()
+        tab.open_step(3)
+        tab.wait_for_text("of the photo is hidden")
+        tab.saved_pose(tmp_path / "p.pose.json")
+        assert tab.errors == []
+        tab.page.close()
+    hidden, bar = hidden_in(tmp_path / "p.mask.png"), np.zeros((120, 160), bool)
+    bar[BAR] = True
+    assert np.sum(hidden & bar) / np.sum(hidden | bar) > 0.85
+
+
+def test_a_polygon_is_clicked_or_dragged(browser: Browser, app: AppProcess) -> None:
+    tab = opened(browser, app)
+    tab.page.keyboard.press("h")
+    tab.page.get_by_role("button", name="Polygon").click()
+    tab.wait_for_text("Polygon:")
+    for corner in ((20.0, 20.0), (80.0, 20.0), (80.0, 50.0), (20.0, 50.0)):
+        tab.page.mouse.click(*tab.on_screen(corner, PHOTO))
+    tab.page.keyboard.press("Enter")
+    tab.wait_for_text("of the photo is hidden")
+    share = float(hidden_share(tab).split("%")[0])
+    assert share == pytest.approx(100.0 * 60 * 30 / (160 * 120), abs=0.8)
+    assert tab.errors == []
+    tab.page.close()
+
+
+def test_a_part_is_left_out_and_comes_back(browser: Browser, scene: Scene, tmp_path: Path) -> None:
+    # The same model in two parts, by the sign of x.
+    mesh = load(scene.photo, scene.model, scene.start).registration.mesh
+    vertices = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
+    faces: dict[str, list[str]] = {"left": [], "right": []}
+    for face in mesh.faces:
+        side = "left" if mesh.vertices[face, 0].mean() < 0.0 else "right"
+        faces[side].append("f {} {} {}".format(*(face + 1)))
+    model = tmp_path / "halves.obj"
+    lines = [*vertices, "o left", *faces["left"], "o right", *faces["right"]]
+    model.write_text("\n".join(lines) + "\n")
+    pose = load_pose(scene.start, *PHOTO).pose
+    with AppProcess(tmp_path, scene.photo, model, "--pose", scene.start) as app:
+        tab = opened(browser, app)
+        tab.page.keyboard.press("h")
+        tab.page.get_by_role("button", name="Part").click()
+        tab.wait_for_text("press a part of the model")
+        middle = mesh.vertices[mesh.vertices[:, 0] > 0.5].mean(axis=0)
+        tab.page.mouse.click(*tab.on_screen(pose.project(middle).tolist(), PHOTO))
+        tab.wait_for_text("Left out of the model")
+        keep_picture(tab, "left_out")
+        (name,) = tab.saved_pose(tmp_path / "p.pose.json")["without"]
+        assert tab.page.locator(".pv-parts li").inner_text().startswith(name)
+        tab.page.get_by_role("button", name="Bring back").click()
+        tab.page.get_by_text("Left out of the model").wait_for(state="hidden")
+        assert tab.errors == []
+        tab.page.close()
+    case = load(scene.photo, model, tmp_path / "p.pose.json")
+    assert case.registration.mesh.left_out == (name,)
+    seen = case.renderer.covers(pose)
+    whole = load(scene.photo, model, scene.start).renderer.covers(pose)
+    assert 0.2 < np.count_nonzero(seen) / np.count_nonzero(whole) < 0.8

@@ -1,0 +1,67 @@
+"""A scribble grows to the edge of the thing that it lies on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state.hiding import Stroke
+from poseviewer.app.workers.growing import grown
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.photo import Photo
+
+
+def photo_of(thing: np.ndarray, depth: type[np.unsignedinteger] = np.uint8) -> Photo:
+    """A green thing before a red and grey ground, both noisy."""
+    random = np.random.default_rng(0)
+    ground = np.where(np.arange(thing.shape[1]) % 60 < 30, 200.0, 120.0)[None, :, None]
+    ground = ground * np.array([1.0, 0.6, 0.5])
+    pixels = np.where(thing[..., None], np.array([40.0, 160.0, 70.0]), ground)
+    pixels = np.clip(pixels + random.normal(0.0, 8.0, (*thing.shape, 3)), 0.0, 255.0)
+    top = np.iinfo(depth).max / 255.0
+    return Photo(np.rint(pixels * top).astype(depth), "p.png", "0" * 64)
+
+
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    return np.sum(one & other) / np.sum(one | other)
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("size", [(120, 160), (900, 1200)])
+def test_a_scribble_grows_to_the_edge(size: tuple[int, int], depth):
+    height, width = size
+    v, u = np.mgrid[:height, :width] / height
+    thing = np.hypot(u - 0.6, (v - 0.5) * 2.0) < 0.25
+    points = np.array([[0.45, 0.5], [0.6, 0.48], [0.75, 0.5]]) * height
+    found = grown(photo_of(thing, depth), Stroke("scribble", points, 0.01 * height))
+    assert overlap(found, thing) > 0.9
+
+
+def test_what_is_like_it_elsewhere_stays():
+    thing = np.zeros((120, 160), bool)
+    thing[40:80, 20:60] = thing[40:80, 90:130] = True
+    points = np.array([[30.0, 60.0], [50.0, 60.0]])
+    found = grown(photo_of(thing), Stroke("scribble", points, 2.0))
+    assert found[45:75, 25:55].mean() > 0.95
+    assert not found[:, 85:].any()
+
+
+def test_a_thing_that_the_photo_cuts_off_is_taken_to_the_border():
+    thing = np.zeros((120, 160), bool)
+    thing[60:, 50:90] = True
+    points = np.array([[60.0, 90.0], [80.0, 100.0]])
+    found = grown(photo_of(thing), Stroke("scribble", points, 2.0))
+    assert found[-1, 55:85].all()
+    assert overlap(found, thing) > 0.8
+
+
+def test_a_scribble_beside_the_photo_is_refused():
+    thing = np.zeros((120, 160), bool)
+    with pytest.raises(QuickStartError, match="beside the photo"):
+        grown(photo_of(thing), Stroke("scribble", np.array([[-50.0, -50.0]]), 2.0))
+
+
+def test_a_scribble_over_everything_takes_everything():
+    thing = np.ones((60, 80), bool)
+    found = grown(photo_of(thing), Stroke("scribble", np.array([[40.0, 30.0]]), 200.0))
+    assert found.all()
