@@ -1,8 +1,8 @@
 """Photos with known poses in a folder of ``cases.json`` and ``starts.json``.
 
 ``cases.json``: per case ``id``, ``set``, ``photo``, ``mesh``, ``camera`` (fx fy cx cy, pixel
-centres at integers), ``camera_from_model``, ``accuracy`` of the truth in words, and
-``image_diagonal_px``.
+centres at integers), ``camera_from_model``, ``accuracy`` of the truth in words,
+``image_diagonal_px``; perhaps ``visible``, the share of the model that nothing hides.
 ``starts.json``: ``case``, ``degrees``, ``draw``, ``camera_from_model`` for each start.
 """
 
@@ -25,6 +25,8 @@ from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 CASES, STARTS = "cases.json", "starts.json"
+SEEN = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
+"""How much of a model is seen, in words, by the least share that they are for."""
 _PIXELS = re.compile(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))? px")
 
 
@@ -39,6 +41,17 @@ class RealCase:
     truth: Pose
     accuracy_percent: float
     """How far the truth itself may be off, as a share of the model's size in the photo."""
+    visible: float | None = None
+    """Which share of the model's pixels nothing hides; None: the case does not say it."""
+
+    @property
+    def group(self) -> str:
+        """The set, and how much is seen: cases of one line of the report."""
+        if self.visible is None:
+            return self.set
+        return (
+            f"{self.set}, {next(words for least, words in SEEN.items() if self.visible >= least)}"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +118,8 @@ def _case(folder: Path, data: dict[str, Any]) -> RealCase:
         truth = Pose(camera_from_integer_centres(camera), _transform(data))
         accuracy = _accuracy_px(data["accuracy"]) / data["image_diagonal_px"]
         return RealCase(
-            data["id"], data["set"], photo, folder / data["mesh"], truth, 100.0 * accuracy
+            *(data["id"], data["set"], photo, folder / data["mesh"], truth, 100.0 * accuracy),
+            visible=data.get("visible"),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise _unreadable(folder / CASES, data.get("id"), error) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -54,6 +55,16 @@ def test_every_start_is_fitted_and_both_methods_share_a_table(folder, tmp_path, 
 def test_cases_degrees_and_draws_are_chosen(folder, tmp_path):
     assert run(folder, tmp_path, "--cases", "*-b", "--draws", 1, "--evaluations", 30) == 0
     assert [(row["case"], row["draw"]) for row in rows_of(tmp_path)] == [("ball-b", "0")]
+
+
+def test_lines_of_the_report_tell_how_much_is_seen(folder, tmp_path):
+    data = json.loads((folder / "cases.json").read_text())
+    data["cases"][0]["visible"] = 0.6
+    (folder / "cases.json").write_text(json.dumps(data))
+    assert run(folder, tmp_path, "--draws", 1, "--evaluations", 30) == 0
+    head, _, *rows = (tmp_path / "study.md").read_text().splitlines()[2:6]
+    assert "| called found | of these wrongly |" in head
+    assert [row.split("|")[1].strip() for row in rows] == ["scene", "scene, seen 50-90 %"]
 
 
 @pytest.mark.parametrize(
