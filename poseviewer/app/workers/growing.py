@@ -83,4 +83,5 @@ def _cut(photo: Photo, drawn: NDArray[np.bool_], rows: slice, columns: slice) ->
     thing = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)).astype(np.uint8)
     _, pieces = cv2.connectedComponents(thing, connectivity=4)
     thing = (np.isin(pieces, np.unique(pieces[seeded])) & (thing > 0)).astype(np.float32)
+    thing = cv2.dilate(thing, np.ones((3, 3), np.uint8))  # the edge is blurred
     return cv2.resize(thing, (width, height), interpolation=cv2.INTER_LINEAR) >= 0.5
