@@ -61,7 +61,7 @@ class HidePanel:
         self._erase.show(session.erasing, visible=tool in h.SHAPES)
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))
-        set_properties(self._clear, visible=own.mask is not None)
+        set_properties(self._clear, visible=self._active and own.mask is not None)
         parts = parts_left_out(own.mesh)
         set_properties(self._parts, content=parts, visible=bool(parts))
 
