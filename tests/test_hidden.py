@@ -1,0 +1,205 @@
+"""A mask and parts that are left out mean the same in the library, on the command line, in a batch
+and in the app, and are kept with the pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import poseviewer
+from poseviewer.app.state.hiding import with_mask
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import Autosaver
+from poseviewer.app.workers.exporting import export
+from poseviewer.app.workers.opening import open_files, open_photo, open_pose, restore
+from poseviewer.batch.run import open_batch, run_batch, save_outcome
+from poseviewer.cli.main import main
+from poseviewer.errors import PhotoFileError, SettingsError
+from poseviewer.files.file_set import sort_set
+from poseviewer.files.masks import mask_as_png
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import load_pose, save_pose
+from poseviewer.files.state.autosave import load_autosave
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.mask import Mask
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.starts.registration import Start, load_model
+from tests.scene import Scene
+
+QUICK = FitSettings(limits=Limits(60))
+
+
+def half_hidden() -> Mask:
+    counts = np.ones((120, 160), bool)
+    counts[:, :70] = False
+    return Mask.of(counts)
+
+
+@pytest.fixture
+def halves(scene: Scene, tmp_path: Path) -> Path:
+    """The scene's model in two parts, ``left`` and ``right``."""
+    mesh = load_model(scene.model).mesh
+    lines = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
+    is_left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
+    for name, faces in (("left", mesh.faces[is_left]), ("right", mesh.faces[~is_left])):
+        lines += [f"o {name}", *("f {} {} {}".format(*(face + 1)) for face in faces)]
+    path = tmp_path / "halves.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def mask(tmp_path: Path) -> Path:
+    path = tmp_path / "hidden.png"
+    path.write_bytes(mask_as_png(half_hidden()))
+    return path
+
+
+def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
+    by_file = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=mask)
+    by_array = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=half_hidden())
+    by_array.start.save(tmp_path / "a.pose.json")
+    by_pose = poseviewer.load(scene.photo, scene.model, tmp_path / "a.pose.json", QUICK)
+    everything = poseviewer.load(scene.photo, scene.model, scene.start, QUICK)
+    for case in (by_file, by_pose):
+        assert np.array_equal(case.problem.photo.weights, by_array.problem.photo.weights)
+        assert case.start.loss == by_array.start.loss
+    assert by_file.problem.photo.weights.sum() < 0.8 * everything.problem.photo.weights.sum()
+    assert by_file.start.record.settings is not None
+    assert by_file.start.record.settings["mask"] == "hidden.png"
+
+
+def test_a_mask_of_another_size_is_one_sentence(scene, tmp_path):
+    path = tmp_path / "small.png"
+    path.write_bytes(mask_as_png(Mask.of(np.ones((12, 16)))))
+    with pytest.raises(PhotoFileError, match=r"small\.png: the mask has 16x12 px, the photo 160x"):
+        poseviewer.load(scene.photo, scene.model, scene.start, mask=path)
+    with pytest.raises(SettingsError, match=r"the mask has 16x12 px, the photo p\.png has 160x120"):
+        poseviewer.load(scene.photo, scene.model, scene.start, mask=Mask.of(np.ones((12, 16))))
+
+
+def test_a_start_is_found_without_what_is_hidden(scene, mask):
+    seen = []
+
+    def find(inputs):
+        seen.append(inputs.mask)
+        return Start(load_pose(scene.start, 160, 120).pose, ())
+
+    case = poseviewer.load(scene.photo, scene.model, find, QUICK, mask=mask)
+    assert case.registration.mask is seen[0] is not None
+
+
+def test_parts_are_left_out_by_name_and_by_the_pose_file(scene, halves, tmp_path):
+    case = poseviewer.load(scene.photo, halves, scene.start, QUICK, without=("left",))
+    assert case.registration.mesh.part_names == ("right",)
+    case.start.save(tmp_path / "a.json")
+    again = poseviewer.load(scene.photo, halves, tmp_path / "a.json", QUICK)
+    assert again.registration.mesh.left_out == ("left",)
+    assert again.start.loss == case.start.loss
+    # A model that has no such part is read all the same, and it is said.
+    other = poseviewer.load(scene.photo, scene.model, tmp_path / "a.json", QUICK)
+    assert any("leaves out the part 'left', which m.ply has not" in note for note in other.notes)
+
+
+def test_a_renderer_of_the_whole_model_does_not_draw_what_is_left_out(scene, halves):
+    model = load_model(halves)
+    renderer = SoftwareRenderer(model.mesh)
+    case = poseviewer.load(
+        scene.photo, model, scene.start, QUICK, without=("left",), renderer=renderer
+    )
+    pose = case.start.pose
+    assert case.renderer.covers(pose).sum() < 0.8 * renderer.covers(pose).sum()
+
+
+def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves, mask, capsys):
+    out = halves.with_name("out.pose.json")
+
+    def fit(*more: object) -> int:
+        words = ("fit", scene.photo, halves, "--pose", scene.start, "--out", out, "--quiet")
+        return main([str(word) for word in (*words, "--evaluations", 60, *more)])
+
+    assert fit("--without", "left", "--mask", mask) == 0
+    record = load_pose(out, 160, 120)
+    assert record.without == ("left",)
+    assert record.mask == "out.mask.png"
+    assert out.with_name("out.mask.png").read_bytes() == mask.read_bytes()
+    capsys.readouterr()
+    assert fit("--without", "antenna") == 2
+    assert "the model has no part 'antenna'; it has left, right." in capsys.readouterr().err
+    assert fit("--without", "left", "--without", "right") == 2
+    assert "nothing would be left of the model" in capsys.readouterr().err
+
+
+def test_a_batch_hides_and_leaves_out_alike(scene, halves, mask, tmp_path):
+    table = tmp_path / "jobs.csv"
+    table.write_text(f"photo,model,start\n{scene.photo},{halves},{scene.start}\n")
+    settings = replace(QUICK, without=("left",), mask=mask.name)
+    batch = open_batch(table, tmp_path / "out", settings, mask)
+    (result,) = save_outcome(batch, list(run_batch(batch, processes=1)))
+    assert not result.failed, result.reason
+    found = poseviewer.load(scene.photo, halves, tmp_path / "out" / result.pose, QUICK)
+    assert found.registration.mesh.left_out == ("left",)
+    assert found.registration.mask is not None
+    assert np.array_equal(found.registration.mask.weights, half_hidden().weights)
+
+
+def opened(scene: Scene, model: Path | None = None) -> Session:
+    document = open_files(scene.photo, model or scene.model, scene.start).document
+    return Session(document, saved=document)
+
+
+def test_the_app_saves_and_reads_what_is_hidden(scene, halves, tmp_path):
+    session = opened(scene, halves)
+    document = with_mask(session.document, half_hidden())
+    own = document.registration
+    own = replace(own, mesh=own.mesh.without(["left"]))
+    session = replace(session, document=replace(document, registration=own))
+    assert session.unsaved
+    for name, content in export("pose", session).items():
+        (tmp_path / name).write_bytes(content)
+    (found,) = open_pose(opened(scene, halves).document, tmp_path / "p.pose.json")
+    assert not found.pose_alone
+    read = found.document.registration
+    assert read.mesh.left_out == ("left",)
+    assert read.mask is not None
+    assert np.array_equal(read.mask.weights, half_hidden().weights)
+    # A pose file that says nothing of it leaves it as it is.
+    (kept,) = open_pose(found.document, scene.start)
+    assert kept.pose_alone
+    assert kept.document.registration.mask is read.mask
+
+
+def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
+    session = opened(scene, halves)
+    document = with_mask(session.document, half_hidden())
+    own = replace(document.registration, mesh=document.registration.mesh.without(["right"]))
+    keeper = Autosaver(tmp_path / "state")
+    keeper.save_now(replace(session, document=replace(document, registration=own)))
+    (path,) = (tmp_path / "state" / "sessions").iterdir()
+    (back,) = restore(load_autosave(path))
+    found = back.document.registration
+    assert found.mesh.left_out == ("right",)
+    assert found.mask is not None
+    assert np.array_equal(found.mask.weights, half_hidden().weights)
+
+
+def test_another_photo_has_nothing_hidden(scene, tmp_path):
+    document = with_mask(opened(scene).document, half_hidden())
+    again = open_photo(document, scene.photo).document
+    assert again.registration.mask is document.registration.mask
+    save_image(tmp_path / "q.png", load_photo(scene.photo).pixels[:, ::-1])
+    assert open_photo(document, tmp_path / "q.png").document.registration.mask is None
+
+
+def test_a_mask_that_comes_with_its_pose_is_no_photo(scene, mask, tmp_path):
+    record = replace(load_pose(scene.start, 160, 120), mask=mask.name)
+    pose = tmp_path / "with.pose.json"
+    save_pose(pose, record)
+    for kind in (None, "pose"):
+        found = sort_set([scene.photo, mask, pose] if kind is None else [mask, pose], kind)
+        assert mask not in (*found.photos, *found.pictures, *found.leftovers)
+        assert found.poses == (pose,)
