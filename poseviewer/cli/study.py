@@ -25,6 +25,7 @@ from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
 
 if TYPE_CHECKING:
+    from poseviewer.study.bop import BopPlan
     from poseviewer.study.plan import RealPlan, StudyPlan
 
 
@@ -57,6 +58,9 @@ def add_options(parser: ArgumentParser) -> None:
     option(real, "--degrees N,...", "(5,15)", listed(whole))
     option(real, "--cases PATTERN", "a part of the id, or with * and ?")
     option(real, "--draws N", "starts of each case (5)", whole)
+    bop = parser.add_argument_group("published estimates of a BOP data set")
+    option(bop, "--bop ESTIMATES", "a table of BOP results; fits start from it", Path)
+    option(bop, "--dataset FOLDER", "of models and test (above the table)", Path)
 
 
 def run(options: Namespace) -> int:
@@ -78,21 +82,26 @@ def run(options: Namespace) -> int:
     return 0
 
 
-def _plan_of(options: Namespace) -> StudyPlan | RealPlan:
+def _plan_of(options: Namespace) -> StudyPlan | RealPlan | BopPlan:
     """The study that is wanted; what was not typed is as its plan has it.
 
     Raises:
         SettingsError: the options do not go together, or one is out of range.
     """
+    from poseviewer.study.bop import BopPlan
     from poseviewer.study.plan import RealPlan, StudyPlan
 
     refuse_with_paper(options)
-    kinds = (StudyPlan, RealPlan, "goes with --real FOLDER: name one, or leave out")
-    if options.folder is not None:
-        kinds = (RealPlan, StudyPlan, "goes with synthetic photos: leave out")
-    wanted, other, why = kinds
+    chosen = {"real": options.folder, "bop": options.bop}
+    plans = {"": StudyPlan, "real": RealPlan, "bop": BopPlan}
+    named = [name for name, value in chosen.items() if value is not None]
+    if len(named) > 1:
+        raise SettingsError("--real and --bop are two studies; leave one of them out")
+    wanted = plans.pop(named[0] if named else "")
     known = {field.name for field in fields(wanted)}
-    for name in (field.name for field in fields(other) if field.name not in known):
-        if getattr(options, name) is not None:
-            raise SettingsError(f"--{name} {why} --{name}")
+    for other, plan in plans.items():
+        for name in (field.name for field in fields(plan) if field.name not in known):
+            if getattr(options, name) is not None:
+                where = f"--{other}" if other else "synthetic photos"
+                raise SettingsError(f"--{name} goes with {where}; leave out --{name}")
     return made(wanted, options, limits=made(Limits, options))

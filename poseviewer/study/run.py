@@ -14,6 +14,7 @@ from poseviewer.figures.text_table import Table
 from poseviewer.files.table import RowTable
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.starts.registration import load_model
+from poseviewer.study.bop import BopPlan, BopTask, BopTrial, bop_table, bop_tasks
 from poseviewer.study.photos import (
     DRAWN,
     TRACED,
@@ -30,7 +31,8 @@ from poseviewer.study.report import real_table, study_panels, study_table
 from poseviewer.study.trials import RealTask, RealTrial, Task, Trial, real_tasks
 
 TRIALS, SUMMARY, FIGURE, PHOTOS = "trials.csv", "study.md", "study.png", "photos"
-AnyTrial = TypeVar("AnyTrial", Trial, RealTrial)
+AnyTrial = TypeVar("AnyTrial", Trial, RealTrial, BopTrial)
+AnyTask = Task | RealTask | BopTask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +42,10 @@ class Run(Generic[AnyTrial]):
     out: Path
     table: RowTable[AnyTrial]
     """With the rows of earlier runs."""
-    left: Sequence[Task | RealTask]
+    left: Sequence[AnyTask]
     """The tasks that have no row yet."""
+    targets: int = 0
+    """Of a BOP data set: how many there are, with and without an estimate."""
     groups: Mapping[str, str] = field(default_factory=dict)
     """Of photos with known poses: the line of the report that a case belongs to."""
 
@@ -56,20 +60,24 @@ class Run(Generic[AnyTrial]):
             yield row
 
 
-def open_study(plan: StudyPlan | RealPlan, tell: Callable[[str], None]) -> Run[Any]:
+def open_study(plan: StudyPlan | RealPlan | BopPlan, tell: Callable[[str], None]) -> Run[Any]:
     """Make the photos, or find them made, or read cases and starts; see which trials are left.
 
     Raises:
         PoseViewerError: a file cannot be read or written, or there is nothing to draw photos with.
     """
-    about = plan.about()
-    tasks: Sequence[Task | RealTask] = []
+    about, targets = plan.about(), 0
+    tasks: Sequence[AnyTask] = []
     if isinstance(plan, RealPlan):
         tasks = real_tasks(plan.folder, plan.degrees, plan.draws, plan.cases, plan.settings)
+    elif isinstance(plan, BopPlan):
+        tasks, targets = bop_tasks(plan)
     open_folder(plan.out, about)
     table: RowTable[Any]
     if isinstance(plan, RealPlan):
         table = RowTable(plan.out / TRIALS, RealTrial)
+    elif isinstance(plan, BopPlan):
+        table = RowTable(plan.out / TRIALS, BopTrial)
     else:
         table = RowTable(plan.out / TRIALS, Trial)
         tasks = _study_tasks(plan, tell)
@@ -77,7 +85,7 @@ def open_study(plan: StudyPlan | RealPlan, tell: Callable[[str], None]) -> Run[A
     done = {tuple(getattr(row, name) for name in names) for row in table.rows}
     left = [task for task in tasks if tuple(task.identity.values()) not in done]
     groups = {task.case.name: task.case.group for task in tasks if isinstance(task, RealTask)}
-    return Run(plan.out, table, left, groups)
+    return Run(plan.out, table, left, targets, groups)
 
 
 def write_report(run: Run[Any]) -> Table:
@@ -88,7 +96,10 @@ def write_report(run: Run[Any]) -> Table:
     """
     rows = run.table.rows
     words = f"{len(rows):,} trials; `{TRIALS}` has them all."
-    if isinstance(rows[0], RealTrial):
+    if isinstance(rows[0], BopTrial):
+        title, table = "Fits from published estimates", bop_table(rows, run.targets)
+        words += " A target without an estimate counts as not found."
+    elif isinstance(rows[0], RealTrial):
         title, table = "Fits on photos with known poses", real_table(rows, run.groups)
         words += (
             " Found, +2 %: within the accuracy of the truth + 1 %, + 2 %. Made worse: by more than "

@@ -139,7 +139,7 @@ class Task:
             PoseViewerError: a file cannot be read, or no start of this deviation is a pose.
         """
         photo = self.photo
-        model, renderer = _open_model(photo.model)
+        model, renderer = open_model(photo.model)
         keypoints = model.keypoints
         assert keypoints is not None  # the study takes vehicles alone
         chart = VehicleChart.near(keypoints, photo.centre, photo.free_focal)
@@ -156,7 +156,7 @@ class Task:
             self.settings, chart="vehicle", free_focal=photo.free_focal, seed=self.seed
         )
         registration = Registration(
-            _load_photo(photo.photo), model.mesh, model.name, "", keypoints, chart.to_pose(start),
+            open_photo(photo.photo), model.mesh, model.name, "", keypoints, chart.to_pose(start),
             (),
         )  # fmt: skip
         outcome = fit_from(registration, settings, renderer, photo.truth)
@@ -197,9 +197,9 @@ class RealTask:
         Raises:
             PoseViewerError: photo or model cannot be read.
         """
-        model, renderer = _open_model(self.case.mesh)
+        model, renderer = open_model(self.case.mesh)
         start = Pose(self.case.truth.camera, self.start.camera_from_model)
-        photo = _load_photo(self.case.photo)
+        photo = open_photo(self.case.photo)
         return Registration(photo, model.mesh, model.name, "", None, start, ()), renderer
 
     def run(self) -> RealTrial:
@@ -327,11 +327,13 @@ def _listed(parameters: Iterable[float]) -> str:
 
 
 @lru_cache(maxsize=2)
-def _open_model(path: Path) -> tuple[LoadedModel, Renderer]:
+def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
+    """A model and a renderer of it, the last ones kept; raises what ``load_model`` raises."""
     model = load_model(path)
     return model, make_renderer(model.mesh)
 
 
 @lru_cache(maxsize=2)
-def _load_photo(path: Path) -> Photo:
+def open_photo(path: Path) -> Photo:
+    """A photo, the last ones kept; raises what ``load_photo`` raises."""
     return load_photo(path)

@@ -1,0 +1,134 @@
+"""What BOP says of its models and of estimated poses: ``models_info.json``, and tables of results.
+
+As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
+``docs/bop_challenge_2019.md``; lengths in mm; symmetries map the model onto itself.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poseviewer.files.checks import Reading
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.transform import RigidTransform, nearest_rotation
+
+MODELS_INFO = "models_info.json"
+RESULTS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
+"""The columns of a table of results."""
+STEP_RAD = 0.01
+"""Between the turns that stand for a continuous symmetry; BOP's ``max_sym_disc_step``."""
+NO_ROTATION = 0.01
+"""By how much a rotation's product with its own transpose may differ from 1: files round, to two
+digits at worst."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopModel:
+    """What is known of an object's model."""
+
+    diameter: float
+    """mm."""
+    symmetries: tuple[RigidTransform, ...]
+    """All that map it onto itself, the identity first; continuous ones in steps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopEstimate:
+    """A row of a table of results."""
+
+    scene: int
+    image: int
+    object_id: int
+    score: float
+    place: RigidTransform
+    """Camera from model, mm."""
+
+
+def load_bop_models(path: Path) -> dict[int, BopModel]:
+    """The objects of a ``models_info.json``, by their numbers.
+
+    Raises:
+        PoseFileError: it is none, or a symmetry in it is no rotation.
+    """
+    reading = Reading(path, kind=MODELS_INFO)
+    found = {}
+    for name, data in reading.load_object().items():
+        if not name.isdecimal():
+            raise reading.error(f"an object is called {name[:40]!r}", "wanted its number")
+        info = reading.object(data, name)
+        diameter = reading.positive(info.get("diameter"), f"{name}.diameter")
+        found[int(name)] = BopModel(diameter, _symmetries(reading, info, name))
+    return found
+
+
+def load_bop_estimates(path: Path) -> list[BopEstimate]:
+    """The rows of a table of results.
+
+    Raises:
+        PoseFileError: it is none, or a row is damaged.
+    """
+    reading = Reading(path, kind="table of BOP results", largest=1_000_000_000)
+    lines = csv.reader(reading.load_text().splitlines())
+    head = next(lines, [])
+    if tuple(head) != RESULTS:
+        raise reading.error(f"its head is {','.join(head)[:80]!r}", f"wanted {','.join(RESULTS)}")
+    found = []
+    for number, cells in enumerate(lines, 2):
+        what = f"line {number}"
+        if len(cells) != len(RESULTS):
+            raise reading.error(f"{what} has {len(cells)} cells", f"wanted {len(RESULTS)}")
+        scene, image, thing, score = reading.words(" ".join(cells[:4]), what)
+        rotation = np.reshape(reading.words(cells[4], what, 9), (3, 3))
+        shift = reading.words(cells[5], what, 3)
+        # Estimators give what their network gave: what is near a rotation is meant as one.
+        place = RigidTransform(nearest_rotation(rotation), np.array(shift))
+        found.append(BopEstimate(int(scene), int(image), int(thing), score, place))
+    return found
+
+
+def _symmetries(reading: Reading, info: dict[str, Any], name: str) -> tuple[RigidTransform, ...]:
+    """Every discrete one after every turn of the continuous ones."""
+    discrete, turns = [RigidTransform.identity()], [RigidTransform.identity()]
+    for i, entry in enumerate(_listed(reading, info, "symmetries_discrete", name)):
+        what = f"{name}.symmetries_discrete[{i}]"
+        matrix = np.reshape(reading.numbers(entry, what, 16), (4, 4))
+        discrete.append(RigidTransform(_rotation(reading, matrix[:3, :3], what), matrix[:3, 3]))
+    for i, entry in enumerate(_listed(reading, info, "symmetries_continuous", name)):
+        what = f"{name}.symmetries_continuous[{i}]"
+        axis, offset = reading.fields(entry, what, axis=Reading.numbers, offset=Reading.numbers)
+        turns += _turns(reading, np.array(axis), np.array(offset), what)
+    return tuple(one @ other for other in turns for one in discrete)
+
+
+def _turns(
+    reading: Reading, axis: FloatArray, offset: FloatArray, what: str
+) -> list[RigidTransform]:
+    """About an axis through ``offset``, but for the one that changes nothing."""
+    length = float(np.linalg.norm(axis))
+    if not length > 0.0:
+        raise reading.error(f"{what}.axis has no length", "wanted a direction")
+    count = math.ceil(math.pi / STEP_RAD)
+    angles = 2.0 * math.pi / count * np.arange(1, count)
+    rotations = Rotation.from_rotvec(angles[:, None] * (axis / length)).as_matrix()
+    return [RigidTransform(rotation, offset - rotation @ offset) for rotation in rotations]
+
+
+def _rotation(reading: Reading, matrix: FloatArray, what: str) -> FloatArray:
+    off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if off > NO_ROTATION or np.linalg.det(matrix) < 0.0:
+        raise reading.error(f"{what} is no rotation and shift", "wanted a 4x4 rigid transform")
+    return nearest_rotation(matrix)
+
+
+def _listed(reading: Reading, info: dict[str, Any], key: str, name: str) -> list[Any]:
+    found = info.get(key, [])
+    if not isinstance(found, list):
+        raise reading.error(f"{name}.{key} is not a list", "wanted a list of symmetries")
+    return found

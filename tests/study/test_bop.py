@@ -1,0 +1,172 @@
+"""Fits from estimates of a BOP data set: the scores, symmetries, and the study as a command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.cli import main as cli
+from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.bop_models import RESULTS, load_bop_estimates, load_bop_models
+from poseviewer.files.pose import load_pose
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.study.bop import MSPD_THRESHOLDS, average_recall, symmetric_distances
+from tests.scene import Scene
+
+HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+"""About the axis through (1, 0, 0) along z."""
+CAMERA = Perspective(600.0, 600.0, 320.0, 240.0, 640, 480)
+CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 3.0, 1.0], [1.0, -3.0, 1.0]])
+
+
+def write_models(path: Path, **of_object_1) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"1": {"diameter": 4.0, **of_object_1}}))
+    return path
+
+
+def test_a_symmetry_is_no_error(tmp_path: Path) -> None:
+    info = write_models(tmp_path / "i.json", symmetries_discrete=[HALF_TURN])
+    (model,) = load_bop_models(info).values()
+    truth = Pose(CAMERA, RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 50.0]))
+    turned = Pose(CAMERA, truth.camera_from_model @ model.symmetries[1])
+    one = model.symmetries[:1]
+    assert symmetric_distances(CORNERS, turned, truth, one)[0] > 5.0
+    np.testing.assert_allclose(
+        symmetric_distances(CORNERS, turned, truth, model.symmetries), (0.0, 0.0), atol=1e-9
+    )
+    moved = Pose(
+        CAMERA, RigidTransform(np.eye(3), np.array([0.5, 0.0, 0.0])) @ turned.camera_from_model
+    )
+    in_space, in_picture = symmetric_distances(CORNERS, moved, truth, model.symmetries)
+    assert in_space == pytest.approx(0.5)
+    assert 5.0 < in_picture < 7.0  # 600 * 0.5 / 50, and nearer corners more
+
+
+def test_a_continuous_symmetry_is_every_turn(tmp_path: Path) -> None:
+    axis = {"axis": [0, 0, 2], "offset": [1, 0, 0]}
+    info = write_models(tmp_path / "i.json", symmetries_continuous=[axis])
+    (model,) = load_bop_models(info).values()
+    truth = Pose(CAMERA, RigidTransform(np.eye(3), np.array([0.0, 0.0, 50.0])))
+    turn = RigidTransform.from_rotation_vector([0.0, 0.0, 1.234], [0.0, 0.0, 0.0])
+    to_axis = RigidTransform(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    about = to_axis @ turn @ to_axis.inverse()
+    turned = Pose(CAMERA, truth.camera_from_model @ about)
+    # Steps of 0.01: at most half of one off, 3 from the axis.
+    assert symmetric_distances(CORNERS, turned, truth, model.symmetries)[0] < 0.016
+
+
+def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
+    errors, scales = np.array([4.0, 12.0, 60.0]), np.array([1.0, 2.0, 1.0])
+    # Within all ten, within nine of ten (10 to 100), within none; of one no estimate is there.
+    expected = (1.0 + 0.9 + 0.0) / 4
+    assert average_recall(errors, scales, MSPD_THRESHOLDS, 4) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"symmetries_discrete": [[*HALF_TURN[:-8], 2, *HALF_TURN[-7:]]]}, "no rotation and shift"),
+        ({"symmetries_discrete": [HALF_TURN[:9]]}, "wanted a list of 16"),
+        ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
+        ({"diameter": -1}, "1.diameter is -1"),
+        ({"symmetries_discrete": 3}, "is not a list"),
+    ],
+)
+def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> None:
+    with pytest.raises(PoseFileError, match=said) as caught:
+        load_bop_models(write_models(tmp_path / "i.json", **more))
+    assert "\n" not in str(caught.value)
+
+
+def write_data_set(folder: Path, scene: Scene, objects=(1, 2)) -> Path:
+    """One photo of one object; of the second there is no estimate."""
+    info = write_models(folder / "models/models_info.json")
+    models = json.loads(info.read_text())
+    info.write_text(json.dumps({str(number): models["1"] for number in objects}))
+    for number in objects:
+        shutil.copy(scene.model, folder / f"models/obj_{number:06d}.ply")
+    place = folder / "test/000002"
+    (place / "rgb").mkdir(parents=True)
+    shutil.copy(scene.photo, place / "rgb/000003.png")
+    truth, start = (load_pose(path, 160, 120).pose for path in (scene.truth, scene.start))
+    camera = truth.camera
+    assert isinstance(camera, Perspective)
+    # Pixel centres at integers.
+    matrix = [camera.fx, 0, camera.cx - 0.5, 0, camera.fy, camera.cy - 0.5, 0, 0, 1]
+    (place / "scene_camera.json").write_text(json.dumps({"3": {"cam_K": matrix}}))
+    entries = [
+        {
+            "cam_R_m2c": truth.camera_from_model.rotation.ravel().tolist(),
+            "cam_t_m2c": truth.camera_from_model.translation.tolist(),
+            "obj_id": number,
+        }
+        for number in objects
+    ]
+    (place / "scene_gt.json").write_text(json.dumps({"3": entries}))
+    own = start.camera_from_model
+    numbers = [" ".join(map(str, np.ravel(part))) for part in (own.rotation, own.translation)]
+    table = folder / "estimates/some.csv"
+    table.parent.mkdir()
+    worse = [2, 3, 1, 0.1, "1 0 0 0 1 0 0 0 1", "9 9 9", -1]
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows([RESULTS, worse, [2, 3, 1, 0.9, *numbers, -1]])
+    return table
+
+
+def test_estimates_are_fitted_and_scored(scene: Scene, tmp_path: Path, capsys) -> None:
+    table = write_data_set(tmp_path / "set", scene)
+    command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    assert cli.main([*command, "--quiet"]) == 0
+    with (tmp_path / "out/trials.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["scene"], row["image"], row["object_id"]) == ("2", "3", "1")
+    assert float(row["mspd_end"]) < 1.0 < float(row["mspd_start"])
+    assert float(row["mssd_end"]) < 0.1 * float(row["mssd_start"])
+    text = (tmp_path / "out/study.md").read_text()
+    head, _, overall, own = [line.split("|")[1:-1] for line in text.splitlines() if "|" in line]
+    values = dict(zip(map(str.strip, head), map(str.strip, overall), strict=True))
+    assert (values["targets"], values["n"]) == ("all targets", "2")
+    assert overall[4].strip() == "0.500"  # MSSD after: of the other target there is no estimate
+    assert own[4].strip() == "1.000"
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--dataset", "nowhere"], "name a BOP data set with --dataset"),
+        (["--real", "."], "--real and --bop are two studies"),
+        (["--degrees", "5"], "--degrees goes with --real"),
+        (["--starts", "3"], "--starts goes with synthetic photos"),
+    ],
+)
+def test_what_cannot_work_is_said_in_a_line(scene, tmp_path, capsys, options, said) -> None:
+    table = write_data_set(tmp_path / "set", scene)
+    command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), *options]
+    assert cli.main(command) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert said in message
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b\n", "its head is 'a,b'"),
+        (",".join(RESULTS) + "\n1,2,3,0.5,1 0 0,0 0 0,-1\n", "wanted 9 numbers"),
+        (",".join(RESULTS) + "\n1,2,3\n", "line 2 has 3 cells"),
+        (",".join(RESULTS) + "\n1,x,3,0.5,1 0 0 0 1 0 0 0 1,0 0 0,-1\n", "wanted numbers"),
+    ],
+)
+def test_tables_that_are_none_are_said(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(PoseFileError, match=said):
+        load_bop_estimates(path)
