@@ -16,9 +16,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from poseviewer.api import Case, FitResult, FitSettings, LossMaps, PoseViewerError, load
+    from poseviewer.api import (
+        Case,
+        FitResult,
+        FitSettings,
+        LossMaps,
+        PoseViewerError,
+        SceneCase,
+        load,
+        load_scene,
+    )
 
-__all__ = ["Case", "FitResult", "FitSettings", "LossMaps", "PoseViewerError", "load"]
+__all__ = [
+    "Case",
+    "FitResult",
+    "FitSettings",
+    "LossMaps",
+    "PoseViewerError",
+    "SceneCase",
+    "load",
+    "load_scene",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -9,12 +9,15 @@
     found.draw("residual.png", look="residual")
     found.landscape(size=21).save("maps.png")
 
+    shelf = load_scene("shelf.scene.json").fit()       # several objects in one photo
+    shelf.save("fitted.scene.json")
+
 Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -35,19 +38,24 @@ from poseviewer.files.pose import (
     PoseRecord,
     RecordedVerdict,
 )
+from poseviewer.files.scene import SceneRecord, save_scene
+from poseviewer.files.scene import load_scene as read_scene
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, shown_attributes
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings, Limits, settings_as_json
 from poseviewer.fit.stages import make_stages
+from poseviewer.fit.together import ModelToPlace, TogetherProgress, search_together
 from poseviewer.fit.unexplained import Unexplained
 from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
@@ -60,7 +68,9 @@ from poseviewer.starts.registration import (
     Start,
     StartCamera,
     StartInputs,
+    among_others,
     load_registration,
+    load_scene_registrations,
     load_with_start,
 )
 
@@ -71,8 +81,10 @@ __all__ = [
     "LossMaps",
     "Mask",
     "PoseViewerError",
+    "SceneCase",
     "StartCamera",
     "load",
+    "load_scene",
 ]
 
 Watch = Callable[[FitProgress], Any]
@@ -117,11 +129,7 @@ def load(
     Raises:
         PoseViewerError: a file cannot be used, or the settings do not go with it.
     """
-    unknown = sorted(set(changes) - set(FitSettings.__slots__))
-    if unknown:
-        known = ", ".join(FitSettings.__slots__)
-        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
-    chosen = replace(settings or FitSettings(), **changes)
+    chosen = _chosen(settings, changes)
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
     if box is not None and (start != AUTOMATIC or len(box) != 4):
@@ -144,6 +152,35 @@ def load(
     if registration.mesh.left_out and registration.mesh is not own:
         renderer = None  # it draws the parts that are left out
     return make_case(registration, chosen, renderer)
+
+
+def load_scene(path: str | Path, settings: FitSettings | None = None, **changes: Any) -> SceneCase:
+    """Several objects in one photo, from a scene file; ``settings`` and ``changes`` as of ``load``.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the settings do not go with it.
+    """
+    chosen = _chosen(settings, changes)
+    if chosen.free_focal:
+        raise SettingsError(
+            "a free focal length with a scene, whose objects share one camera; leave it out, and "
+            "find it with one of them alone."
+        )
+    scene = read_scene(path)
+    registrations = load_scene_registrations(scene)
+    of_mesh: dict[int, Renderer] = {}
+    for one in registrations:
+        of_mesh.setdefault(id(one.mesh), make_renderer(one.mesh, chosen.renderer))
+    renderers = tuple(of_mesh[id(one.mesh)] for one in registrations)
+    return SceneCase(scene, registrations, chosen, renderers, (None,) * len(registrations))
+
+
+def _chosen(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:
+    unknown = sorted(set(changes) - set(FitSettings.__slots__))
+    if unknown:
+        known = ", ".join(FitSettings.__slots__)
+        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
+    return replace(settings or FitSettings(), **changes)
 
 
 def make_case(
@@ -223,10 +260,7 @@ class Case:
         except KeyboardInterrupt:
             if progress is None or not interruptible:
                 raise
-            stopped = replace(progress, status=Status.STOPPED)
-            mesh = self.registration.mesh
-            verdict = judge_end(stopped, problem, mesh, self.renderer, threads)
-            progress = replace(stopped, verdict=verdict)
+            progress = _stopped(progress, problem, self.registration.mesh, self.renderer, threads)
         assert progress is not None  # a fit yields at least once
         return FitResult(self, progress.pose, progress)
 
@@ -354,20 +388,27 @@ class FitResult:
         save_pose_and_mask(path, self.record, self.case.registration.mask)
 
     def picture(self, look: str = "outline", *, opacity: float = SOLID_OPACITY) -> Picture:
-        """(height, width, 3) RGB: the model over the photo, in one of ``overlay.LOOKS``.
+        """(height, width, 3) RGB: the model over the photo, in one of ``overlay.LOOKS``; what is
+        behind other objects is not drawn.
 
         ``opacity`` is that of the look ``solid``, in [0, 1].
 
         Raises:
             SettingsError: there is no such look.
         """
-        if look not in LOOKS:
-            raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")
+        _require_look(look)
+        photo = self.case.registration.photo
+        return self.drawn_over(photo.as_rgb8(photo.width, photo.height), look, opacity)
+
+    def drawn_over(self, picture: Picture, look: str, opacity: float) -> Picture:
+        """As ``picture``, over another picture (height, width, 3) than the photo."""
         registration, renderer = self.case.registration, self.case.renderer
-        photo = registration.photo
-        pixels = photo.as_rgb8(photo.width, photo.height)
-        view = View(pixels, registration.mesh, renderer, self.pose, self._relit, opacity)
-        return draw_look(look, view)
+        view = View(picture, registration.mesh, renderer, self.pose, self._relit, opacity)
+        drawn = draw_look(look, view)
+        if not registration.others:
+            return drawn
+        found = hiding(PlacedModel(registration.mesh, self.pose), registration.others)
+        return np.where(found.hidden[..., None], picture, drawn)
 
     def _relit(self, image: AttributeImage) -> FloatArray:
         attributes = shown_attributes(self.case.problem.photo)
@@ -405,3 +446,158 @@ class FitResult:
                 if watch is not None:
                     watch(sum(int(np.isfinite(s.losses).sum()) for s in newest.values()), total)
         return self.case.maps(self.pose, newest.values(), half_width)
+
+
+def _stopped(
+    progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int
+) -> FitProgress:
+    """What an interrupted search had found, with its verdict."""
+    stopped = replace(progress, status=Status.STOPPED)
+    return replace(stopped, verdict=judge_end(stopped, problem, mesh, renderer, threads))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneCase:
+    """Several objects in one photo, at the poses of a scene file or where a fit has found them."""
+
+    scene: SceneRecord
+    """As it was read; its objects' order is that of all else."""
+    registrations: tuple[Registration, ...]
+    """Where each object is, among the others."""
+    settings: FitSettings
+    renderers: tuple[Renderer, ...]
+    """For one thread at a time."""
+    results: tuple[FitResult | None, ...]
+    """How each was found; None for one that was not searched for, or stands wholly behind
+    others."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know about how the files were read."""
+        of_objects = [note for one in self.registrations for note in one.warnings]
+        return tuple(dict.fromkeys([*self.scene.warnings, *of_objects]))
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an interrupted search found some of it."""
+        return any(result is not None and result.stopped for result in self.results)
+
+    @property
+    def visibility(self) -> Visibility:
+        """Which pixels show which object, and how much of each is seen."""
+        return visibility([PlacedModel(one.mesh, one.start) for one in self.registrations])
+
+    def case(self, object_id: str) -> Case:
+        """One object, to be fitted, drawn, mapped with the others where they are.
+
+        Raises:
+            PoseViewerError: there is no such object; it stands wholly behind others; the settings
+                do not go with it.
+        """
+        index = self.scene.index(object_id)
+        return make_case(self.registrations[index], self.settings, self.renderers[index])
+
+    def search(self, *, threads: int = 1) -> Iterator[TogetherProgress]:
+        """The search for all objects as it goes: one after the other, the one seen most first,
+        until none changes what is seen of another. To stop it, stop asking.
+        """
+        models = [
+            ModelToPlace(replace(one, others=()), self.settings, renderer)
+            for one, renderer in zip(self.registrations, self.renderers, strict=True)
+        ]
+        return search_together(models, judge_end, threads)
+
+    def fit(
+        self,
+        object_id: str | None = None,
+        *,
+        watch: Callable[[FitProgress], Any] | None = None,
+        threads: int = 1,
+        interruptible: bool = False,
+    ) -> SceneCase:
+        """The same scene with all objects, or one of them, searched for from where they are.
+
+        ``watch`` and ``interruptible`` as of ``Case.fit``; the limits of the settings are those of
+        each search.
+
+        Raises:
+            PoseViewerError: as of ``case``; or nothing of the scene is to be seen.
+        """
+        if object_id is not None:
+            index = self.scene.index(object_id)
+            found = self.case(object_id).fit(
+                watch=watch, threads=threads, interruptible=interruptible
+            )
+            return self._with({index: found})
+        together: TogetherProgress | None = None
+        try:
+            for together in self.search(threads=threads):
+                if watch is not None:
+                    watch(together.progress)
+        except KeyboardInterrupt:
+            if together is None or not interruptible:
+                raise
+        if together is None:
+            raise SettingsError(
+                "no object of the scene is to be seen where it starts: bring them onto the photo."
+            )
+        found = {}
+        for index, placing in enumerate(together.placings):
+            if placing is None:
+                continue
+            renderer, mesh = self.renderers[index], placing.registration.mesh
+            case = Case(placing.registration, self.settings, placing.problem, renderer)
+            progress = placing.progress
+            if progress.status is Status.RUNNING:
+                progress = _stopped(progress, placing.problem, mesh, renderer, threads)
+            found[index] = FitResult(case, progress.pose, progress)
+        return self._with(found)
+
+    def _with(self, found: Mapping[int, FitResult]) -> SceneCase:
+        poses = [one.start for one in self.registrations]
+        results = list(self.results)
+        for index, result in found.items():
+            poses[index], results[index] = result.pose, result
+        registrations = among_others(
+            [replace(one, start=pose) for one, pose in zip(self.registrations, poses, strict=True)]
+        )
+        return replace(self, registrations=registrations, results=tuple(results))
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene file with the poses as they are now, whole or not at all.
+
+        Raises:
+            PoseViewerError: the folder is missing or cannot be written to.
+        """
+        pairs = zip(self.scene.objects, self.results, strict=True)
+        records = [one.record if result is None else result.record for one, result in pairs]
+        save_scene(path, self.scene.with_records(records))
+
+    def picture(self, look: str = "outline", *, opacity: float = SOLID_OPACITY) -> Picture:
+        """(height, width, 3) RGB: all objects over the photo as ``FitResult.picture`` draws one.
+
+        Raises:
+            SettingsError: there is no such look.
+        """
+        _require_look(look)
+        photo = self.registrations[0].photo
+        picture = photo.as_rgb8(photo.width, photo.height)
+        for index, one in enumerate(self.registrations):
+            if hiding(PlacedModel(one.mesh, one.start), one.others).is_whole:
+                continue
+            shown = self.case(self.scene.objects[index].id).start
+            picture = shown.drawn_over(picture, look, opacity)
+        return picture
+
+    def draw(self, path: str | Path, look: str = "outline") -> None:
+        """Write ``picture(look)`` in the format of the file's ending.
+
+        Raises:
+            PoseViewerError: there is no such look or format, or the file cannot be written.
+        """
+        save_image(path, self.picture(look), photo_text(self.registrations[0].photo))
+
+
+def _require_look(look: str) -> None:
+    if look not in LOOKS:
+        raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")

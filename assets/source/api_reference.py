@@ -15,7 +15,8 @@ from typing import Any
 
 from poseviewer import api, errors
 from poseviewer.files import pose as pose_file
-from poseviewer.fit import landscape, progress, registration, settings
+from poseviewer.files import scene as scene_file
+from poseviewer.fit import landscape, progress, registration, settings, together, visibility
 from poseviewer.geometry import camera, transform
 from poseviewer.starts import registration as opening
 
@@ -30,15 +31,22 @@ the program pixel centres are at i + 0.5; in files they are at integers. Lengths
 unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
-    ("poseviewer", api, ("load", "make_case", "Case", "FitResult", "LossMaps")),
+    (
+        "poseviewer",
+        api,
+        ("load", "make_case", "Case", "FitResult", "LossMaps", "load_scene", "SceneCase"),
+    ),
     ("poseviewer.starts.registration", opening, ("load_model",)),
-    ("poseviewer.fit.registration", registration, ("Registration",)),
+    ("poseviewer.fit.registration", registration, ("Registration", "PlacedModel")),
+    ("poseviewer.fit.visibility", visibility, ("Visibility", "visibility")),
+    ("poseviewer.fit.together", together, ("TogetherProgress",)),
     ("poseviewer.fit.settings", settings, ("FitSettings", "Limits")),
     ("poseviewer.fit.progress", progress, ("FitProgress", "Status")),
     ("poseviewer.fit.landscape", landscape, ("Slice",)),
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
     ("poseviewer.files.pose", pose_file, ("PoseRecord", "load_pose", "save_pose")),
+    ("poseviewer.files.scene", scene_file, ("SceneRecord", "SceneObject")),
     ("poseviewer.errors", errors, ("PoseViewerError",)),
 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import FitResult, load
+from poseviewer.api import FitResult, SceneCase, load
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
@@ -24,6 +24,8 @@ from poseviewer.batch.results import (
 from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, save_pose
+from poseviewer.files.scene import SceneObject, SceneRecord
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.looks import Picture
@@ -31,12 +33,13 @@ from poseviewer.render.pool import Cloneable
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.registration import among_others, load_model, load_registration
 
 _log = logging.getLogger(__name__)
 
 MODELS_KEPT = 8
 """How many models stay loaded in each process."""
+HIDDEN = "Not searched for: it stands wholly behind other objects of the photo."
 PICTURE_SIDE = 480
 """Longer side of the pictures of the poses, px."""
 
@@ -62,12 +65,20 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
         BatchError: the result cannot be written, so that no other could.
         StoppedError: ``stopped`` became true.
     """
-    found = load_result(plan.folder, job.key)
-    if found is not None:
-        return as_row_of(job, found)
+    rows = (job, *job.mates)
+    known = [load_result(plan.folder, row.key) for row in rows]
+    if known[0] is not None and None not in known:
+        return as_row_of(job, known[0])
     try:
-        fitted = _fit(job, plan, stopped)
-        picture = smaller(fitted.picture())
+        found: Sequence[FitResult | PoseRecord]
+        if job.mates:
+            scene = _fit_together(rows, plan, stopped)
+            pairs = zip(scene.results, scene.scene.objects, strict=True)
+            found = [result or one.record for result, one in pairs]
+            picture = smaller(scene.picture())
+        else:
+            fitted = _fit(job, plan, stopped)
+            found, picture = [fitted], smaller(fitted.picture())
     except PoseViewerError as error:
         return failed_result(job, str(error))
     except StoppedError:
@@ -75,15 +86,44 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
     except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
         _log.debug("row %d", job.row, exc_info=error)
         return failed_result(job, f"{type(error).__name__}: {error}")
-    return _keep(job, plan, fitted, picture)
+    # The first row's last: where it is there, all are.
+    for row, one in zip(rows[1:], found[1:], strict=True):
+        _keep(row, plan, one, picture)
+    return _keep(job, plan, found[0], picture)
+
+
+def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bool]) -> SceneCase:
+    """All objects of a photo, each hidden by those in front of it."""
+    if plan.mask is not None:
+        raise SettingsError("--mask with --together: one mask is not that of all objects.")
+    photo, settings = rows[0].path(rows[0].photo), plan.settings
+    alone, renderers, objects = [], [], []
+    for number, row in enumerate(rows):
+        path = row.path(row.model)
+        model, renderer = open_model(path, settings)
+        one = load_registration(photo, model, row.path(row.start))
+        alone.append(one)
+        cloned = renderer.clone() if isinstance(renderer, Cloneable) else None
+        renderers.append(cloned or make_renderer(model.mesh, settings.renderer))
+        seen = one.photo
+        of_photo = PhotoReference(seen.name, seen.width, seen.height, seen.sha256)
+        of_model = ModelReference(one.mesh_name, one.mesh_sha256, one.mesh.unit)
+        objects.append(SceneObject(str(number), path, PoseRecord(one.start, of_photo, of_model)))
+    scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
+    case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
+
+    def watch(_progress: object = None) -> None:
+        if stopped():
+            raise StoppedError
+
+    return case.fit(watch=watch)
 
 
 def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
-    model_path = job.path(job.model)
-    model, renderer = _open_model(model_path, file_stamp(model_path), plan.settings)
+    model, renderer = open_model(job.path(job.model), plan.settings)
 
     def watch(_progress: object = None) -> None:
         if stopped():
@@ -118,6 +158,15 @@ def _start_of(job: Job, plan: BatchPlan) -> str | Path:
     return plan.folder / nearest.pose
 
 
+def open_model(path: Path, settings: FitSettings) -> tuple[LoadedModel, Renderer | None]:
+    """A model and, where it can be cloned, its renderer; kept for further rows.
+
+    Raises:
+        PoseViewerError: the model cannot be used.
+    """
+    return _open_model(path, file_stamp(path), settings)
+
+
 @lru_cache(maxsize=MODELS_KEPT)
 def _open_model(
     path: Path,
@@ -130,9 +179,17 @@ def _open_model(
     return model, make_renderer(model.mesh) if settings.renderer == "software" else None
 
 
-def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> JobResult:
-    """Write the pose, the picture and, last, the result."""
+def _keep(job: Job, plan: BatchPlan, fitted: FitResult | PoseRecord, picture: Picture) -> JobResult:
+    """Write the pose, the picture and, last, the result; of an object that stands wholly behind
+    others the start.
+    """
     pose, drawn = result_files(job)
+    if isinstance(fitted, PoseRecord):
+        record = fitted
+        named = (job.row, job.photo, job.model, job.start)
+        result = JobResult(*named, HIDDEN, pose=pose, picture=drawn, verdict="lost",
+                           probability=0.0, reasons=HIDDEN)  # fmt: skip
+        return _write(job, plan, result, lambda path: save_pose(path, record), picture)
     progress = fitted.progress
     assert progress is not None  # it was searched for
     verdict = progress.verdict
@@ -154,9 +211,15 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult, picture: Picture) -> Job
         probability=round(verdict.probability, 4) if verdict else None,
         reasons="\n".join(verdict.reasons) if verdict else "",
     )
+    return _write(job, plan, result, fitted.save, picture)
+
+
+def _write(
+    job: Job, plan: BatchPlan, result: JobResult, save: Callable[[Path], None], picture: Picture
+) -> JobResult:
     try:
-        fitted.save(plan.folder / pose)
-        save_image(plan.folder / drawn, picture)
+        save(plan.folder / result.pose)
+        save_image(plan.folder / result.picture, picture)
         save_result(plan.folder, job, result)
     except PoseViewerError as error:
         raise BatchError(f"{error} What is finished is kept: run it again to go on.") from error

@@ -35,6 +35,8 @@ class Manifest:
     settings: FitSettings = field(default_factory=FitSettings)
     scene: str | None = None
     """The BOP scene that the rows are from, absolute; None for those of a table."""
+    together: bool = False
+    """Whether all rows of a photo are fitted together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +181,9 @@ def save_manifest(folder: Path, manifest: Manifest) -> None:
         "format": FORMAT,
         "version": VERSION,
         "scene": manifest.scene,
+        "together": manifest.together,
         "settings": settings_as_json(manifest.settings),
-        "jobs": [asdict(job) for job in manifest.jobs],
+        "jobs": [_job_as_json(job) for job in manifest.jobs],
     }
     _save_json(folder / MANIFEST, data, indent=1)
 
@@ -196,7 +199,8 @@ def load_manifest(folder: Path) -> Manifest:
         if (data["format"], data["version"]) != (FORMAT, VERSION):
             raise ValueError(f"{data['format']} {data['version']}")
         jobs = tuple(Job(**{**job, "above": tuple(job["above"])}) for job in data["jobs"])
-        return Manifest(jobs, settings_from_json(data["settings"]), data["scene"])
+        settings, is_together = settings_from_json(data["settings"]), data.get("together", False)
+        return Manifest(jobs, settings, data["scene"], bool(is_together))
     except FileNotFoundError:
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "
@@ -207,6 +211,12 @@ def load_manifest(folder: Path) -> Manifest:
             f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
             "again, what is done is not done twice."
         ) from None
+
+
+def _job_as_json(job: Job) -> dict[str, Any]:
+    data = asdict(job)
+    del data["mates"]  # they are rows of their own
+    return data
 
 
 def _save_json(path: Path, data: dict[str, Any], indent: int) -> None:

@@ -9,11 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from poseviewer.batch.annotations import annotate
+from poseviewer.batch.job import open_model
 from poseviewer.batch.results import JobResult, Manifest, make_folders
-from poseviewer.batch.table import LAST, Job, with_keys
+from poseviewer.batch.table import LAST, Job, keyed_together, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
+    MODEL_FILE,
     MODEL_NAME,
     PHOTO_NAME,
     BopImage,
@@ -23,7 +26,17 @@ from poseviewer.files.formats.bop import (
     same_intrinsics,
     save_bop_images,
 )
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.formats.bop_masks import (
+    INFO,
+    MASKS,
+    VISIBLE_MASKS,
+    Info,
+    mask_file,
+    save_annotation_files,
+    save_masks,
+)
+from poseviewer.files.pose import PoseRecord, load_pose, recorded_size, save_pose
+from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.starts.automatic import AUTOMATIC
@@ -31,7 +44,6 @@ from poseviewer.starts.automatic import AUTOMATIC
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""
 FROM_SCENE = "gt"
-MODEL_FILE = "obj_{:06d}.ply"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +57,8 @@ class SceneOptions:
     image from the scene's own; else a pose file, for all images."""
     objects: tuple[int, ...] = ()
     """Which objects; empty: all that have poses."""
+    together: bool = False
+    """Whether the objects of an image are fitted together, each hidden by those in front of it."""
 
 
 def load_scene_jobs(
@@ -57,6 +71,11 @@ def load_scene_jobs(
     """
     if settings.free_focal:
         raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
+    if options.together and options.start == LAST:
+        raise BatchError(
+            "--together with --start last: the objects of an image start from where the scene has "
+            "them, or a pose file; leave one of the two out."
+        )
     if options.models is None:
         raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
     if not options.models.is_dir():
@@ -79,7 +98,8 @@ def load_scene_jobs(
         model = str(models / MODEL_FILE.format(found.object_id))
         jobs.append(Job(row, image.photo, model, start, str(scene)))
         before = same
-    return with_keys(jobs, settings)
+    keyed = with_keys(jobs, settings)
+    return keyed_together(keyed) if options.together else keyed
 
 
 def _objects_to_fit(scene: Path, options: SceneOptions) -> list[tuple[BopImage, BopObject, int]]:
@@ -142,6 +162,44 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
             found = BopObject(_number(MODEL_NAME, result.model), place)
             poses[_number(PHOTO_NAME, result.photo)].append(found)
     save_bop_images(folder, load_scene_file(Path(manifest.scene) / CAMERAS), dict(poses))
+    if manifest.together:
+        _save_annotations(folder, manifest, results)
+
+
+def _save_annotations(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
+    """Write masks and annotations; those of images whose poses are as they were stay."""
+    rows: dict[int, list[JobResult]] = defaultdict(list)
+    for result in sorted(results, key=lambda result: result.row):
+        if result.pose:
+            rows[_number(PHOTO_NAME, result.photo)].append(result)
+    before = load_scene_file(folder / INFO)
+    jobs = {job.row: job for job in manifest.jobs}
+    infos: dict[int, list[Info]] = {}
+    for image, found in rows.items():
+        known = before.get(str(image))
+        if isinstance(known, list) and len(known) == len(found) and _is_newer(folder, image, found):
+            infos[image] = known
+            continue
+        placed = []
+        for result in found:
+            path = folder / result.pose
+            model, _ = open_model(jobs[result.row].path(result.model), manifest.settings)
+            placed.append(PlacedModel(model.mesh, load_pose(path, *recorded_size(path)).pose))
+        infos[image] = save_masks(folder, image, annotate(placed))
+    save_annotation_files(folder, infos)
+
+
+def _is_newer(folder: Path, image: int, found: Sequence[JobResult]) -> bool:
+    """Whether the masks of an image are there, and were written after its poses."""
+    masks = [
+        mask_file(folder / name, image, number)
+        for name in (MASKS, VISIBLE_MASKS)
+        for number in range(len(found))
+    ]
+    if not all(path.is_file() for path in masks):
+        return False
+    newest = max((folder / result.pose).stat().st_mtime_ns for result in found)
+    return newest <= min(path.stat().st_mtime_ns for path in masks)
 
 
 def require_scene_camera(manifest: Manifest, photo: str, camera: Camera) -> None:

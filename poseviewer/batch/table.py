@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -44,6 +45,8 @@ class Job:
     above: tuple[str, ...] = ()
     """Where the start is ``LAST``: the keys of the rows above, the nearest first, down to one with
     a start of its own."""
+    mates: tuple[Job, ...] = ()
+    """The other objects of the photo, where all are fitted together, as one job."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
@@ -97,6 +100,25 @@ def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
     return tuple(keyed)
 
 
+def keyed_together(jobs: Iterable[Job]) -> tuple[Job, ...]:
+    """The jobs with other keys: what comes of a row depends on all rows of its photo."""
+    jobs = tuple(jobs)
+    of_photo: dict[str, list[str]] = defaultdict(list)
+    for job in jobs:
+        of_photo[job.photo].append(job.key)
+    return tuple(
+        replace(job, key=_hash([job.key, "together", *of_photo[job.photo]])) for job in jobs
+    )
+
+
+def together(jobs: Iterable[Job]) -> tuple[Job, ...]:
+    """A job for each photo: that of its first row, with the others as its mates."""
+    of_photo: dict[str, list[Job]] = defaultdict(list)
+    for job in jobs:
+        of_photo[job.photo].append(job)
+    return tuple(replace(first, mates=tuple(rest)) for first, *rest in of_photo.values())
+
+
 def _read_rows(path: Path) -> list[dict[str, str]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -130,7 +152,11 @@ def _key(job: Job, settings: FitSettings) -> str:
     if job.start == LAST:
         content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
-    text = json.dumps([content, settings_as_json(settings)], sort_keys=True)
+    return _hash([content, settings_as_json(settings)])
+
+
+def _hash(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 

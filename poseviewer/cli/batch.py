@@ -41,6 +41,7 @@ def add_options(parser: ArgumentParser) -> None:
         "the scene's own poses (gt, as it is), the pose that the image before ended in, or a "
         "pose file for all images",
     )
+    option(scene, "--together", "all objects of an image, each hidden by those in front of it")
     option(scene, "--objects NUMBER,...", "(all with a pose)", listed(whole))
     add_settings(parser)
     add_search(parser)
@@ -87,7 +88,7 @@ def _scene_options(options: Namespace) -> SceneOptions | None:
 
     if options.jobs.is_dir():
         return made(SceneOptions, options)
-    for name in ("models", "start", "objects"):
+    for name in ("models", "start", "objects", "together"):
         if getattr(options, name):
             raise SettingsError(
                 f"--{name} goes with a BOP scene's folder, and {options.jobs.name} is no folder; "

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from poseviewer.api import Case, FitResult, load
+from poseviewer.api import Case, FitResult, SceneCase, load, load_scene
 from poseviewer.cli.options import calibration_of, settings_of
 from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
@@ -27,6 +28,10 @@ def open_case(options: Namespace) -> Case:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
     settings, given = settings_of(options), vars(options)
+    if options.photo is None or options.model is None:
+        raise SettingsError("PHOTO and MODEL are wanted; name both, or a scene with --scene")
+    if given.get("object"):
+        raise SettingsError("--object without --scene; leave it out, or name a scene")
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
     if settings.renderer == "software":
@@ -51,6 +56,26 @@ def open_case(options: Namespace) -> Case:
     return case
 
 
+def open_scene(options: Namespace) -> SceneCase:
+    """The scene that ``--scene`` names.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the options do not go together.
+    """
+    settings = settings_of(options)
+    for name in ("photo", "mask", "without", "calibration", "box", "focal"):
+        if vars(options).get(name):
+            called = name.upper() if name == "photo" else f"--{name}"
+            raise SettingsError(f"{called} with --scene, which says it itself; leave it out")
+    if settings.renderer == "software":
+        tell_of_compiling()
+    scene = load_scene(options.scene, settings)
+    if not options.quiet:
+        for note in scene.notes:
+            tell(f"note: {note}")
+    return scene
+
+
 def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
     if options.last:
         return last_pose()
@@ -65,14 +90,48 @@ def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[St
 
 def search(case: Case, quiet: bool) -> FitResult:
     """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
+    with _watching(quiet) as watch:
+        found = case.fit(watch=watch, threads=processors(), interruptible=True)
+    print_end(found)
+    return found
+
+
+def search_scene(scene: SceneCase, object_id: str | None, quiet: bool) -> SceneCase:
+    """The same of all objects of a scene, or one of them."""
+    with _watching(quiet) as watch:
+        found = scene.fit(object_id, watch=watch, threads=processors(), interruptible=True)
+    shares = found.visibility.shares
+    for one, result, share in zip(found.scene.objects, found.results, shares, strict=True):
+        if object_id not in (None, one.id):
+            continue
+        print(f"{one.label} (seen to {share:.0%})")
+        if result is None:
+            print("Not searched for: it stands wholly behind others; its pose is as it was.")
+        else:
+            print_end(result)
+    return found
+
+
+@contextmanager
+def _watching(quiet: bool) -> Iterator[Callable[[FitProgress], None]]:
+    """What shows the progress of searches, one after the other."""
     with progress_bar(None, quiet) as bar:
+        last, before = 0, 0
 
         def watch(progress: FitProgress) -> None:
+            nonlocal last, before
+            if progress.evaluations < last:
+                before += last
+            last = progress.evaluations
             text = f"restart {progress.restart}, {progress.loss_text}"
             bar.set_description_str(text, refresh=False)
-            bar.update(progress.evaluations - bar.n)
+            bar.update(before + last - bar.n)
 
-        found = case.fit(watch=watch, threads=processors(), interruptible=True)
+        yield watch
+
+
+def print_end(found: FitResult) -> None:
+    """How a search ended."""
     progress, verdict = found.progress, found.verdict
     assert progress is not None  # it was searched for
     print(
@@ -86,4 +145,3 @@ def search(case: Case, quiet: bool) -> FitResult:
         print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
         for reason in (*verdict.reasons, *found.notes):
             print(f"  {reason}")
-    return found

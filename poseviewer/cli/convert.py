@@ -7,15 +7,18 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from poseviewer.cli.options import made, option, size, whole_from_zero
+from poseviewer.cli.options import made, option, size
 from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
     from poseviewer.files.formats.conversion import Request
     from poseviewer.files.pose import PoseRecord
 
+SCENE = "scene"
+"""A scene file of several objects; of the formats it is read from BOP, and written as BOP, as glTF,
+or one object of it as any."""
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
 
@@ -25,17 +28,19 @@ def add_options(parser: ArgumentParser) -> None:
     from poseviewer.files.formats.conversion import METRES
     from poseviewer.files.formats.table import FORMATS
 
-    form = {"choices": FORMATS, "default": "poseviewer"}
-    option(parser, "source POSE", kind=Path)
+    names = (*FORMATS, SCENE)
+    form = {"choices": names, "default": "poseviewer"}
+    option(parser, "source POSE|SCENE", kind=Path)
     option(parser, "out OUT", kind=Path)
     option(parser, "--from FORMAT", dest="source_format", **form)
-    option(parser, "--to FORMAT", ", ".join(FORMATS), dest="out_format", **form)
+    option(parser, "--to FORMAT", ", ".join(names), dest="out_format", **form)
     option(parser, "--photo PHOTO", "(the one beside POSE that it names)", Path)
-    option(parser, "--model MODEL", "(the one beside POSE that it names)", Path)
+    beside = "(the one beside POSE that it names; from bop to scene: the folder of the models)"
+    option(parser, "--model MODEL", beside, Path)
     option(parser, "--photo-size WxH", "in px, where POSE does not say it", size)
     option(parser, "--unit", "of the model, where POSE does not say it", choices=METRES)
     option(parser, "--image NAME|NUMBER", "which image of a file with several; BOP: its number")
-    option(parser, "--object NUMBER", "BOP: of the object", whole_from_zero, dest="object_id")
+    option(parser, "--object ID|NUMBER", "which object of a scene; BOP: its number")
     option(
         parser,
         "--undistorted-photo FILE.png",
@@ -55,14 +60,20 @@ def run(options: Namespace) -> int:
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo import is_stored_turned
 
-    read = FORMATS[options.source_format].read
-    if read is None:
-        raise PoseFileError(
-            f"Poses cannot be read from {options.source_format} files; convert from another format."
-        )
-    request = _request(options)
-    record = read(options.source, request)
-    record, request = _with_files(record, request, options.source)
+    if options.out_format == SCENE or (options.source_format == SCENE and not options.object):
+        return _convert_scene(options)
+    if options.source_format == SCENE:
+        record, request = _object_of_scene(options)
+    else:
+        read = FORMATS[options.source_format].read
+        if read is None:
+            raise PoseFileError(
+                f"Poses cannot be read from {options.source_format} files; convert from another "
+                "format."
+            )
+        request = _request(options)
+        record = read(options.source, request)
+        record, request = _with_files(record, request, options.source)
     for warning in record.warnings:
         print(f"note: {warning}")
     known = FORMATS[options.out_format]
@@ -86,6 +97,57 @@ def run(options: Namespace) -> int:
     return 0
 
 
+def _convert_scene(options: Namespace) -> int:
+    """Read or write all objects of a photo at once, and say what was written."""
+    from poseviewer.batch.annotations import save_image_annotations
+    from poseviewer.files.formats.bop import read_bop_image, write_bop_image
+    from poseviewer.files.formats.conversion import refuse_existing
+    from poseviewer.files.formats.gltf import write_gltf_scene
+    from poseviewer.files.scene import load_scene, save_scene
+
+    request = _request(options)
+    if options.source_format == SCENE:
+        scene = load_scene(options.source)
+    elif options.source_format == "bop":
+        scene = read_bop_image(options.source, request)
+    else:
+        raise PoseFileError(
+            f"{options.source_format} files hold one pose, and a scene is of several; convert from "
+            "bop, or write the scene's file by hand."
+        )
+    for warning in scene.warnings:
+        print(f"note: {warning}")
+    files = (options.out,)
+    if options.out_format == SCENE:
+        refuse_existing(request, options.out)
+        save_scene(options.out, scene)
+    elif options.out_format == "bop":
+        image, written = write_bop_image(scene, options.out, request)
+        files = (*written.files, *save_image_annotations(options.out, image, scene))
+    elif options.out_format == "gltf":
+        files = write_gltf_scene(scene, options.out, request).files
+    else:
+        raise PoseFileError(
+            f"{options.out_format} files hold one pose; choose an object of the scene with "
+            "--object ID, or convert all to gltf or bop."
+        )
+    for path in files:
+        print(f"{options.out_format}: {path}")
+    return 0
+
+
+def _object_of_scene(options: Namespace) -> tuple[PoseRecord, Request]:
+    """The pose of one object of a scene."""
+    from poseviewer.files.scene import load_scene
+
+    scene = load_scene(options.source)
+    one = scene.objects[scene.index(options.object)]
+    request = replace(_request(options, object_id=None), photo=options.photo or scene.photo)
+    request = replace(request, model=options.model or one.model)
+    photo = replace(scene.photo_reference, file=scene.photo.name)
+    return replace(one.record, photo=photo, warnings=scene.warnings), request
+
+
 def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
     from poseviewer.files.writing import make_folder
@@ -102,14 +164,19 @@ def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     return path
 
 
-def _request(options: Namespace) -> Request:
+def _request(options: Namespace, **more: Any) -> Request:
     from poseviewer.files.formats.conversion import Request, require_file
     from poseviewer.files.photo import load_photo
 
+    of_scene = options.out_format == SCENE  # its --model is a folder
     for path, what in ((options.photo, "photo"), (options.model, "model")):
-        if path is not None:
+        if path is not None and not (of_scene and what == "model"):
             require_file(path, what, "Converted")
-    request = made(Request, options)
+    if options.object and "object_id" not in more:
+        if not options.object.isdecimal():
+            raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
+        more["object_id"] = int(options.object)
+    request = made(Request, options, **more)
     if options.photo is None or options.photo_size is not None:
         return request
     photo = load_photo(options.photo)

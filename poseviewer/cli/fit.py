@@ -7,6 +7,7 @@ from pathlib import Path
 
 from poseviewer.cli.options import (
     RECTANGLE,
+    SCENE,
     add_fields,
     add_files,
     add_search,
@@ -38,7 +39,7 @@ def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer fit``."""
     add_files(parser)
     _add_start(parser)
-    option(parser, "--out POSE.json", kind=Path, required=True)
+    option(parser, "--out POSE.json", "of a scene: SCENE.json", Path, required=True)
     option(parser, "--overlay OVERLAY.png", "draw the pose found", Path)
     add_look(parser, "of the overlay")
     add_settings(parser)
@@ -59,6 +60,8 @@ def _add_start(parser: ArgumentParser) -> None:
     option(start, f"--find-wheels {RECTANGLE}", about, rectangle)
     found = "look for one: in the --box, else in the whole photo"
     option(start, "--start", found, choices=("auto",))
+    option(start, "--scene SCENE.json", SCENE, Path)
+    option(group, "--object ID", "the only one of the scene to search for")
     option(group, f"--box {RECTANGLE}", "about the object, px", rectangle)
     unknown = "where no pose file says it"
     kinds = ("perspective", "parallel")
@@ -67,13 +70,21 @@ def _add_start(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Write the pose found, and an overlay if wanted."""
+    """Write the pose found, or the scene, and an overlay if wanted."""
     require_writable(options.out, PoseFileError)
     if options.overlay:
         require_writable(options.overlay, PhotoFileError)
-    from poseviewer.cli.case import open_case, search
+    from poseviewer.cli.case import open_case, open_scene, search, search_scene
     from poseviewer.files.state.folder import keep_last_pose
 
+    if options.scene is not None:
+        scene = search_scene(open_scene(options), options.object, options.quiet)
+        scene.save(options.out)
+        print(f"scene: {options.out}")
+        if options.overlay:
+            scene.draw(options.overlay, options.look)
+            print(f"overlay: {options.overlay}")
+        return EXIT_INTERRUPTED if scene.stopped else 0
     found = search(open_case(options), options.quiet)
     found.save(options.out)
     keep_last_pose(found.record)

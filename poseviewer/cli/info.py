@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
 from pathlib import Path
@@ -107,11 +106,11 @@ def _print_model(path: Path) -> None:
 
 
 def _print_pose(path: Path) -> None:
-    from poseviewer.files.pose import load_pose
+    from poseviewer.files.pose import load_pose, recorded_size
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 
-    record = load_pose(path, *_recorded_size(path))
+    record = load_pose(path, *recorded_size(path))
     camera = camera_as_integer_centres(record.pose.camera)
     transform = record.pose.camera_from_model
     projection, scale = "parallel", ""
@@ -146,16 +145,6 @@ def _print_pose(path: Path) -> None:
         verdict="not said" if record.verdict is None else record.verdict.word,
         note=record.warnings,
     )
-
-
-def _recorded_size(path: Path) -> tuple[int, int]:
-    """The photo's width and height, 1 x 1 where ``load_pose`` will say what is wrong with them."""
-    try:
-        photo = json.loads(path.read_bytes())["photo"]
-        width, height = photo["width"], photo["height"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return 1, 1
-    return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
 
 
 def _number(value: float | None, form: str) -> str:

@@ -15,6 +15,7 @@ from poseviewer.cli.options import (
     positive,
 )
 from poseviewer.cli.terminal import progress_bar
+from poseviewer.errors import SettingsError
 from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
 
@@ -22,6 +23,7 @@ from poseviewer.fit.settings import FitSettings
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer landscape``."""
     add_files(parser, "the middle of the maps")
+    option(parser, "--object ID", "of the scene: which one")
     option(parser, "--out FOLDER", kind=Path, required=True)
     option(parser, "--size SIZE", "points a side (41)", map_size, default=41)
     option(parser, "--range SHARE", "half width (0.2: 20 %%)", positive, default=0.2)
@@ -32,9 +34,14 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Write ``landscape.png`` and ``landscape.npz``."""
-    from poseviewer.cli.case import open_case
+    from poseviewer.cli.case import open_case, open_scene
 
-    case = open_case(options)
+    if options.scene is None:
+        case = open_case(options)
+    elif options.object is None:
+        raise SettingsError("--scene without --object; name the object to map with --object ID")
+    else:
+        case = open_scene(options).case(options.object)
     make_folder(options.out)
     with progress_bar(0, options.quiet) as bar:
 

@@ -192,12 +192,17 @@ def add_search(parser: ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
+SCENE = "several objects in one photo, in place of PHOTO and MODEL"
+
+
 def add_files(parser: ArgumentParser, pose: str = "") -> None:
-    """Photo, model and camera, and the ``pose`` where this says what it is for."""
-    option(parser, "photo PHOTO", kind=Path)
-    option(parser, "model MODEL", kind=Path)
+    """Photo, model and camera; where ``pose`` says what it is for, the pose, or a scene."""
+    option(parser, "photo PHOTO", kind=Path, nargs="?")
+    option(parser, "model MODEL", kind=Path, nargs="?")
     if pose:
-        option(parser, "--pose POSE.json", pose, Path, required=True)
+        one = parser.add_mutually_exclusive_group(required=True)
+        option(one, "--pose POSE.json", pose, Path)
+        option(one, "--scene SCENE.json", SCENE, Path)
     option(parser, "--quiet", "no progress, no notes")
     add_calibration(parser)
 

@@ -1,4 +1,4 @@
-"""Draw the model over the photo at a pose."""
+"""Draw the model over the photo at a pose, or all objects of a scene."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def add_look(parser: ArgumentParser, text: str | None = None) -> None:
 def run(options: Namespace) -> int:
     """Write the picture."""
     require_writable(options.out, PhotoFileError)
-    from poseviewer.cli.case import open_case
+    from poseviewer.cli.case import open_case, open_scene
 
-    open_case(options).start.draw(options.out, options.look)
+    drawn = open_case(options).start if options.scene is None else open_scene(options)
+    drawn.draw(options.out, options.look)
     print(f"overlay: {options.out}")
     return 0

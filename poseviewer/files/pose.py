@@ -124,6 +124,18 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
     return record_from_json(reading, reading.load_json(), width, height)
 
 
+def recorded_size(path: Path) -> tuple[int, int]:
+    """The width and height of the photo that a pose file was made for; 1 x 1 where ``load_pose``
+    will say what is wrong with them, or they are not said.
+    """
+    try:
+        photo = json.loads(path.read_bytes())["photo"]
+        width, height = photo["width"], photo["height"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return 1, 1
+    return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
+
+
 def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
     """What a pose file's JSON says, for a photo of ``width`` x ``height`` px.
 

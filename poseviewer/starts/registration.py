@@ -4,19 +4,25 @@ on the photo.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.errors import SettingsError
+from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, matched
-from poseviewer.files.pose import check_against, load_pose
+from poseviewer.files.photo import (
+    load_calibrated_photo,
+    load_photo,
+    matched,
+    undistorted,
+)
+from poseviewer.files.pose import PoseRecord, check_against, load_pose
+from poseviewer.files.scene import SceneRecord
 from poseviewer.files.writing import sha256_of
-from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
@@ -105,13 +111,8 @@ def load_registration(
     photo, record, notes = matched(photo, load_pose(pose_path, photo.width, photo.height))
     model = _model_of(model, without)
     notes = (*record.warnings, *check_against(record, photo.sha256, model.sha256), *notes)
-    known = [name for name in record.without if name in model.mesh.whole.part_names]
-    model = _model_of(model, known)
-    notes += tuple(
-        f"The pose file leaves out the part {name!r}, which {model.name} has not."
-        for name in record.without
-        if name not in known
-    )
+    model, of_parts = _as_recorded(model, record)
+    notes += of_parts
     if mask is None:
         mask, of_mask = mask_beside(pose_path, record, photo.width, photo.height)
         notes = (*notes, *of_mask)
@@ -162,10 +163,77 @@ def _model_of(model: str | Path | LoadedModel, without: Sequence[str]) -> Loaded
     return replace(model, mesh=model.mesh.without([*model.mesh.left_out, *without]))
 
 
+def _as_recorded(model: LoadedModel, record: PoseRecord) -> tuple[LoadedModel, tuple[str, ...]]:
+    """The model without the parts that its pose leaves out; and sentences on what it has not."""
+    known = [name for name in record.without if name in model.mesh.whole.part_names]
+    notes = (
+        f"The pose file leaves out the part {name!r}, which {model.name} has not."
+        for name in record.without
+        if name not in known
+    )
+    return _model_of(model, known), tuple(notes)
+
+
 def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
     if mask is None or isinstance(mask, Mask):
         return mask
     return load_mask(mask, photo.width, photo.height)
+
+
+def load_scene_registrations(scene: SceneRecord) -> tuple[Registration, ...]:
+    """One for each object of a scene, in its order: from its pose, among the others at theirs.
+
+    Raises:
+        PoseViewerError: a file cannot be used; the photo or a mask has another size than the scene
+            says; the models are in different units.
+    """
+    photo = load_photo(scene.photo)
+    wanted = scene.camera.width, scene.camera.height
+    if (photo.width, photo.height) != wanted:
+        raise PoseFileError(
+            f"{photo.name}: {photo.width}x{photo.height} px, and the scene is one for "
+            f"{wanted[0]}x{wanted[1]} px; name the photo that it was made with."
+        )
+    if scene.undistortion is not None:
+        photo = undistorted(photo, scene.undistortion)
+    models: dict[Path, LoadedModel] = {}
+    for one in scene.objects:
+        if one.model not in models:
+            models[one.model] = load_model(one.model)
+    _require_one_unit(scene, models)
+    alone = []
+    for one in scene.objects:
+        model, of_parts = _as_recorded(models[one.model], one.record)
+        checks = check_against(one.record, photo.sha256, model.sha256)
+        notes = (*one.record.warnings, *checks, *of_parts)
+        own = _registration(photo, model, one.record.pose, notes, _mask_of(photo, one.mask))
+        alone.append(own)
+    return among_others(alone)
+
+
+def among_others(registrations: Sequence[Registration]) -> tuple[Registration, ...]:
+    """The same of one photo, that of the first, each with all others where they start."""
+    placed = [PlacedModel(one.mesh, one.start) for one in registrations]
+    return tuple(
+        replace(one, photo=registrations[0].photo, others=(*placed[:index], *placed[index + 1 :]))
+        for index, one in enumerate(registrations)
+    )
+
+
+def _require_one_unit(scene: SceneRecord, models: Mapping[Path, LoadedModel]) -> None:
+    """Refuse models in different units: which is in front could not be told from their poses."""
+    known: dict[str, str] = {}
+    for one in scene.objects:
+        said = one.record.model.unit if one.record.model else None
+        unit = said or models[one.model].mesh.unit
+        if unit is not None:
+            known.setdefault(unit, one.label)
+    if len(known) > 1:
+        (first, its), (second, other) = list(known.items())[:2]
+        raise PoseFileError(
+            f"{its} is in {first} and {other} in {second}; the models of a scene have to be in one "
+            "unit, scale one of the files."
+        )
 
 
 def _registration(

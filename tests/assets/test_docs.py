@@ -20,8 +20,8 @@ from poseviewer.cli import main as cli
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
-TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "which_model", "export",
-         "library", "settings", "files")  # fmt: skip
+TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "several", "which_model",
+         "export", "library", "settings", "files")  # fmt: skip
 BACKGROUND = ("method", "results", "architecture", "experiments", "api", "formats")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 LARGEST_BYTES = 2_000_000

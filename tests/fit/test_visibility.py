@@ -48,7 +48,7 @@ def test_a_near_camera_cuts_depth_as_it_cuts_the_picture():
 
 
 def test_the_nearest_is_seen_whatever_the_order():
-    near, far = place(0.5, 5.0), place(0.0, 8.0)
+    near, far = place(1.2, 5.0), place(0.0, 8.0)
     one, other = visibility([near, far]), visibility([far, near])
     assert np.array_equal(one.seen(0), other.seen(1))
     assert np.array_equal(one.seen(1), other.seen(0))

@@ -1,14 +1,15 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
 As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and
-K row-major, OpenCV axes, pixel centres at integers. Masks, boxes and ``scene_gt_info.json`` are
-the toolkit's to make, from these.
+K row-major, OpenCV axes, pixel centres at integers. ``bop_masks`` writes masks, boxes and
+``scene_gt_info.json``.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +31,9 @@ from poseviewer.files.formats.conversion import (
     size_of,
     unit_of,
 )
-from poseviewer.files.pose import PoseRecord
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.scene import SceneObject, SceneRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
@@ -43,6 +46,7 @@ LARGEST_SCENE = 1_000_000_000
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+MODEL_FILE = "obj_{:06d}.ply"
 SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
@@ -116,8 +120,75 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     of_image.append(entry)
     make_folder(out)
     for path, content in zip(paths, (cameras, poses), strict=True):
-        write_whole(path, _scene_text(content), PoseFileError)
+        write_whole(path, scene_text(content), PoseFileError)
     return Written(paths)
+
+
+def write_bop_image(scene: SceneRecord, out: Path, request: Request) -> tuple[int, Written]:
+    """Write all objects of a scene as one image of the BOP scene folder ``out``; returns the
+    image's number. Other images stay as they are.
+
+    Raises:
+        PoseFileError: as of ``write_bop``; or the image is there already.
+    """
+    first = replace(scene.objects[0].record, photo=scene.photo_reference)
+    matrix = opencv_matrix(require_pinhole(first, "BOP")).reshape(-1).tolist()
+    number = _number(request.image, PHOTO_NAME, scene.photo.name, "image", "000003.png")
+    entries = []
+    for one in scene.objects:
+        named = re.fullmatch(MODEL_NAME, one.model.name) or not one.id.isdecimal()
+        asked = request if named else replace(request, object_id=int(one.id))
+        entries.append(_entry(one.record, asked))
+    paths = out / CAMERAS, out / POSES
+    cameras, poses = (load_scene_file(path) for path in paths)
+    if str(number) in poses and not request.overwrite:
+        raise PoseFileError(
+            f"{paths[1]}: image {number} is there already and was not touched; name another with "
+            "--image NUMBER, or add --overwrite."
+        )
+    cameras[str(number)] = {"cam_K": matrix, "depth_scale": 1.0}
+    poses[str(number)] = entries
+    make_folder(out)
+    for path, content in zip(paths, (cameras, poses), strict=True):
+        write_whole(path, scene_text(content), PoseFileError)
+    return number, Written(paths)
+
+
+def read_bop_image(path: Path, request: Request) -> SceneRecord:
+    """All objects of image ``request.image`` of a scene folder, or of its only one; the models are
+    those of the folder ``request.model``, called ``obj_000005.ply`` and so on.
+
+    Raises:
+        PoseFileError: there is no such image, or no pose in it; the photo or a model is not there.
+    """
+    _, poses = (load_scene_file(path / name) for name in (CAMERAS, POSES))
+    scene = load_bop_images(path)
+    chosen = int(_chosen_image(path / POSES, poses, request))
+    image = next((image for image in scene.images if image.number == chosen), None)
+    if image is None or not image.objects:
+        raise PoseFileError(f"{path}: image {chosen} has no camera or no pose; choose another.")
+    photo = request.photo or path / image.photo
+    for file, what in ((photo, "photo"), (request.model, "folder of the models")):
+        if file is None or not file.exists():
+            flag = "--photo FILE" if what == "photo" else "--model FOLDER"
+            raise PoseFileError(f"{path}: the {what} is not known ({file}); name it with {flag}.")
+    assert request.model is not None  # it is there
+    opened = load_photo(photo)
+    width, height = opened.width, opened.height
+    camera = replace(image.camera, width=width, height=height)
+    seen: Counter[int] = Counter()
+    objects = []
+    for one in image.objects:
+        seen[one.object_id] += 1
+        again = f"-{seen[one.object_id]}" if seen[one.object_id] > 1 else ""
+        model = request.model / MODEL_FILE.format(one.object_id)
+        if not model.is_file():
+            raise PoseFileError(f"{model}: no such model; name the folder of it with --model.")
+        record = PoseRecord(
+            Pose(camera, one.place), model=ModelReference(model.name, unit=request.unit or UNIT)
+        )
+        objects.append(SceneObject(f"{one.object_id}{again}", model, record))
+    return SceneRecord(photo, PhotoReference(None, width, height), camera, tuple(objects))
 
 
 def read_bop(path: Path, request: Request) -> PoseRecord:
@@ -191,7 +262,7 @@ def save_bop_images(
     """
     entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
     for name, content in ((CAMERAS, dict(cameras)), (POSES, entries)):
-        write_whole(folder / name, _scene_text(content), PoseFileError)
+        write_whole(folder / name, scene_text(content), PoseFileError)
 
 
 def load_scene_file(path: Path) -> SceneFile:
@@ -211,8 +282,8 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
 
-def _scene_text(content: SceneFile) -> bytes:
-    """One image a line, in order, as the toolkit writes it."""
+def scene_text(content: SceneFile) -> bytes:
+    """A scene's file: one image a line, in order, as the toolkit writes it."""
     lines = (
         f"  {json.dumps(image)}: {json.dumps(content[image])}"
         for image in sorted(content, key=lambda name: (len(name), name))

@@ -42,6 +42,7 @@ from poseviewer.files.formats.conversion import (
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
@@ -73,6 +74,62 @@ def write_gltf(record: PoseRecord, out: Path, request: Request) -> Written:
     nodes = [file.add("nodes", name="model", mesh=file.add_mesh(mesh))]
     if scale != 1.0:
         nodes = [file.add("nodes", name="metres", scale=[scale] * 3, children=nodes)]
+    record = replace(record, pose=pose)
+    return _write_view(file, nodes, record, (near, far), scale, out, request)
+
+
+def write_gltf_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+    """Write all objects of a scene as a GLB file. Its world is the camera's frame, with glTF's
+    axes; lengths become metres where the models' unit is known.
+    """
+    records = [one.record for one in scene.objects]
+    refuse_lens(records[0], "glTF")
+    if out.suffix.lower() != ".glb":
+        raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
+    known = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
+    meshes = [known[one.model] for one in scene.objects]
+    # Parallel projection has no depth to keep, but what is in front has to stay there.
+    pairs = list(zip(records, meshes, strict=True))
+    ahead = max(
+        in_front(one.pose, mesh).camera_from_model.translation[2]
+        - one.pose.camera_from_model.translation[2]
+        for one, mesh in pairs
+    )
+    shift = RigidTransform(np.eye(3), np.array([0.0, 0.0, ahead]))
+    poses = [replace(one.pose, camera_from_model=shift @ one.pose.camera_from_model)
+             for one in records]  # fmt: skip
+    depths = [view_depths(pose, mesh) for pose, mesh in zip(poses, meshes, strict=True)]
+    unit = request.unit or next(
+        (found for one in records if (found := unit_of(one, request)) is not None), None
+    )
+    scale, file, nodes = 1.0 if unit is None else metres_per_unit(unit), _Glb(), []
+    index = {path: file.add_mesh(mesh) for path, mesh in known.items()}
+    for one, pose in zip(scene.objects, poses, strict=True):
+        place = as_4x4(OPENGL_FROM_OPENCV @ pose.camera_from_model) * scale
+        place[3, 3] = 1.0
+        matrix = place.T.reshape(-1).tolist()
+        nodes.append(file.add("nodes", name=one.label, mesh=index[one.model], matrix=matrix))
+    # From the file's world, OpenGL's axes, to the camera's.
+    of_camera = replace(records[0], pose=Pose(scene.camera, OPENGL_FROM_OPENCV.inverse()))
+    span = min(near for near, _ in depths), max(far for _, far in depths)
+    photo = replace(request, photo=request.photo or scene.photo)
+    return _write_view(file, nodes, of_camera, span, scale, out, photo)
+
+
+def _write_view(
+    file: _Glb,
+    nodes: list[int],
+    record: PoseRecord,
+    depths: tuple[float, float],
+    scale: float,
+    out: Path,
+    request: Request,
+) -> Written:
+    """Add the camera and the photo behind the furthest depth to the models' ``nodes``, and write.
+
+    The record's ``camera_from_model`` is that from the file's world, before ``scale``.
+    """
+    pose, (near, far) = record.pose, depths
     clip = {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
     place = as_4x4((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse())
     place[:3, 3] *= scale

@@ -1,0 +1,127 @@
+"""The poses of several models in one photo, one after the other, until none changes what is seen of
+another.
+
+What one model hides of another depends on both poses, so the searches alternate: the model that is
+seen most goes first, and each is compared where the others, at their poses by then, leave it to be
+seen. A model is searched for again where this has changed since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poseviewer.fit.problem import FitProblem, make_problem
+from poseviewer.fit.progress import FitProgress
+from poseviewer.fit.registration import PlacedModel, Registration
+from poseviewer.fit.search import Judge, search
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.visibility import Hiding, hiding, visibility
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.types import Renderer
+
+CHANGED = 0.02
+"""Share of a model's pixels that others must hide or give free for another search: less moves its
+minimum by less than such a search can tell."""
+MOST_ROUNDS = 4
+"""Searches of one model at most: two that slide along each other would take turns for ever."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelToPlace:
+    """A model that is searched for with others."""
+
+    registration: Registration
+    """Its ``others`` are those that stay where they are, the same for all."""
+    settings: FitSettings
+    renderer: Renderer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """The last search for a model."""
+
+    registration: Registration
+    """With the others where they were."""
+    problem: FitProblem
+    note: str
+    """Of the chart, as ``make_problem`` gives it."""
+    progress: FitProgress
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TogetherProgress:
+    """Several searches after one more evaluation of one of them."""
+
+    index: int
+    """Of the model that is searched for."""
+    placings: tuple[Placing | None, ...]
+    """The last search for each model; None where there was none: it is not its turn yet, or it
+    stands wholly behind others."""
+    poses: tuple[Pose, ...]
+    """Where all are by now."""
+
+    @property
+    def progress(self) -> FitProgress:
+        """The search under way."""
+        placing = self.placings[self.index]
+        assert placing is not None  # it has begun
+        return placing.progress
+
+
+def search_together(
+    models: Sequence[ModelToPlace], judge: Judge, threads: int = 1
+) -> Iterator[TogetherProgress]:
+    """Search for all ``models`` of one photo in turn; yields after every evaluation.
+
+    To stop it, stop asking: all poses are the best so far. Nothing is yielded where each of them
+    stands wholly behind others. The limits of the settings are those of each search.
+
+    Raises:
+        SettingsError: the settings do not go with the photo, a model or its start.
+        SingularChartError: the wanted chart has no parameters at a start.
+    """
+    poses = [model.registration.start for model in models]
+    placings: list[Placing | None] = [None] * len(models)
+    compared: list[Hiding | None] = [None] * len(models)
+    for _ in range(MOST_ROUNDS):
+        due, was_searched = set(range(len(models))), False
+        while due:
+            index = _most_seen(models, poses, due)
+            due.remove(index)
+            model = models[index]
+            rest = [i for i in range(len(models)) if i != index]
+            others = tuple(PlacedModel(models[i].registration.mesh, poses[i]) for i in rest)
+            others = (*model.registration.others, *others)
+            now = hiding(PlacedModel(model.registration.mesh, poses[index]), others)
+            before = compared[index]
+            if now.is_whole or (before is not None and not _differ(before, now)):
+                continue
+            registration = replace(model.registration, start=poses[index], others=others)
+            problem, note = make_problem(registration, model.settings)
+            mesh, renderer = registration.mesh, model.renderer
+            for progress in search(problem, mesh, renderer, judge, threads):
+                poses[index] = progress.pose
+                placings[index] = Placing(registration, problem, note, progress)
+                yield TogetherProgress(index, tuple(placings), tuple(poses))
+            compared[index], was_searched = now, True
+        if not was_searched:
+            return
+
+
+def _most_seen(models: Sequence[ModelToPlace], poses: Sequence[Pose], due: set[int]) -> int:
+    """Which of the models that are ``due`` all others hide least."""
+    placed = [
+        PlacedModel(model.registration.mesh, pose)
+        for model, pose in zip(models, poses, strict=True)
+    ]
+    shares = visibility([*placed, *models[0].registration.others]).shares
+    return max(sorted(due), key=lambda index: shares[index])
+
+
+def _differ(before: Hiding, now: Hiding) -> bool:
+    """Whether other pixels of the model are hidden now than were when it was searched for."""
+    changed = np.count_nonzero((before.hidden ^ now.hidden) & now.drawn)
+    return bool(changed > CHANGED * np.count_nonzero(now.drawn))

@@ -1,0 +1,190 @@
+"""Several objects in one photo from the command line: fitted, drawn, mapped, converted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.api import load_scene as open_scene
+from poseviewer.cli import main as cli
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene import load_scene, save_scene, scene_schema
+from poseviewer.geometry.camera import Perspective
+from tests.several import IDS, MESHES, STARTS, TRUTH, make_bop, make_three
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return make_three(tmp_path)
+
+
+def off(scene, index: int) -> float:
+    """The mean distance of an object's vertices from the truth, px."""
+    vertices = MESHES[index].vertices
+    apart = scene.objects[index].record.pose.project(vertices) - TRUTH[index].pose.project(vertices)
+    return float(np.linalg.norm(apart, axis=1).mean())
+
+
+@pytest.mark.slow
+def test_a_scene_is_fitted_and_written_again(path, tmp_path, capsys):
+    out = tmp_path / "fitted.json"
+    assert (
+        run("fit", "--scene", path, "--out", out, "--quiet", "--overlay", tmp_path / "o.png") == 0
+    )
+    printed = capsys.readouterr().out
+    for name in IDS:
+        assert f"{name} (seen to " in printed
+    jsonschema.validate(json.loads(out.read_text()), scene_schema())
+    before, after = load_scene(path), load_scene(out)
+    for index, one in enumerate(after.objects):
+        assert off(after, index) < 0.3 * off(before, index)
+        assert one.record.verdict is not None
+    assert (load_photo(tmp_path / "o.png").pixels != load_photo(before.photo).pixels).any()
+
+
+@pytest.mark.slow
+def test_one_object_of_a_scene_is_fitted_and_the_others_stay(path, tmp_path):
+    out = tmp_path / "fitted.json"
+    assert run("fit", "--scene", path, "--object", "apart", "--out", out, "--quiet") == 0
+    before, after = load_scene(path), load_scene(out)
+    assert off(after, 2) < 0.3 * off(before, 2)
+    for index in (0, 1):
+        one, other = (s.objects[index].record.pose.camera_from_model for s in (before, after))
+        assert np.array_equal(one.translation, other.translation)
+
+
+def test_what_is_behind_another_is_not_drawn(path, tmp_path):
+    scene = load_scene(path)
+    save_scene(path, scene.with_records([PoseRecord(one.pose) for one in TRUTH]))
+    assert run("overlay", "--scene", path, "--out", tmp_path / "o.png", "--look", "normals") == 0
+    shown = open_scene(path).visibility
+    alone = [open_scene(path).case(name).start.picture("normals") for name in IDS]
+    drawn, photo = load_photo(tmp_path / "o.png").pixels, load_photo(scene.photo).pixels
+    for index in range(3):
+        seen = shown.seen(index)
+        assert np.array_equal(drawn[seen], alone[index][seen])
+    nothing = shown.nearest < 0
+    assert np.array_equal(drawn[nothing], photo[nothing])
+
+
+def test_the_landscape_is_that_of_one_object_among_the_others(path, tmp_path):
+    out = tmp_path / "maps"
+    more = ("--out", out, "--size", "3", "--quiet")
+    assert run("landscape", "--scene", path, "--object", "ball", *more) == 0
+    assert (out / "landscape.npz").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("fit", "P", "M", "--scene", "S", "--out", "o.json"), "PHOTO with --scene"),
+        (("fit", "--scene", "S", "--object", "who", "--out", "o.json"), "no object 'who' in"),
+        (("fit", "--scene", "S", "--out", "o.json", "--mask", "m.png"), "--mask with --scene"),
+        (("fit", "--scene", "S", "--out", "o.json", "--free-focal"), "share one camera"),
+        (("fit", "--pose", "S", "--out", "o.json"), "PHOTO and MODEL are wanted"),
+        (("landscape", "--scene", "S", "--out", "o"), "--scene without --object"),
+        (("convert", "S", "o.yml", "--from", "scene", "--to", "opencv"), "choose an object"),
+        (("convert", "S", "o.json", "--from", "opencv", "--to", "scene"), "hold one pose"),
+    ],
+)
+def test_what_does_not_go_together_is_said(path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(path.parent)
+    assert run(*(path if word == "S" else word for word in arguments)) == 2
+    said = capsys.readouterr().err.strip()
+    assert words in said
+    assert "\n" not in said
+
+
+def test_an_object_wholly_behind_another_is_said(path, tmp_path, capsys):
+    scene = load_scene(path)
+    data = json.loads(path.read_text())
+    data["objects"][0]["pose"]["camera_from_model"]["translation"] = [4.4, 0.8, 40.0]
+    path.write_text(json.dumps(data))
+    assert run("fit", "--scene", path, "--object", "ball", "--out", tmp_path / "o.json") == 2
+    assert "wholly behind other objects" in capsys.readouterr().err
+    assert len(scene.objects) == 3
+
+
+def test_a_scene_becomes_an_image_of_a_bop_scene_and_back(path, tmp_path, capsys):
+    out, models = tmp_path / "out", make_bop(tmp_path).parent / "models"
+    (out / "rgb").mkdir(parents=True)
+    (out / "rgb" / "000004.png").write_bytes((tmp_path / "three.png").read_bytes())
+    data = json.loads(path.read_text())
+    for number, one in enumerate(data["objects"], 1):
+        one["model"].update(file=f"models/obj_{number:06d}.ply", unit="mm")
+    path.write_text(json.dumps(data))
+    arguments = ("convert", path, out, "--from", "scene", "--to", "bop", "--image", "4")
+    assert run(*arguments) == 0
+    assert run(*arguments) == 2
+    assert "there already" in capsys.readouterr().err
+    seen = open_scene(path).visibility
+    info = json.loads((out / "scene_gt_info.json").read_text())["4"]
+    for index in range(3):
+        for folder, wanted in (("mask", seen.drawn[index]), ("mask_visib", seen.seen(index))):
+            mask = load_photo(out / folder / f"000004_{index:06d}.png").pixels
+            assert np.array_equal(mask, 255 * wanted[..., None].astype(np.uint8))
+        rows, columns = np.nonzero(seen.seen(index))
+        box = [columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1]
+        assert info[index]["bbox_visib"] == box
+        assert info[index]["px_count_visib"] == len(rows)
+    behind, front, apart = info
+    assert behind["visib_fract"] == pytest.approx(seen.shares[0])
+    assert behind["px_count_all"] == seen.drawn[0].sum()
+    assert front["px_count_visib"] == front["px_count_valid"]
+    left, top, width, height = apart["bbox_obj"]  # beyond the photo's left edge
+    assert left < 0
+    assert [left + width, top, height] == [apart["bbox_visib"][2], *apart["bbox_visib"][1::2]]
+    assert apart["visib_fract"] < 1.0
+    coco = json.loads((out / "scene_gt_coco.json").read_text())
+    assert [one["category_id"] for one in coco["annotations"]] == [1, 2, 3]
+    for index, one in enumerate(coco["annotations"]):
+        counts, values = one["segmentation"]["counts"], []
+        for number, count in enumerate(counts):
+            values += [number % 2] * count
+        mask = np.reshape(values, (320, 240)).T
+        assert np.array_equal(mask, seen.seen(index))
+    back = tmp_path / "back.json"
+    assert run("convert", out, back, "--from", "bop", "--to", "scene", "--model", models) == 0
+    again = load_scene(back)
+    assert [one.id for one in again.objects] == ["1", "2", "3"]
+    for one, start in zip(again.objects, STARTS, strict=True):
+        place = one.record.pose.camera_from_model
+        assert place.translation == pytest.approx(start.pose.camera_from_model.translation)
+    assert again.camera == Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
+
+
+def test_a_scene_becomes_one_gltf_file(path, tmp_path):
+    out = tmp_path / "out.glb"
+    assert run("convert", path, out, "--from", "scene", "--to", "gltf") == 0
+    found = trimesh.load_scene(str(out))
+    corners = np.concatenate(
+        [one.pose.camera_from_model.apply(load_mesh(tmp_path / f"{name}.ply").vertices)
+         for name, one in zip(IDS, STARTS, strict=True)]
+    )  # fmt: skip
+    whole = np.concatenate(
+        [trimesh.transform_points(found.geometry[found.graph[node][1]].vertices,
+                                  found.graph[node][0]) for node in IDS]
+    )  # fmt: skip
+    wanted = corners * (1.0, -1.0, -1.0)
+    assert np.allclose(whole.min(axis=0), wanted.min(axis=0), atol=1e-5)
+    assert np.allclose(whole.max(axis=0), wanted.max(axis=0), atol=1e-5)
+
+
+def test_one_object_of_a_scene_becomes_a_pose_file(path, tmp_path):
+    out = tmp_path / "front.json"
+    assert run("convert", path, out, "--from", "scene", "--object", "front") == 0
+    data = json.loads(out.read_text())
+    assert data["model"]["file"] == "front.ply"
+    wanted = STARTS[1].pose.camera_from_model.translation
+    assert data["camera_from_model"]["translation"] == wanted.tolist()

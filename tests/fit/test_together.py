@@ -1,0 +1,107 @@
+"""Several objects in one photo: each is found among the others, and all of them together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from poseviewer.confidence.model import judge_end
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.registration import PlacedModel, Registration
+from poseviewer.fit.search import search
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.together import MOST_ROUNDS, ModelToPlace, TogetherProgress, search_together
+from poseviewer.fit.visibility import visibility
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.software.renderer import SoftwareRenderer
+from tests.meshes import make_box
+from tests.several import MESHES, STARTS, TRUTH, make_photo
+
+PHOTO = make_photo()
+SETTINGS = FitSettings()
+
+
+def registration(index: int, *others: PlacedModel) -> Registration:
+    start = STARTS[index]
+    named = (PHOTO, start.mesh, "m.ply", "0" * 64, None, start.pose, ())
+    return Registration(*named, others=others)
+
+
+def share_off(index: int, pose: Pose) -> float:
+    """The mean distance of the model's vertices in the photo, in shares of its size there."""
+    truth = TRUTH[index].pose.project(MESHES[index].vertices)
+    apart = np.linalg.norm(pose.project(MESHES[index].vertices) - truth, axis=1)
+    return float(apart.mean() / np.linalg.norm(np.ptp(truth, axis=0)))
+
+
+def fitted(one: Registration) -> Pose:
+    problem, _ = make_problem(one, SETTINGS)
+    *_, end = search(problem, one.mesh, SoftwareRenderer(one.mesh), judge_end)
+    return end.pose
+
+
+@pytest.mark.slow
+def test_what_another_hides_is_found_right_with_it_and_not_without():
+    assert 0.3 < visibility(TRUTH).shares[0] < 0.5
+    alone = share_off(0, fitted(registration(0)))
+    among = share_off(0, fitted(registration(0, TRUTH[1], TRUTH[2])))
+    assert among < 0.01 < alone
+
+
+@pytest.fixture(scope="module")
+def together() -> list[TogetherProgress]:
+    models = [
+        ModelToPlace(registration(index), SETTINGS, SoftwareRenderer(MESHES[index]))
+        for index in range(3)
+    ]
+    return list(search_together(models, judge_end))
+
+
+@pytest.mark.slow
+def test_all_are_found_together(together):
+    ends = [share_off(index, pose) for index, pose in enumerate(together[-1].poses)]
+    starts = [share_off(index, one.pose) for index, one in enumerate(STARTS)]
+    assert all(end < 0.3 * start for end, start in zip(ends, starts, strict=True))
+    assert max(ends) < 0.01
+    for placing in together[-1].placings:
+        assert placing is not None
+        assert placing.progress.verdict is not None
+
+
+@pytest.mark.slow
+def test_the_one_seen_most_goes_first_and_none_is_searched_for_for_ever(together):
+    order = [together[0].index]
+    for progress in together:
+        if progress.index != order[-1]:
+            order.append(progress.index)
+    assert sorted(order[:3]) == [0, 1, 2]
+    assert order[2] == 0  # the one behind
+    assert len(order) <= 3 * MOST_ROUNDS
+
+
+@pytest.mark.slow
+def test_it_can_be_stopped_after_any_evaluation(together):
+    models = [
+        ModelToPlace(registration(index), SETTINGS, SoftwareRenderer(MESHES[index]))
+        for index in range(3)
+    ]
+    first = list(islice(search_together(models, judge_end), 5))
+    assert [one.progress.loss for one in first] == [one.progress.loss for one in together[:5]]
+    assert first[-1].placings.count(None) == 2
+
+
+def test_what_stands_wholly_behind_another_is_left_where_it_is():
+    few = replace(SETTINGS, limits=replace(SETTINGS.limits, evaluations=5))
+    wall = PlacedModel(make_box((9.0, 9.0, 0.2)), TRUTH[1].pose)
+    model = ModelToPlace(registration(0, wall), few, SoftwareRenderer(MESHES[0]))
+    assert list(search_together([model], judge_end)) == []
+    beside = ModelToPlace(registration(2), few, SoftwareRenderer(MESHES[2]))
+    hidden = replace(model, registration=registration(0))
+    at_wall = replace(registration(1), mesh=wall.mesh, start=wall.pose)
+    front = ModelToPlace(at_wall, few, SoftwareRenderer(wall.mesh))
+    *_, end = search_together([hidden, front, beside], judge_end)
+    assert end.placings[0] is None
+    assert end.poses[0] is hidden.registration.start

@@ -1,0 +1,117 @@
+"""Three objects in one photo, one in front of another: in memory, and as files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+
+from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PhotoReference, PoseRecord
+from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
+from poseviewer.fit.registration import PlacedModel
+from poseviewer.fit.visibility import visibility
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.lens import opencv_matrix
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.software.renderer import SoftwareRenderer
+from tests.meshes import make_box, make_bumpy
+
+CAMERA = Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
+IDS = ("ball", "front", "apart")
+LIGHT = np.array([0.4, -0.7, -0.6])
+
+
+def coloured(mesh: Mesh, tint: tuple[float, float, float]) -> Mesh:
+    """One pigment of varying strength: grey reflectance explains its colour photo."""
+    return replace(mesh, colours=mesh.colours[:, :1] * np.array(tint, np.float32))
+
+
+MESHES = (
+    coloured(make_bumpy(3), (1.0, 0.8, 0.6)),
+    coloured(make_box((1.3, 2.2, 0.9)), (0.5, 0.7, 1.0)),
+    coloured(make_box((1.2, 0.8, 1.5)), (0.7, 1.0, 0.6)),
+)
+PLACES = (
+    RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [-0.2, 0.05, 7.0]),
+    RigidTransform.from_rotation_vector([0.1, 0.6, -0.1], [0.55, 0.1, 5.0]),
+    RigidTransform.from_rotation_vector([0.5, 0.7, 0.3], [-2.2, 0.2, 7.5]),
+)
+OFF = (
+    np.array([0.04, -0.05, 0.03, 0.05, -0.04, 0.04]),
+    np.array([-0.03, 0.03, -0.03, 0.04, 0.03, -0.04]),
+    np.array([0.03, 0.04, -0.02, -0.05, 0.04, 0.03]),
+)
+TRUTH = tuple(
+    PlacedModel(mesh, Pose(CAMERA, place)) for mesh, place in zip(MESHES, PLACES, strict=True)
+)
+STARTS = tuple(
+    PlacedModel(one.mesh, FreeBodyChart.near(one.mesh, one.pose).to_pose(off))
+    for one, off in zip(TRUTH, OFF, strict=True)
+)
+
+
+def make_photo() -> Photo:
+    """All three, lit, on a dark ground; smoothed and noisy."""
+    large = [replace(one, pose=one.pose.scaled(3.0)) for one in TRUTH]
+    seen = visibility(large)
+    lit = np.full((*seen.nearest.shape, 3), 0.08)
+    for index, one in enumerate(large):
+        image = SoftwareRenderer(one.mesh).render(one.pose)
+        light = np.clip(0.5 + 0.45 * image.normals @ LIGHT, 0.03, 1.0)
+        shown = image.reflectance * light[..., None]
+        lit = np.where(seen.seen(index)[..., None], shown, lit)
+    small = cv2.resize(lit, (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
+    noisy = small + np.random.default_rng(0).normal(0.0, 0.01, small.shape)
+    pixels = np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return Photo(pixels, "three.png", "0" * 64)
+
+
+def save_model(path: Path, mesh: Mesh) -> None:
+    """A PLY with colours."""
+    shape = trimesh.Trimesh(
+        mesh.vertices,
+        mesh.faces,
+        vertex_colors=np.rint(mesh.colours * 255).astype(np.uint8),
+        process=False,
+    )
+    shape.export(str(path))
+
+
+def make_three(folder: Path) -> Path:
+    """Write photo, models and a scene file of the starts; returns the scene file."""
+    photo = make_photo()
+    save_image(folder / "three.png", photo.pixels)
+    objects = []
+    for name, one in zip(IDS, STARTS, strict=True):
+        path = folder / f"{name}.ply"
+        save_model(path, one.mesh)
+        objects.append(SceneObject(name, path, PoseRecord(one.pose)))
+    reference = PhotoReference("three.png", photo.width, photo.height)
+    scene = SceneRecord(folder / "three.png", reference, CAMERA, tuple(objects))
+    save_scene(folder / "three.scene.json", scene)
+    return folder / "three.scene.json"
+
+
+def make_bop(folder: Path) -> Path:
+    """Write the same as a BOP scene of one image, the starts as its poses; returns its folder. The
+    models are in ``models`` beside it, as objects 1, 2, 3.
+    """
+    scene, models = folder / "bop", folder / "models"
+    (scene / "rgb").mkdir(parents=True)
+    models.mkdir()
+    save_image(scene / "rgb" / "000004.png", make_photo().pixels)
+    found = []
+    for number, one in enumerate(STARTS, 1):
+        save_model(models / MODEL_FILE.format(number), one.mesh)
+        found.append(BopObject(number, one.pose.camera_from_model))
+    matrix = opencv_matrix(CAMERA).reshape(-1).tolist()
+    save_bop_images(scene, {"4": {"cam_K": matrix, "depth_scale": 1.0}}, {4: found})
+    return scene
