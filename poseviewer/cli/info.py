@@ -1,4 +1,4 @@
-"""Say what poseviewer understood of a photo, a model or a pose."""
+"""Say what poseviewer understood of a photo, a model, a pose or a scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer info``."""
-    option(parser, "path PHOTO|MODEL|POSE", kind=Path)
+    option(parser, "path PHOTO|MODEL|POSE|SCENE", kind=Path)
     add_calibration(parser)
 
 
@@ -25,10 +25,14 @@ def run(options: Namespace) -> int:
     photo.
     """
     from poseviewer.files.mesh.load import READERS
+    from poseviewer.files.scene import is_scene_file
 
     path, calibration = options.path, calibration_of(options)
     if calibration is None and path.suffix.lower() == ".json":
-        _print_pose(path)
+        if is_scene_file(path):
+            _print_scene(path)
+        else:
+            _print_pose(path)
     elif calibration is None and path.suffix.lower() in READERS:
         _print_model(path)
     else:
@@ -103,6 +107,20 @@ def _print_model(path: Path) -> None:
         wheels=wheels,
         note=mesh.notes,
     )
+
+
+def _print_scene(path: Path) -> None:
+    from poseviewer.files.scene import load_scene
+
+    scene = load_scene(path)
+    size = f"{scene.camera.width} x {scene.camera.height} px"
+    _print(scene=path.name, photo=f"{scene.photo.name}, {size}")
+    for one in scene.objects:
+        place = one.record.pose.camera_from_model
+        word = "not judged" if one.record.verdict is None else one.record.verdict.word
+        at = f"{one.model.name} at {_vector(place.translation)}, {word}"
+        _print(object=f"{one.id}: {at}" + (f" ({one.name})" if one.name else ""))
+    _print(note=scene.warnings)
 
 
 def _print_pose(path: Path) -> None:

@@ -114,6 +114,14 @@ def is_scene(data: Any) -> bool:
     return isinstance(data, dict) and data.get("format") == FORMAT
 
 
+def is_scene_file(path: Path) -> bool:
+    """Whether a file is JSON that says that it is a scene; what it is otherwise is not asked."""
+    try:
+        return is_scene(json.loads(path.read_bytes()))
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
 def load_scene(path: str | Path) -> SceneRecord:
     """The scene in a file; its photo, models and masks are there, but not yet read.
 

@@ -188,3 +188,10 @@ def test_one_object_of_a_scene_becomes_a_pose_file(path, tmp_path):
     assert data["model"]["file"] == "front.ply"
     wanted = STARTS[1].pose.camera_from_model.translation
     assert data["camera_from_model"]["translation"] == wanted.tolist()
+
+
+def test_info_says_what_is_in_a_scene(path, capsys):
+    assert run("info", path) == 0
+    printed = capsys.readouterr().out
+    assert "three.png, 320 x 240 px" in printed
+    assert "front: front.ply at (" in printed
