@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.errors import PoseViewerError, SettingsError
@@ -42,6 +43,7 @@ from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.scene import load_scene as read_scene
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.occlusion import behind, enlarged
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, shown_attributes
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
@@ -53,7 +55,7 @@ from poseviewer.fit.unexplained import Unexplained
 from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
@@ -262,7 +264,19 @@ class Case:
                 raise
             progress = _stopped(progress, problem, self.registration.mesh, self.renderer, threads)
         assert progress is not None  # a fit yields at least once
-        return FitResult(self, progress.pose, progress)
+        return FitResult(self.behind(progress.hidden), progress.pose, progress)
+
+    def behind(self, hidden: NDArray[np.bool_] | None) -> Case:
+        """The case in which what a search took for ``hidden`` (``FitProgress.hidden``) does not
+        count: it stands in the mask.
+        """
+        if hidden is None:
+            return self
+        photo, mask = self.registration.photo, self.registration.mask
+        seen = ~enlarged(hidden, self.problem.photo.factor, photo.width, photo.height)
+        weights = seen if mask is None else mask.weights * seen
+        registration = replace(self.registration, mask=Mask.of(weights))
+        return replace(self, registration=registration, problem=behind(self.problem, hidden))
 
     def slices(
         self, pose: Pose, *, half_width: float = 0.2, size: int = 41, pool: RendererPool
@@ -346,6 +360,23 @@ class FitResult:
         return None if self.progress is None else self.progress.verdict
 
     @property
+    def hidden(self) -> NDArray[np.bool_] | None:
+        """(height, width) of the photo: what the search took for something in front of the model,
+        and beside it where its outline is hidden; None where there was nothing.
+        """
+        photo, hidden = self.case.registration.photo, self.progress and self.progress.hidden
+        if hidden is None:
+            return None
+        return enlarged(hidden, self.case.problem.photo.factor, photo.width, photo.height)
+
+    @property
+    def seen(self) -> float:
+        """The share of the model's pixels in the photo that count: that nothing else hides."""
+        photo = self.case.problem.photo
+        covered = self.case.renderer.covers(level_pose(self.pose, photo.factor))
+        return float(np.mean(photo.weights[covered] > 0.0)) if covered.any() else 0.0
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What the user of the pose should know: a sentence where its camera is a guess."""
         note = self.case.registration.photo.focal_note(self.pose.camera)
@@ -376,6 +407,7 @@ class FitResult:
             self.notes,
             case.problem.scale.unexplained(loss),
             without=mesh.left_out,
+            seen=None if self.progress is None else self.seen,
         )
 
     def save(self, path: str | Path) -> None:

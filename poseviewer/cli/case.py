@@ -141,6 +141,11 @@ def print_end(found: FitResult) -> None:
     )
     if parts := found.parts.parts_text:
         print(f"unexplained by part: {parts}")
+    if found.hidden is not None:
+        print(
+            f"something in front was taken to hide a part of the model: {found.seen:.0%} of it is "
+            "seen, and the rest was left out"
+        )
     if verdict is not None:
         print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
         for reason in (*verdict.reasons, *found.notes):

@@ -6,11 +6,10 @@ import math
 from contextlib import closing
 from itertools import combinations
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Descent, Probe, compared_photo
 from poseviewer.fit.problem import FitProblem, shown_attributes
 from poseviewer.fit.verdict import Features, WeakDirection
@@ -19,7 +18,6 @@ from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes, moments_of_images
-from poseviewer.render.structure import LIGHTENING, PHOTO_NOISE, SMOOTHING_PX
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 FEWEST_PIXELS = 50
@@ -38,10 +36,6 @@ SAME_PLACE, OTHER_PLACE = 0.03, 0.05
 """Shares of the size: descents that end nearer have come back, farther ones found a rival."""
 EXPLAINED = 0.5
 """Standard deviations of the photo that light may leave of a pixel that it explains."""
-EDGE_PX = 1
-"""An edge so near to the outline lies on it."""
-EDGE_SHARE = 0.5
-"""Share of the photo's gradient across the outline from which a point of it has an edge."""
 CURVATURE_STEP = 0.06
 """Of the differences that curvature is taken from: 3 % of the model's size at its rim."""
 WEAK_REACHES = (0.1, 0.2, 0.4)
@@ -142,54 +136,6 @@ def _explained(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
     counted = photo.channels[photo.weights > 0.0].astype(float)
     white = whiten(np.cov(counted.T).reshape(colours.shape[1], -1), counted.mean(axis=0))
     return float(np.mean(np.sqrt(np.mean((left @ white.T) ** 2, axis=1)) < EXPLAINED))
-
-
-def outline_support(
-    channels: NDArray[np.float32], weights: NDArray[np.float32], covered: NDArray[np.bool_]
-) -> float:
-    """The share, in [0, 1], of the outline's points with an edge of its direction in the photo.
-
-    Of a model that is seen where ``covered`` (height, width) on a photo (height, width, n); of
-    points within the picture whose pixel counts (``weights`` > 0).
-    """
-    places, normals = _outline(covered, weights)
-    if not len(places):
-        return 0.0
-    light = np.clip(channels, 0.0, 1.0) ** np.float32(LIGHTENING)
-    smooth = np.asarray(cv2.GaussianBlur(light, (0, 0), SMOOTHING_PX)).reshape(light.shape)
-    tensor = np.zeros((3, *light.shape[:2]), np.float32)
-    for channel in np.moveaxis(smooth, 2, 0):
-        du = cv2.Sobel(channel, cv2.CV_32F, 1, 0, scale=0.125)
-        dv = cv2.Sobel(channel, cv2.CV_32F, 0, 1, scale=0.125)
-        tensor += np.stack([du * du, du * dv, dv * dv])
-    steps = np.arange(-EDGE_PX, EDGE_PX + 1)
-    u, v = (places[:, None, :] + steps[None, :, None] * normals[:, None, :]).transpose(2, 0, 1)
-    here = u.astype(np.float32), v.astype(np.float32)
-    xx, xy, yy = (
-        np.asarray(cv2.remap(np.asarray(part), *here, cv2.INTER_LINEAR)) for part in tensor
-    )
-    n_u, n_v = normals[:, :1], normals[:, 1:]
-    along = n_u * n_u * xx + 2.0 * n_u * n_v * xy + n_v * n_v * yy
-    across = along / (xx + yy + PHOTO_NOISE**2)
-    return float(np.mean(across.max(axis=1) > EDGE_SHARE))
-
-
-def _outline(
-    covered: NDArray[np.bool_], weights: NDArray[np.float32]
-) -> tuple[FloatArray, FloatArray]:
-    """Points (k, 2) of the outline as column, row, and its outward normals (k, 2)."""
-    soft = np.asarray(cv2.GaussianBlur(covered.astype(np.float32), (0, 0), 1.5))
-    rim = covered & (cv2.erode(covered.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
-    rim &= weights > 0.0
-    rim[:2], rim[-2:], rim[:, :2], rim[:, -2:] = False, False, False, False
-    rows, columns = np.nonzero(rim)
-    gradient = np.stack(
-        [-cv2.Sobel(soft, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1))], axis=1
-    )
-    length = np.linalg.norm(gradient, axis=1)
-    kept = length > 1e-3
-    normals = gradient[kept] / length[kept, None]
-    return np.stack([columns, rows], axis=1)[kept].astype(float), normals.astype(float)
 
 
 def _weak_directions(

@@ -101,6 +101,8 @@ class PoseRecord:
     """Name of the picture beside the pose file whose white pixels count (``files.masks``)."""
     without: tuple[str, ...] = ()
     """Names of the model's parts that are left out."""
+    seen: float | None = None
+    """The share of the model's pixels that count: that nothing else hides, as far as is known."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -168,6 +170,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("unexplained", Reading.number),
         optional("mask", Reading.text),
         optional("without", Reading.texts) or (),
+        optional("seen", Reading.number),
     )
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
@@ -235,6 +238,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         data["mask"] = record.mask
     if record.without:
         data["without"] = list(record.without)
+    if record.seen is not None:
+        data["seen"] = float(record.seen)
     if record.notes:
         data["notes"] = list(record.notes)
     if record.undistortion is not None:

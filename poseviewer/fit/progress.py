@@ -5,6 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
@@ -60,6 +63,10 @@ class FitProgress:
     """How many times smaller the photo is that the candidates are on."""
     verdict: Verdict | None = None
     """Of the last progress of a ``search``: whether the pose is right."""
+    hidden: NDArray[np.bool_] | None = None
+    """Pixels of the photo that poses are compared on which were taken for something in front of the
+    model, and do not count; None where nothing was. The losses are over the others.
+    """
 
     @property
     def unexplained(self) -> float:
@@ -92,4 +99,5 @@ def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProg
         seconds=first.seconds + second.seconds,
         status=first.status if second.status is Status.NOTHING_SEEN else second.status,
         verdict=None if second.status is Status.RUNNING else kept.verdict,
+        hidden=kept.hidden,
     )

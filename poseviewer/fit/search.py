@@ -1,25 +1,31 @@
 """When to restart a search, and whether to trust where it ended.
 
-A search ends with a verdict on its pose. Unless that is trusted, further searches follow, each by
-another strategy (``RESTARTS``), and the pose of one of them is taken where the verdict allows it.
+Where a search has ended, what stands in front of the model there (``fit.occlusion``) counts no
+more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, further
+searches follow, each by another strategy (``RESTARTS``), and the pose of one of them is taken where
+the verdict allows it.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.fit.occlusion import behind, find_hidden
 from poseviewer.fit.probing import better_turn
-from poseviewer.fit.problem import FitProblem, Strategy
+from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
 from poseviewer.fit.progress import FitProgress, Status, merge
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.types import Renderer
+from poseviewer.render.types import PhotoAttributes, Renderer
 
 Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
 """What gives the verdict on the pose that a search ended in: ``confidence.model.judge_end``."""
@@ -36,6 +42,9 @@ continuing may be less probable by as much."""
 ELSEWHERE_THRESHOLD = 0.75
 """Probability that a pose found elsewhere must have: what no pose explains is not to be looked for
 far from where the user put it."""
+LOOKS, NEW_SHARE = 2, 0.03
+"""How often a search looks for what is in front: the second time the pose is a better one. Share of
+P by which what it sees then must differ, to search again."""
 FOCAL_THRESHOLD, MOST_SEARCHES = 0.02, 4
 """Share of the focal length by which a search must move it to be continued from its end, and the
 number of searches in all: along the focal length the loss is nearly flat, and they stop early."""
@@ -53,7 +62,8 @@ def search(
         if progress.status is Status.RUNNING:
             yield progress
             continue
-        best = replace(progress, verdict=judge(progress, problem, mesh, renderer, threads))
+        problem, best = yield from _behind(problem, progress, renderer, threads)
+        best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
         gain = math.inf
         for strategy in RESTARTS:
             again = restarted(problem, best, strategy, time.perf_counter() - began)
@@ -69,6 +79,7 @@ def search(
                 again = replace(again, start=turned)
             before, after = best, best
             for after in fit_pose(again, renderer, threads):
+                after = replace(after, hidden=best.hidden)
                 if after.status is Status.RUNNING:
                     yield merge(before, after, before)
             if after.loss < before.loss:
@@ -76,6 +87,42 @@ def search(
             best = merge(before, after, after if is_taken(after, before, strategy) else before)
             gain = before.loss - best.loss
         yield best
+
+
+def _behind(
+    problem: FitProblem, best: FitProgress, renderer: Renderer, threads: int
+) -> Generator[FitProgress, None, tuple[FitProblem, FitProgress]]:
+    """The search continued without what is in front of the model where it ended: the problem and
+    the end of that; the same as given where nothing is.
+    """
+    whole = problem
+    for _ in range(LOOKS):
+        rest = _rest(problem.limits, best, best.seconds)
+        if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
+            break
+        hidden = find_hidden(whole.photo, renderer, best.pose)
+        known = best.hidden
+        if hidden is None or (known is not None and _is_same(known, hidden, whole.photo)):
+            break
+        seen = behind(whole, hidden)
+        loss, start_loss = (
+            pose_loss(seen, renderer, point) for point in (best.parameters, seen.start)
+        )
+        before = replace(best, loss=loss, start_loss=start_loss, hidden=hidden)
+        again = replace(seen, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest)
+        after = before
+        for after in fit_pose(again, renderer, threads):
+            after = replace(after, hidden=hidden)
+            if after.status is Status.RUNNING:
+                yield merge(before, after, before)
+        problem, best = seen, merge(before, after, after)
+    return problem, best
+
+
+def _is_same(one: NDArray[np.bool_], other: NDArray[np.bool_], photo: PhotoAttributes) -> bool:
+    """Whether two masks differ on hardly any of the pixels that count."""
+    counted = photo.weights > 0.0
+    return bool(np.sum((one ^ other) & counted) < NEW_SHARE * np.sum(counted))
 
 
 def restarted(

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.confidence.features import outline_support
 from poseviewer.errors import SettingsError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.table import RowTable
+from poseviewer.fit.outline import outline_support
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray

@@ -1,0 +1,120 @@
+"""What stands in front of the model is seen without being told; nothing else is taken for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.api import load, make_case
+from poseviewer.files.demo import demo_case
+from poseviewer.files.pose import load_pose
+from poseviewer.fit import search as searching
+from poseviewer.fit.occlusion import behind, enlarged, find_hidden
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.study.real_cases import load_cases, load_starts
+from poseviewer.study.trials import RealTask
+
+SLAB = (350, 520)
+"""Columns of the demo's photo."""
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """The demo's case, and the true pose."""
+    files = demo_case()
+    case = load(files.photo, files.model, files.start)
+    photo = case.registration.photo
+    return case, load_pose(files.truth, photo.width, photo.height).pose
+
+
+@pytest.fixture(scope="module")
+def behind_slab(demo):
+    """The same with a post in front of the car."""
+    case, _ = demo
+    pixels = case.registration.photo.pixels.copy()
+    left, right = SLAB
+    noise = np.random.default_rng(0).normal(0.0, 6.0, (*pixels[:, left:right].shape[:2], 3))
+    pixels[:, left:right] = np.clip(np.array([70, 110, 60]) + noise, 0, 255)
+    photo = replace(case.registration.photo, pixels=pixels)
+    registration = replace(case.registration, photo=photo)
+    return make_case(registration, case.settings, renderer=case.renderer)
+
+
+def test_nothing_is_in_front_of_a_car_that_is_seen_whole(demo):
+    case, truth = demo
+    assert find_hidden(case.problem.photo, case.renderer, truth) is None
+
+
+def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
+    case, truth = demo
+    hidden = find_hidden(behind_slab.problem.photo, case.renderer, truth)
+    assert hidden is not None
+    photo = case.registration.photo
+    full = enlarged(hidden, case.problem.photo.factor, photo.width, photo.height)
+    covered = case.renderer.covers(truth)
+    post = np.zeros_like(covered)
+    post[:, slice(*SLAB)] = True
+    assert np.mean(full[covered & post]) > 0.95
+    assert np.mean(full[covered & ~post]) < 0.03
+
+
+def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
+    _, truth = demo
+    problem = behind_slab.problem
+    hidden = find_hidden(problem.photo, behind_slab.renderer, truth)
+    assert hidden is not None
+    assert problem.fine_photo is not None
+    rest = behind(problem, hidden)
+    assert rest.fine_photo is not None
+    assert not np.any(rest.photo.weights[hidden])
+    assert np.array_equal(rest.photo.weights[~hidden], problem.photo.weights[~hidden])
+    height, width = rest.fine_photo.weights.shape
+    ratio = problem.photo.factor / rest.fine_photo.factor
+    larger = enlarged(hidden, ratio, width, height)
+    assert larger.any()
+    assert not np.any(rest.fine_photo.weights[larger])
+
+
+@pytest.mark.slow
+def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
+    _, truth = demo
+    found = behind_slab.fit()
+    assert pose_error(behind_slab.registration.mesh, found.pose, truth).percent < 0.3
+    assert found.hidden is not None
+    assert 0.6 < found.seen < 0.8
+    assert found.case.registration.mask is not None
+    assert not np.any(found.case.registration.mask.weights[found.hidden])
+    found.save(tmp_path / "car.pose.json")
+    photo = found.case.registration.photo
+    record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
+    assert record.seen == found.seen
+    assert record.mask == "car.mask.png"
+
+
+@pytest.mark.slow
+def test_the_paper_looks_for_nothing_in_front(behind_slab):
+    settings = FitSettings("paper")
+    case = make_case(behind_slab.registration, settings, renderer=behind_slab.renderer)
+    assert case.fit(evaluations=60).hidden is None
+
+
+@pytest.mark.slow
+def test_a_toy_behind_others_is_found_by_leaving_them_out(shared_data, monkeypatch):
+    folder, name = shared_data / "clutter", "tight-5-cat"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    case, *_ = load_cases(folder, name)
+    start = next(s for s in load_starts(folder, [15], 1) if s.case == name)
+    settings = FitSettings(chart="free-body")
+    registration, renderer = RealTask(case, start, settings).open()
+
+    def off() -> float:
+        found = make_case(registration, settings, renderer=renderer).fit()
+        return pose_error(registration.mesh, found.pose, case.truth).percent
+
+    assert off() < 1.0
+    monkeypatch.setattr(searching, "find_hidden", lambda *_: None)
+    assert off() > 3.0
