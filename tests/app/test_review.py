@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer.app.app import App
@@ -17,6 +18,8 @@ from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.batch.job import run_job
 from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.files.masks import mask_beside
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.running_app import settle
 from tests.app.socket_page import SocketPage
@@ -105,3 +108,29 @@ def test_accept_mend_and_a_draft_outlive_the_app(out: Path) -> None:
         page.wait_until(lambda: page.text_with("2 accepted"))
         page.wait_until(lambda: page.text_with("pose changed"))
         assert app.session.document.pose.camera_from_model.translation == pytest.approx(draft)
+
+
+@pytest.mark.slow
+def test_what_is_hidden_is_kept_with_the_row(out: Path) -> None:
+    stroke = {"kind": "stroke", "shape": "brush", "radius": 9.0, "erase": False}
+    with reviewing(out) as (app, page):
+        page.wait_until(lambda: page.text_with("2 of 4"))
+        page.report(**stroke, points=[40.0, 60.0, 90.0, 60.0])
+        page.wait_until(lambda: page.text_with("pose changed"))
+        page.key("KeyN")
+        page.wait_until(lambda: page.text_with("3 of 4"))
+        assert app.session.document.registration.mask is None
+        page.key("KeyP")
+        page.wait_until(lambda: page.text_with("2 of 4"))
+        page.wait_until(lambda: page.text_with("pose changed"))
+        mask = app.session.document.registration.mask
+        assert mask is not None
+        page.key("KeyA")
+        page.wait_until(lambda: page.text_with("1 accepted"))
+    row = next(row for row in rows_of(out) if row["review"] == "mended")
+    path = out / row["pose"]
+    saved, notes = mask_beside(path, load_pose(path, 160, 120), 160, 120)
+    assert notes == ()
+    assert saved is not None
+    assert np.array_equal(saved.weights, mask.weights)
+    assert not list((out / "review").glob("*"))

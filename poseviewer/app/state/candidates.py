@@ -41,9 +41,14 @@ class Comparison:
 
     @property
     def registrations(self) -> list[Registration]:
-        """One for each model, in the frame that all share."""
-        own, start = self.document.registration, self.document.pose
-        return [with_mesh(replace(own, start=start), one.model) for one in self.models]
+        """One for each model, in the frame that all share; that at hand without the parts that are
+        left out.
+        """
+        own = replace(self.document.registration, start=self.document.pose)
+        return [
+            own if one.model.sha256 == own.mesh_sha256 else with_mesh(own, one.model)
+            for one in self.models
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
