@@ -161,6 +161,8 @@ def _print_pose(path: Path) -> None:
         unexplained=_number(record.unexplained, "{:.3f} (0: all explained, 1: nothing)"),
         loss=_number(record.loss, "{:.6f}"),
         verdict="not said" if record.verdict is None else record.verdict.word,
+        mask=record.mask or (),
+        without=record.without,
         note=record.warnings,
     )
 

@@ -1,0 +1,75 @@
+"""What the panel says of what is hidden, and which reports of the page hide something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.page.hide_panel import HINTS, hidden_text, parts_left_out
+from poseviewer.app.page.reports import request_of
+from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
+from poseviewer.app.state.requests import Report
+from tests.app.state.documents import after, make_session
+from tests.meshes import make_two_boxes
+
+
+def test_the_share_that_is_hidden_is_said():
+    session = make_session()
+    assert hidden_text(session) == ""
+    stroke = h.Stroke("polygon", np.array([[0.0, 0.0], [160.0, 0.0], [160.0, 60.0], [0, 60.0]]), 1)
+    assert hidden_text(after(session, h.Paint(stroke))).startswith("**50.")
+
+
+def test_names_of_parts_are_text():
+    mesh = replace(make_two_boxes(), part_names=("body", "<b>mirror</b>"))
+    assert parts_left_out(mesh) == ""
+    html = parts_left_out(mesh.without(["<b>mirror</b>"]))
+    assert "&lt;b&gt;mirror&lt;/b&gt;" in html
+    assert "poseviewerPart(0)" in html
+
+
+def test_every_tool_has_its_hint():
+    assert set(HINTS) == set(h.HIDING)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"), [("brush", h.Paint), ("polygon", h.Paint), ("scribble", h.Grow)]
+)
+def test_a_stroke_is_painted_or_grown(shape: str, kind: type):
+    points = [1.0, 2.0, 30.0, 4.0, 30.0, 40.0]
+    content = {"kind": "stroke", "shape": shape, "points": points, "radius": 4.0, "erase": True}
+    asked = request_of(Report(content, 0), make_session())
+    assert isinstance(asked, kind)
+    stroke = asked.stroke  # pyright: ignore[reportAttributeAccessIssue]
+    assert stroke.points.tolist() == [[1.0, 2.0], [30.0, 4.0], [30.0, 40.0]]
+    assert stroke.erase
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"shape": "spiral"},
+        {"points": []},
+        {"points": [1.0]},
+        {"points": [1.0, float("nan")]},
+        {"points": "here"},
+        {"radius": None},
+    ],
+)
+def test_a_stroke_that_makes_no_sense_is_dropped(change: dict):
+    content = {"kind": "stroke", "shape": "brush", "points": [1.0, 2.0], "radius": 4.0}
+    content |= {"erase": False} | change
+    assert request_of(Report(content, 0), make_session()) is None
+
+
+def test_presses_are_for_the_tool_at_hand():
+    session = after(make_session(), c.SetTool("part"))
+    press = {"x": 80.0, "y": 60.0, "zoom": 1.0}
+    assert request_of(Report({"kind": "press", **press}, 0), session) == h.LeaveOut(80.0, 60.0)
+    assert request_of(Report({"kind": "double", **press}, 0), session) is None
+    key = Report({"kind": "key", "code": "KeyH"}, 0)
+    assert request_of(key, session) == c.SetTool("pose")
+    assert request_of(key, make_session()) == c.SetTool("brush")
