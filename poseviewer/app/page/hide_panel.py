@@ -46,13 +46,15 @@ class HidePanel:
         self._tools = controls.choices("With", TOOLS)
         self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.Erase)
         self._text = controls.gui.add_markdown("", visible=False)
+        self._found = controls.button("Hide what the search found", h.TakeFound(), visible=False)
         self._clear = controls.button("Hide nothing of the photo", h.Unhide())
         self._parts = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
         own, tool = session.document.registration, session.tool
-        key = (own.mask, own.mesh, tool, session.erasing)
+        ended = None if session.searching else session.search
+        key = (own.mask, own.mesh, tool, session.erasing, ended)
         if self._shown == key:
             return
         self._shown, self._active = key, tool in h.HIDING
@@ -61,6 +63,7 @@ class HidePanel:
         self._erase.show(session.erasing, visible=tool in h.SHAPES)
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))
+        set_properties(self._found, visible=h.found_hidden(session) is not None)
         set_properties(self._clear, visible=self._active and own.mask is not None)
         parts = parts_left_out(own.mesh)
         set_properties(self._parts, content=parts, visible=bool(parts))
@@ -68,10 +71,15 @@ class HidePanel:
 
 def hidden_text(session: Session) -> str:
     """How much of the photo is hidden (markdown); "" where nothing is."""
-    mask = session.document.registration.mask
-    if mask is None:
-        return ""
-    return f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden"
+    mask, found = session.document.registration.mask, h.found_hidden(session)
+    lines = []
+    if mask is not None:
+        lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")
+    if found is not None:
+        lines.append(
+            f"**{np.mean(found):.1%}** were taken for something in front by the search (violet)"
+        )
+    return "  \n".join(lines)
 
 
 def parts_left_out(mesh: Mesh) -> str:

@@ -12,10 +12,11 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from poseviewer.app.page.controls import set_properties
 from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
-from poseviewer.app.state.hiding import HIDING
+from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.marking import MARKING, marks_in_photo
 from poseviewer.app.state.session import Overlay, Session
 from poseviewer.errors import QuickStartError
@@ -48,9 +49,10 @@ REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
 MARK_COLOUR, MODEL_MARK_COLOUR = (255, 226, 70), (255, 120, 220)
 """Of a mark on the photo, and of the model's point that belongs to it."""
-HIDDEN_COLOUR = (255, 64, 64)
+HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
+"""Of a tint over what was painted, and over what a search took for something in front."""
 HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
-"""Of the tint over what is hidden."""
+"""Of these tints."""
 LARGEST_TINT = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
 _NO_LINES = np.zeros((1, 2, 3))
@@ -73,7 +75,7 @@ class PhotoScene:
         camera.near, camera.far = 1.0, 100.0
         self._photo: viser.ImageHandle | None = None
         self._picture: viser.ImageHandle | None = None
-        self._tint: viser.ImageHandle | None = None
+        self._tints: dict[str, viser.ImageHandle] = {}
         self._shown: dict[str, Any] = {}
         self._size = (1.0, 1.0)
         self._candidates = self._lines("/model/candidates", CANDIDATE_COLOUR, 1.0)
@@ -161,31 +163,48 @@ class PhotoScene:
             self._picture.visible = False
 
     def _show_hidden(self, session: Session) -> None:
-        """A tint over what does not count, stronger while it is painted."""
+        """Tints over what does not count: painted, stronger while it is; found by the search."""
         mask, painting = session.document.registration.mask, session.tool in HIDING
-        mask = None if session.look.hidden else mask
-        if not self._is_new("hidden", (mask, painting, self._size)):
+        opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
+        if session.look.hidden:
+            mask = None
+        if self._is_new("hidden", (mask, painting, self._size)):
+            hidden = None if mask is None else 1.0 - mask.weights
+            self._tint("/hidden/painted", hidden, HIDDEN_COLOUR, opacity)
+        ended = None if session.searching else session.search
+        if self._is_new("found", (ended, session.look.hidden, self._size)):
+            found = None if session.look.hidden else found_hidden(session)
+            shown = None if found is None else found.astype(np.float32)
+            self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY_WHILE_PAINTED)
+
+    def _tint(
+        self,
+        name: str,
+        hidden: NDArray[np.float32] | None,
+        colour: tuple[int, int, int],
+        opacity: float,
+    ) -> None:
+        """A colour over what of the photo (height, width) is hidden; None: nowhere."""
+        node = self._tints.get(name)
+        if hidden is None or not hidden.any():
+            if node is not None:
+                set_properties(node, visible=False)
             return
-        if mask is None:
-            if self._tint is not None:
-                set_properties(self._tint, visible=False)
-            return
-        rows, columns = bounding_slices(1.0 - mask.weights)
-        hidden = 1.0 - mask.weights[rows, columns]
+        rows, columns = bounding_slices(hidden)
+        hidden = hidden[rows, columns]
         height, width = hidden.shape
         share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
         size = max(1, round(width * share)), max(1, round(height * share))
         shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
         pixels = np.empty((*shown.shape, 4), np.uint8)
-        pixels[..., :3] = HIDDEN_COLOUR
-        opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
+        pixels[..., :3] = colour
         pixels[..., 3] = np.rint(255.0 * opacity * shown)
         unit = SIDE / max(self._size) * TINT
-        corner = np.array([columns.start + width / 2.0, rows.start + height / 2.0])
-        middle = tuple(self.place(corner, TINT))
-        if self._tint is None:
-            self._tint = self._server.scene.add_image(
-                "/hidden",
+        centre = np.array([columns.start + width / 2.0, rows.start + height / 2.0])
+        middle = tuple(self.place(centre, TINT))
+        if node is None:
+            self._tints[name] = self._server.scene.add_image(
+                name,
                 pixels,
                 width * unit,
                 height * unit,
@@ -195,10 +214,9 @@ class PhotoScene:
                 position=middle,
             )
             return
-        self._tint.image = pixels
-        self._tint.render_width, self._tint.render_height = width * unit, height * unit
-        self._tint.position = middle
-        set_properties(self._tint, visible=True)
+        node.image, node.position = pixels, middle
+        node.render_width, node.render_height = width * unit, height * unit
+        set_properties(node, visible=True)
 
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look

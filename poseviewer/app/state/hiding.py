@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.api import FitResult
 from poseviewer.app.state.commands import Command
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Request
@@ -144,6 +145,34 @@ class BringBack(Command):
             return session
         left = [name for i, name in enumerate(mesh.left_out) if i != self.index]
         return session.with_document(_with_mesh(session.document, mesh.without(left)))
+
+
+@dataclass(frozen=True, slots=True)
+class TakeFound(Command):
+    """What the search took for something in front is hidden from now on, to be corrected."""
+
+    def __call__(self, session: Session) -> Session:
+        found = found_hidden(session)
+        return session if found is None else _painted(session, found, erase=False)
+
+
+def found_hidden(session: Session) -> NDArray[np.bool_] | None:
+    """(height, width): what the search whose end is at hand took for something in front."""
+    search = session.search
+    if search is None or search.running or search.latest is None:
+        return None
+    latest = search.latest
+    return FitResult(latest.case, latest.progress.pose, latest.progress).hidden
+
+
+def compared_mask(session: Session) -> Mask | None:
+    """What counts of the photo at the pose at hand: also without what the search took for something
+    in front, if it was found by one.
+    """
+    found, mask = found_hidden(session), session.document.registration.mask
+    if found is None:
+        return mask
+    return Mask.of(~found if mask is None else mask.weights * ~found)
 
 
 def with_mask(document: Document, mask: Mask | None) -> Document:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_path, save_pose_and_mask
@@ -116,7 +117,7 @@ class Autosaver:
             beside = mask_path(path)
             if beside.exists():
                 beside.replace(beside.with_suffix(".png.bak"))
-        save_pose_and_mask(path, record, session.document.registration.mask)
+        save_pose_and_mask(path, record, compared_mask(session))
         self._own.add(path)
         if self._file is not None:
             discard(self._file)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from poseviewer.api import Case, FitResult
+from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at, renderer_of
@@ -70,7 +71,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
         name, record = f"{stem}.pose.json", record_of(session)
-        mask, files = session.document.registration.mask, {}
+        mask, files = compared_mask(session), {}
         if mask is not None:
             beside = mask_path(name).name
             record, files = replace(record, mask=beside), {beside: mask_as_png(mask)}

@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.api import make_case
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import Search, SearchUpdate, Session
 from poseviewer.app.state.update import update
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
+from poseviewer.starts.registration import load_registration
 from tests.app.state.documents import HEIGHT, PERSPECTIVE, WIDTH, after, make_photo, make_session
 from tests.meshes import make_two_boxes
 
@@ -148,3 +152,41 @@ def test_undo_reaches_over_many_parts():
     for _ in range(12):
         session = after(session, c.Undo())
     assert session.document is start
+
+
+def with_found_hidden(scene, corner: int) -> Session:
+    """A session whose search has ended, and took a corner of the photo for something in front."""
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    case = make_case(registration, FitSettings(limits=Limits(5)))
+    (*_, progress) = case.search()
+    hidden = np.zeros(case.problem.photo.weights.shape, bool)
+    hidden[:corner, :corner] = True
+    update_ = SearchUpdate(case, replace(progress, hidden=hidden), (progress,))
+    document = Document(registration, progress.pose, case.settings)
+    ended = Search(1, document, registration.start, (case.settings,), False, update_)
+    return replace(Session(document), search=ended)
+
+
+def test_what_a_search_found_is_saved_and_can_be_corrected(scene):
+    session = with_found_hidden(scene, 20)
+    found = h.found_hidden(session)
+    assert found is not None
+    assert found.shape == (HEIGHT, WIDTH)
+    share = np.mean(found)
+    assert share > 0.0
+    mask = h.compared_mask(session)
+    assert mask is not None
+    assert np.array_equal(mask.weights == 0.0, found)
+    taken = after(session, h.TakeFound())
+    assert np.array_equal(counts(taken) == 0.0, found)
+    assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
+    corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
+    assert corrected.document.registration.mask is None
+    assert after(taken, c.Undo()).document.registration.mask is None
+
+
+def test_without_a_search_nothing_is_found():
+    session = make_session(PERSPECTIVE)
+    assert h.found_hidden(session) is None
+    assert h.compared_mask(session) is None
+    assert after(session, h.TakeFound()).document is session.document
