@@ -529,15 +529,35 @@ class SceneCase:
         index = self.scene.index(object_id)
         return make_case(self.registrations[index], self.settings, self.renderers[index])
 
-    def search(self, *, threads: int = 1) -> Iterator[TogetherProgress]:
+    def search(
+        self, object_id: str | None = None, *, threads: int = 1
+    ) -> Iterator[TogetherProgress]:
         """The search for all objects as it goes: one after the other, the one seen most first,
-        until none changes what is seen of another. To stop it, stop asking.
+        until none changes what is seen of another. Or for one among the others, until what these
+        hide of it no longer changes. To stop it, stop asking.
+
+        Raises:
+            PoseViewerError: there is no such object; the settings do not go with one.
         """
+        chosen = self._chosen(object_id)
+        placed = [PlacedModel(one.mesh, one.start) for one in self.registrations]
+        fixed = tuple(one for index, one in enumerate(placed) if index not in chosen)
         models = [
-            ModelToPlace(replace(one, others=()), self.settings, renderer)
-            for one, renderer in zip(self.registrations, self.renderers, strict=True)
+            ModelToPlace(
+                replace(self.registrations[index], others=fixed),
+                self.settings,
+                self.renderers[index],
+            )
+            for index in chosen
         ]
         return search_together(models, judge_end, threads)
+
+    def _chosen(self, object_id: str | None) -> list[int]:
+        return (
+            [*range(len(self.registrations))]
+            if object_id is None
+            else [self.scene.index(object_id)]
+        )
 
     def fit(
         self,
@@ -555,26 +575,22 @@ class SceneCase:
         Raises:
             PoseViewerError: as of ``case``; or nothing of the scene is to be seen.
         """
-        if object_id is not None:
-            index = self.scene.index(object_id)
-            found = self.case(object_id).fit(
-                watch=watch, threads=threads, interruptible=interruptible
-            )
-            return self._with({index: found})
         together: TogetherProgress | None = None
         try:
-            for together in self.search(threads=threads):
+            for together in self.search(object_id, threads=threads):
                 if watch is not None:
                     watch(together.progress)
         except KeyboardInterrupt:
             if together is None or not interruptible:
                 raise
+        if together is None and object_id is not None:
+            self.case(object_id)  # says why it cannot be compared
         if together is None:
             raise SettingsError(
                 "no object of the scene is to be seen where it starts: bring them onto the photo."
             )
         found = {}
-        for index, placing in enumerate(together.placings):
+        for index, placing in zip(self._chosen(object_id), together.placings, strict=True):
             if placing is None:
                 continue
             renderer, mesh = self.renderers[index], placing.registration.mesh
