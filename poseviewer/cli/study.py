@@ -58,6 +58,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(real, "--degrees N,...", "(5,15)", listed(whole))
     option(real, "--cases PATTERN", "a part of the id, or with * and ?")
     option(real, "--draws N", "starts of each case (5)", whole)
+    told = "give the true poses of the other cases of each photo, for what they hide"
+    option(real, "--among-others", told, default=None)
     bop = parser.add_argument_group("published estimates of a BOP data set")
     option(bop, "--bop ESTIMATES", "a table of BOP results; fits start from it", Path)
     option(bop, "--dataset FOLDER", "of models and test (above the table)", Path)
@@ -103,5 +105,6 @@ def _plan_of(options: Namespace) -> StudyPlan | RealPlan | BopPlan:
         for name in (field.name for field in fields(plan) if field.name not in known):
             if getattr(options, name) is not None:
                 where = f"--{other}" if other else "synthetic photos"
-                raise SettingsError(f"--{name} goes with {where}; leave out --{name}")
+                flag = f"--{name.replace('_', '-')}"
+                raise SettingsError(f"{flag} goes with {where}; leave out {flag}")
     return made(wanted, options, limits=made(Limits, options))

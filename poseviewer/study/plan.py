@@ -136,6 +136,8 @@ class RealPlan:
     cases: str = ""
     """A pattern of their ids, see ``load_cases``; empty: all."""
     draws: int = 5
+    among_others: bool = False
+    """Whether the true poses of the other cases of each photo are given."""
     method: Method = "default"
     pixels: PixelsName | None = None
     limits: Limits = field(default_factory=Limits)
@@ -154,7 +156,7 @@ class RealPlan:
             PoseFileError: the folder does not hold cases and starts.
         """
         return {
-            "study": "real",
+            "study": "real, among others" if self.among_others else "real",
             "cases": _fingerprint(self.folder / CASES),
             "starts": _fingerprint(self.folder / STARTS),
             "evaluations": self.limits.evaluations,

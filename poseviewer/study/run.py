@@ -69,7 +69,9 @@ def open_study(plan: StudyPlan | RealPlan | BopPlan, tell: Callable[[str], None]
     about, targets = plan.about(), 0
     tasks: Sequence[AnyTask] = []
     if isinstance(plan, RealPlan):
-        tasks = real_tasks(plan.folder, plan.degrees, plan.draws, plan.cases, plan.settings)
+        tasks = real_tasks(
+            plan.folder, plan.degrees, plan.draws, plan.cases, plan.settings, plan.among_others
+        )
     elif isinstance(plan, BopPlan):
         tasks, targets = bop_tasks(plan)
     open_folder(plan.out, about)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
@@ -16,7 +17,7 @@ from poseviewer.api import make_case
 from poseviewer.errors import PoseViewerError, SingularChartError
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
@@ -38,6 +39,8 @@ Reading = Literal["relative", "absolute"]
 READINGS: tuple[Reading, ...] = get_args(Reading)
 DRAWS = 1000
 """Draws of a start before it is given up that one is a pose of the chart."""
+MODELS_KEPT = 16
+"""In each process: more than there are in one photo."""
 FEATURES = tuple(field.name for field in fields(Features) if field.name != "weak")
 """Names of the verdict's features."""
 
@@ -179,6 +182,8 @@ class RealTask:
     case: RealCase
     start: RealStart
     settings: FitSettings
+    others: tuple[RealCase, ...] = ()
+    """Other models of the photo, whose true poses are given."""
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -199,8 +204,9 @@ class RealTask:
         """
         model, renderer = open_model(self.case.mesh)
         start = Pose(self.case.truth.camera, self.start.camera_from_model)
-        photo = open_photo(self.case.photo)
-        return Registration(photo, model.mesh, model.name, "", None, start, ()), renderer
+        named = (open_photo(self.case.photo), model.mesh, model.name, "", None, start, ())
+        others = tuple(PlacedModel(open_model(one.mesh)[0].mesh, one.truth) for one in self.others)
+        return Registration(*named, others=others), renderer
 
     def run(self) -> RealTrial:
         """Fit from the start. The free-body chart is used throughout: starts are off in rotation
@@ -219,17 +225,31 @@ class RealTask:
 
 
 def real_tasks(
-    folder: Path, degrees: Sequence[int], draws: int, pattern: str, settings: FitSettings
+    folder: Path,
+    degrees: Sequence[int],
+    draws: int,
+    pattern: str,
+    settings: FitSettings,
+    among_others: bool = False,
 ) -> list[RealTask]:
-    """The trials of all cases that match the pattern, case by case.
+    """The trials of all cases that match the pattern, case by case; ``among_others``: each is given
+    the true poses of all other cases of its photo.
 
     Raises:
         PoseFileError: the folder does not hold cases and starts.
         SettingsError: there is no such case, or no such start.
     """
     starts = load_starts(folder, degrees, draws)
+    of_photo: dict[Path, list[RealCase]] = defaultdict(list)
+    for case in load_cases(folder) if among_others else ():
+        of_photo[case.photo].append(case)
     return [
-        RealTask(case, start, settings)
+        RealTask(
+            case,
+            start,
+            settings,
+            tuple(one for one in of_photo[case.photo] if one.name != case.name),
+        )
         for case in load_cases(folder, pattern)
         for start in starts
         if start.case == case.name
@@ -326,7 +346,7 @@ def _listed(parameters: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in parameters)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=MODELS_KEPT)
 def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
     """A model and a renderer of it, the last ones kept; raises what ``load_model`` raises."""
     model = load_model(path)

@@ -109,3 +109,12 @@ def test_every_real_model_can_be_fitted(shared_data):
         assert np.isfinite([trial.error_percent_end, trial.loss_end]).all(), trial
         assert 0.0 < trial.loss_end <= trial.loss_start, trial
         assert trial.status == "EVALUATIONS_SPENT", trial
+
+
+def test_the_other_cases_of_the_photo_can_be_given(folder):
+    (task,) = real_tasks(folder, [5], 1, "*-a", FitSettings(), among_others=True)
+    assert [one.name for one in task.others] == ["ball-b"]
+    (other,) = task.open()[0].others
+    assert other.pose is task.others[0].truth
+    (alone,) = real_tasks(folder, [5], 1, "*-a", FitSettings())
+    assert alone.open()[0].others == ()
