@@ -15,6 +15,9 @@ from poseviewer.fit.verdict import Features, Verdict, Word
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.types import Renderer
 
+LEAST_SEEN = 0.35
+"""Share of the model that must be seen for its pose to be told: with less, poses far off look right
+as well, and none of the trials has less."""
 LARGEST_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 
@@ -41,7 +44,9 @@ def judge(features: Features | None) -> Verdict:
 
 
 def probability_of(features: Features) -> float:
-    """By logistic regression on the features."""
+    """By logistic regression on the features; 0 where too little of the model is seen."""
+    if features.seen < LEAST_SEEN:
+        return 0.0
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
         away = (scaled(name, getattr(features, name)) - mean) / deviation

@@ -79,7 +79,7 @@ def _explained(features: Features) -> str:
 
 def _hidden(features: Features) -> str:
     if features.seen < 0.9:
-        return f"Only {features.seen:.0%} of the model lies on pixels that count."
+        return f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out."
     if 10.0**features.pixels < FEW_PIXELS:
         return f"The model covers only {10.0**features.pixels:.0f} pixels."
     return ""

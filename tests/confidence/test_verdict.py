@@ -83,3 +83,11 @@ def test_a_pose_at_the_border_of_its_chart_is_judged(scene, free):
     motions = free_motions(here, parameters, body)
     assert motions.shape == (sum(free), 6)
     np.testing.assert_allclose(motions @ motions.T, np.eye(sum(free)), atol=1e-9)
+
+
+def test_a_model_of_which_too_little_is_seen_is_lost(verdicts):
+    right = verdicts[0].features
+    hidden = judge(replace(right, seen=0.3))
+    assert hidden.word == "lost"
+    assert any("Only 30%" in reason for reason in hidden.reasons)
+    assert judge(replace(right, seen=0.5)).word == verdicts[0].word
