@@ -175,7 +175,7 @@ class PhotoScene:
         if self._is_new("found", (ended, session.look.hidden, self._size)):
             found = None if session.look.hidden else found_hidden(session)
             shown = None if found is None else found.astype(np.float32)
-            self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY_WHILE_PAINTED)
+            self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY)
 
     def _tint(
         self,
