@@ -21,6 +21,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.document import History
 from poseviewer.app.state.hiding import Grow
+from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -36,6 +37,7 @@ from poseviewer.app.workers.jobs import (
 )
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
+from poseviewer.app.workers.others import OthersWorker
 from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
     Asked,
@@ -87,6 +89,7 @@ class App:
         )
         notify = self._mailbox.notify
         self._overlay = OverlayWorkers(notify)
+        self._others = OthersWorker(notify)
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._preparer: Worker[Preparation] = Worker("preparation", notify)
@@ -101,6 +104,8 @@ class App:
             self._page = Page(server, self._mailbox.post, review is not None)
         self._running = True
         self._use_model()
+        for model in opened.objects:
+            self._command(AddObject(model))
         self._page.tell_all(opened.warnings)
 
     def run(self) -> None:
@@ -111,7 +116,7 @@ class App:
         finally:
             self._autosaver.close(self.session)
             workers = self._searcher, self._mapper, self._proposer, self._comparer, self._preparer
-            for worker in (self._overlay, *workers, self._tasks):
+            for worker in (self._overlay, self._others, *workers, self._tasks):
                 worker.close()
 
     def stop(self) -> None:
@@ -211,6 +216,8 @@ class App:
         """Tell the session what the workers have found out since the last time."""
         for command in self._overlay.take(self.session, self._page.show_error):
             self._command(command)
+        for command in self._others.take():
+            self._command(command)
         prepared = self._preparer.take()
         if prepared is not None:
             self._take_preparation(prepared)
@@ -267,6 +274,8 @@ class App:
             self._command(c.Open(opened.document, unsaved=opened.restored))
         for candidate in opened.candidates.models:
             self._command(c.AddCandidate(candidate))
+        for model in opened.objects:
+            self._command(AddObject(model))
         if opened.row and self._review is not None:
             self._review.opened(opened)
             self.session = replace(self.session, history=History())  # undo stays in the row
@@ -277,6 +286,7 @@ class App:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
         self._overlay.start(session, self._is_moving())
+        self._others.start(session)
         ready = session.preparation is None
         self._searcher.follow(session.search, run_search, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)

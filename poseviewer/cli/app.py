@@ -39,9 +39,9 @@ def _is_set(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() == ".zip"
 
 
-def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], Chosen]:
+def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], list[Path], Chosen]:
     """What of a folder or a zip is to be opened: the photo, where its models (or the one that is
-    named) lie, and the rest.
+    named) lie, where those of further objects do, and the rest.
 
     Raises:
         PoseViewerError: it holds no photo or no model, or cannot be read.
@@ -65,7 +65,7 @@ def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], Chosen
     if chosen.photo is None or not models:
         what = "photo" if chosen.photo is None else "model"
         raise SettingsError(f"{path}: no {what} was found in it; name PHOTO and MODEL")
-    return chosen.photo, models, chosen
+    return chosen.photo, models, [gathered(uploads, one) for one in chosen.objects], chosen
 
 
 def _answer(path: Path, question: Question) -> str:
@@ -97,8 +97,9 @@ def run(options: Namespace) -> int:
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
     calibration, others, place = calibration_of(options), options.others, None
+    objects: list[Path] = []
     if photo is not None and _is_set(photo):
-        photo, (model, *more), chosen = _chosen_of(photo, model)
+        photo, (model, *more), objects, chosen = _chosen_of(photo, model)
         others = [*others, *more]
         pose, place = pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
@@ -117,7 +118,7 @@ def run(options: Namespace) -> int:
             return open_files(case.photo, case.model, case.start), None
         start = last_pose() if options.last else pose
         hidden = options.mask, options.without or ()
-        opened = open_files(photo, model, start, calibration, others, *hidden)
+        opened = open_files(photo, model, start, calibration, others, *hidden, objects)
         return opened if place is None or start is not None else placed(opened, place), None
 
     serve_app(

@@ -15,6 +15,9 @@ from poseviewer.geometry.transform import RigidTransform
 
 ALL_MODELS = "all: compare them"
 """The answer that makes every model a candidate."""
+ALL_OBJECTS = "all: the photo shows each"
+"""The answer that makes every model an object."""
+ANOTHER_OBJECT = "another object in the photo"
 MOST_NAMED = 3
 """Missing files that are asked for."""
 MOST_SHOWN = 5
@@ -40,6 +43,8 @@ class Chosen:
     model: ModelFiles | None = None
     others: tuple[ModelFiles, ...] = ()
     """Further models that the photo may show."""
+    objects: tuple[ModelFiles, ...] = ()
+    """Further models that the photo shows as well."""
     pose: Path | None = None
     place: RigidTransform | None = None
     """The start as a scene has it, camera from model."""
@@ -51,8 +56,9 @@ Choosing = Generator[Question, str | None, Chosen]
 be opened."""
 
 
-def choose(found: FileSet) -> Choosing:
-    """What is to be opened of a set.
+def choose(found: FileSet, placed: str = "") -> Choosing:
+    """What is to be opened of a set; ``placed``: what the model at hand is called, where someone
+    has put it in its place: then another model may be another object.
 
     Raises:
         PoseViewerError: a scene in it is damaged.
@@ -60,8 +66,8 @@ def choose(found: FileSet) -> Choosing:
     photo, pictures = None, found.pictures
     if found.scenes:
         photo = yield from _photo(found, ())
-    model, others = yield from _model(found, photo)
-    if model is not None and not others:
+    model, others, objects = yield from _model(found, photo)
+    if model is not None and not (others or objects):
         model = yield from _completed(found, model)
         pictures = tuple(path for path in pictures if path not in model.named.values())
     if not found.scenes:
@@ -69,15 +75,30 @@ def choose(found: FileSet) -> Choosing:
     scene, calibration, place = found.scene_of(photo), None, None
     if scene is not None and photo is not None:
         calibration = Calibration(scene.cameras)
-        place = None if model is None or others else scene.place(photo, model.path)
+        place = None if model is None or others or objects else scene.place(photo, model.path)
     elif found.cameras:
         file = yield from _one(found, "files of cameras", "has the photo's camera", found.cameras)
         calibration = None if file is None else Calibration(file)
-    pose = yield from _one(found, "pose files", "is the start", found.poses)
-    used = {photo, *(model.named.values() if model is not None else ())}
+    if placed and photo is None and not others and model is not None:
+        if not objects:
+            text = (
+                f"{placed} is in its place. Is {found.label(model.path)} another object, or to be "
+                "opened instead?"
+            )
+            beside, instead = ANOTHER_OBJECT, f"in place of {placed}"
+            answer = yield Question(text, (beside, instead, "none: open no model"))
+            objects = (model,) if answer == beside else ()
+            model = model if answer == instead else None
+        else:
+            objects, model = (model, *objects), None
+    poses = () if objects else found.poses  # of which object would it be?
+    pose = yield from _one(found, "pose files", "is the start", poses)
+    opened = (*objects,) if model is None else (model, *objects)
+    used = {photo, *(path for one in opened for path in one.named.values())}
     unasked = found.pictures if found.photos else ()  # else they were asked about
-    notes = _not_used(found, [path for path in (*found.leftovers, *unasked) if path not in used])
-    return Chosen(photo, calibration, model, others, pose, place, notes)
+    left = *found.leftovers, *unasked, *(found.poses if objects else ())
+    notes = _not_used(found, [path for path in left if path not in used])
+    return Chosen(photo, calibration, model, others, objects, pose, place, notes)
 
 
 def _photo(
@@ -95,19 +116,24 @@ def _photo(
 
 def _model(
     found: FileSet, photo: Path | None
-) -> Generator[Question, str | None, tuple[ModelFiles | None, tuple[ModelFiles, ...]]]:
+) -> Generator[
+    Question, str | None, tuple[ModelFiles | None, tuple[ModelFiles, ...], tuple[ModelFiles, ...]]
+]:
+    """The model, further ones that it may be, and further ones that are there as well."""
     scene, models = found.scene_of(photo), found.models
     if scene is not None and photo is not None:
         seen = tuple(model for model in models if scene.has(photo, model.path))
         models = seen or models
     if len(models) < 2:
-        return (models[0] if models else None), ()
+        return (models[0] if models else None), (), ()
     by_label = {found.label(model.path): model for model in models}
     text = f"{len(models)} models came together. Which one is to be opened?"
-    answer = yield Question(text, (*by_label, ALL_MODELS, "none: the model stays"))
+    answer = yield Question(text, (*by_label, ALL_OBJECTS, ALL_MODELS, "none: the model stays"))
     if answer == ALL_MODELS:
-        return models[0], models[1:]
-    return by_label.get(answer or ""), ()
+        return models[0], models[1:], ()
+    if answer == ALL_OBJECTS:
+        return models[0], (), models[1:]
+    return by_label.get(answer or ""), (), ()
 
 
 def _completed(found: FileSet, model: ModelFiles) -> Generator[Question, str | None, ModelFiles]:

@@ -65,6 +65,17 @@ def drop(tab: AppPage, paths: Sequence[Path]) -> None:
     session.detach()
 
 
+def drop_model(tab: AppPage, paths: Sequence[Path]) -> None:
+    """Files of a model, which is opened in place of the one that is in its place."""
+    drop(tab, paths)
+    open_instead(tab)
+
+
+def open_instead(tab: AppPage) -> None:
+    tab.page.get_by_role("button", name="in place of m.ply").click()
+    tab.page.get_by_role("dialog").wait_for(state="detached")
+
+
 def shown_colours(tab: AppPage) -> tuple[bool, bool]:
     """Whether red and blue are seen in the photo's part of the window, the model drawn solid."""
     picture = tab.settled_picture().astype(int)
@@ -98,7 +109,7 @@ def written(folder: Path, write: Callable[[Path, str], Path]) -> list[Path]:
 def test_a_model_dropped_with_its_files_is_textured(page: AppPage, tmp_path: Path, write):
     files = written(tmp_path / "quad", write)
     for number, order in enumerate((files, files[::-1], [*files[1:], files[0]])):
-        drop(page, order)
+        drop_model(page, order)
         assert_textured(page, write(tmp_path, "x").name)
         if number == 0:
             keep_picture(page, f"dropped_{write.__name__}")
@@ -110,18 +121,19 @@ def test_a_folder_and_a_zip_are_their_files(page: AppPage, tmp_path: Path):
     (folder / "source").mkdir(parents=True)
     write_obj(folder / "source", "wood.png")
     halves(folder / "textures" / "wood.png")
-    drop(page, [folder])
+    drop_model(page, [folder])
     assert_textured(page, "quad.obj")
     back_to_the_scene(page)
     page.page.locator("input[type=file][accept=folder]").evaluate("e => (e.webkitdirectory = true)")
     page.page.locator("input[type=file][accept=folder]").set_input_files(folder)
+    open_instead(page)
     assert_textured(page, "quad.obj")
     back_to_the_scene(page)
     packed = tmp_path / "thing.zip"
     with zipfile.ZipFile(packed, "w") as archive:
         for path in sorted(folder.rglob("*.*")):
             archive.write(path, path.relative_to(tmp_path))
-    drop(page, [packed])
+    drop_model(page, [packed])
     assert_textured(page, "quad.obj")
     back_to_the_scene(page)
 
@@ -139,7 +151,7 @@ def test_files_chosen_together_are_a_set(page: AppPage, tmp_path: Path):
 def test_what_is_missed_may_be_dropped_later_and_the_pose_stays(page: AppPage, tmp_path: Path):
     files = written(tmp_path / "quad", write_obj)
     mtl, obj, wood = files
-    drop(page, [obj])
+    drop_model(page, [obj])
     page.wait_for_text("Material file left out: quad.mtl is not there")
     page.wait_for_text("2 triangles, 1 part, no colours")
     page.page.keyboard.press("2")
@@ -163,6 +175,7 @@ def test_what_nothing_names_is_asked_about(page: AppPage, tmp_path: Path):
     page.wait_for_text("No file names the picture street.png. Is it the photo?")
     keep_picture(page, "asked_about")
     page.page.get_by_role("button", name="None: the photo stays").click()
+    open_instead(page)
     assert_textured(page, "quad.obj")
     page.page.get_by_role("dialog").wait_for(state="detached")
     back_to_the_scene(page)

@@ -22,7 +22,14 @@ from poseviewer.files.file_set import (
 )
 from poseviewer.files.formats.reconstructions import colmap_photos
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.set_questions import ALL_MODELS, Chosen, Question, choose
+from poseviewer.files.set_questions import (
+    ALL_MODELS,
+    ALL_OBJECTS,
+    ANOTHER_OBJECT,
+    Chosen,
+    Question,
+    choose,
+)
 from poseviewer.files.state.uploads import gathered
 from tests.textured import write_gltf, write_obj, write_ply
 
@@ -51,9 +58,9 @@ def sort(root: Path, **more) -> FileSet:
     return sort_set(files_below(root), **more)
 
 
-def answered(found: FileSet, *answers: str) -> tuple[Chosen, list[Question]]:
+def answered(found: FileSet, *answers: str, placed: str = "") -> tuple[Chosen, list[Question]]:
     """What is chosen with these answers, and what was asked; all answers are taken."""
-    choosing, questions = choose(found), []
+    choosing, questions = choose(found, placed), []
     left: list[str | None] = [None, *answers]
     try:
         while left:
@@ -186,7 +193,9 @@ def test_of_several_models_one_is_chosen_or_all(tmp_path: Path) -> None:
     found = sort(tmp_path)
     chosen, (question,) = answered(found, "b.obj")
     assert question.text == "3 models came together. Which one is to be opened?"
-    assert question.options == ("a.obj", "b.obj", "c.obj", ALL_MODELS, "none: the model stays")
+    assert question.options == (
+        "a.obj", "b.obj", "c.obj", ALL_OBJECTS, ALL_MODELS, "none: the model stays",
+    )  # fmt: skip
     assert chosen.model is not None
     assert chosen.model.path.name == "b.obj"
     chosen, _ = answered(found, ALL_MODELS)
@@ -194,8 +203,40 @@ def test_of_several_models_one_is_chosen_or_all(tmp_path: Path) -> None:
     assert names([chosen.model.path, *(one.path for one in chosen.others)]) == [
         "a.obj", "b.obj", "c.obj",
     ]  # fmt: skip
+    chosen, _ = answered(found, ALL_OBJECTS)
+    assert chosen.model is not None
+    assert chosen.model.path.name == "a.obj"
+    assert names([one.path for one in chosen.objects]) == ["b.obj", "c.obj"]
+    assert chosen.others == ()
+    # Beside one that is in its place, they are all further ones.
+    chosen, _ = answered(found, ALL_OBJECTS, placed="car.glb")
+    assert chosen.model is None
+    assert names([one.path for one in chosen.objects]) == ["a.obj", "b.obj", "c.obj"]
     chosen, _ = answered(found, "none: the model stays")
     assert chosen == Chosen()
+
+
+def test_a_model_beside_one_in_its_place_is_another_object_or_instead_of_it(tmp_path: Path) -> None:
+    model = write(tmp_path / "a.obj", PLAIN)
+    pose = write(tmp_path / "p.json", {"camera_from_model": {}})
+    found = sort(tmp_path)
+    chosen, (question,) = answered(found, ANOTHER_OBJECT, placed="car.glb")
+    assert question.text.startswith("car.glb is in its place. Is a.obj another object")
+    assert chosen.model is None
+    assert names([one.path for one in chosen.objects]) == ["a.obj"]
+    assert chosen.pose is None  # of which of them it is, it does not say
+    assert chosen.notes == ("Not used: p.json.",)
+    chosen, _ = answered(found, "in place of car.glb", placed="car.glb")
+    assert chosen.model is not None
+    assert (chosen.model.path, chosen.pose, chosen.objects) == (model, pose, ())
+    chosen, _ = answered(found, "none: open no model", placed="car.glb")
+    assert chosen.model is None
+    assert chosen.objects == ()
+    # With a photo of its own there is nothing to ask.
+    picture(tmp_path / "photo.jpg", "camera")
+    chosen, questions = answered(sort(tmp_path), placed="car.glb")
+    assert not questions
+    assert chosen.model is not None
 
 
 def test_json_files_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:
@@ -334,7 +375,7 @@ def test_a_bop_scene_gives_photo_camera_model_and_start(tmp_path: Path) -> None:
     assert chosen.calibration.path.name == "scene_camera.json"
     # Of two such objects the scene does not say which one is meant.
     chosen, questions = answered(found, photo.replace("3", "7"), "models/obj_000005.obj")
-    assert [len(question.options) for question in questions] == [3, 4]
+    assert [len(question.options) for question in questions] == [3, 5]
     assert chosen.place is None
     (tmp_path / "test/000002/scene_gt.json").write_text('{"3": 7}')
     with pytest.raises(PoseFileError, match="image 3 is not a list"):

@@ -18,7 +18,7 @@ class CandidatesPanel:
         self._shown: object = None
         with controls.gui.add_folder("Which model is it?", expand_by_default=False):
             self._text = controls.gui.add_markdown("")
-            controls.upload("Add a model ...", "model", "cube-plus", beside=True)
+            controls.upload("Add a model ...", "model", "cube-plus", "candidate")
             self._go = controls.button_for(
                 "Tell them apart",
                 lambda _: c.StopIdentifying() if self._running else c.Identify(),

@@ -12,7 +12,7 @@ from typing import Any
 import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
-from poseviewer.app.state.requests import Download, Export, Request, Upload
+from poseviewer.app.state.requests import Becomes, Download, Export, Request, Upload
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 
@@ -99,10 +99,10 @@ class Controls:
         """A button that sends ``what`` to the page on which it is pressed."""
         self.button_for(label, lambda client: Download(what, client), icon=icon)
 
-    def upload(self, label: str, kind: Kind | None, icon: Any, beside: bool = False) -> None:
-        """A button that takes files of a kind, or (None) a folder, and what is dropped; models may
-        go ``beside`` the one at hand.
-        """
+    def upload(
+        self, label: str, kind: Kind | None, icon: Any, becomes: Becomes = "at hand"
+    ) -> None:
+        """A button that takes files of a kind, or (None) a folder, and what is dropped."""
         accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
@@ -111,7 +111,7 @@ class Controls:
             if event.client is not None:
                 file = take_upload(handle)
                 client = event.client.client_id
-                self.post(Upload(kind, file.name, file.content, client, beside))
+                self.post(Upload(kind, file.name, file.content, client, becomes))
 
 
 def set_properties(handle: Any, **values: Any) -> None:

@@ -97,7 +97,7 @@ class LandscapePanel:
         if not session.landscapes:
             return True
         set_properties(self._note, visible=False)
-        search = None if session.search is None else session.search.latest
+        search = session.own_search
         key = (session.landscapes, session.document.pose, search, session.maps)
         if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
             return True
@@ -183,11 +183,11 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
         pose = latest.case.problem.chart.from_pose(session.document.pose)
     except (PoseViewerError, OutsideChartError):
         pose = np.array(latest.parameters)
-    search = session.search
-    if search is None or search.latest is None or not _same_chart(search.latest.case, latest.case):
+    search = session.own_search
+    if search is None or not _same_chart(search.case, latest.case):
         return Markers(pose)
-    trail = np.array([step.parameters for step in search.latest.improvements])
-    return Markers(pose, search.latest.progress.candidates if session.searching else None, trail)
+    trail = np.array([step.parameters for step in search.improvements])
+    return Markers(pose, search.progress.candidates if session.searching else None, trail)
 
 
 def _same_chart(one: Case, other: Case) -> bool:

@@ -9,9 +9,8 @@ from poseviewer.app.state.session import Session
 
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
-    overlay, search = session.overlay, session.search
+    overlay, latest = session.overlay, session.own_search
     pose = None if overlay is None else overlay.unexplained
-    latest = None if search is None else search.latest
     marks: dict[str, float | None] = {}
     if latest is not None:
         progress = latest.progress

@@ -17,6 +17,7 @@ from poseviewer.app.page.controls import FIRST_STEP, STEPS, Controls, Post
 from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
+from poseviewer.app.page.objects_panel import ObjectsPanel
 from poseviewer.app.page.panels import (
     FitPanel,
     JudgePanel,
@@ -75,6 +76,7 @@ class Page:
         self._preparing = PreparingPanel(gui)
         self._review = ReviewPanel(controls) if reviewing else None
         self._status = StatusPanel(controls)
+        self._objects = ObjectsPanel(controls)
         self._open = OpenPanel(controls, fixed=reviewing)
         self._place = PlacePanel(controls)
         self._fit = FitPanel(controls)
@@ -129,6 +131,7 @@ class Page:
         with self._server.atomic():
             self._preparing.show(session)
             self._status.show(session)
+            self._objects.show(session)
             self._open.show(session)
             self._place.show(session)
             self._fit.show(session)

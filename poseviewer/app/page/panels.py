@@ -19,6 +19,7 @@ from poseviewer.app.page.controls import STEPS, Controls, Field, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
 from poseviewer.app.page.loss_bar import loss_bar
 from poseviewer.app.page.methods_panel import MethodsPanel
+from poseviewer.app.page.objects_panel import MoreObjects
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
@@ -60,6 +61,7 @@ WAITING = '<div class="pv-wait"></div>'
 """A bar that moves: something is done, nobody knows how long."""
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
+SAVE, SAVE_ALL = "Save pose (S)", "Save scene and pose (S)"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
@@ -102,6 +104,7 @@ class OpenPanel:
                 controls.upload("Model ...", "model", "cube")
                 controls.upload("Folder ...", None, "folder-open")
             controls.upload("Pose file ...", "pose", "file-import")
+            self._more = None if fixed else MoreObjects(controls)
             controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
@@ -115,6 +118,8 @@ class OpenPanel:
             f"{reflectance_text(mesh)}"
         )
         set_properties(self._what, content=text)
+        if self._more is not None:
+            self._more.show(session)
 
 
 class PlacePanel:
@@ -503,12 +508,13 @@ class SavePanel:
     def __init__(self, controls: Controls) -> None:
         with controls.step(STEPS[4]):
             self._state = controls.gui.add_markdown("")
-            controls.button("Save pose (S)", SavePose(), "cyan", icon="device-floppy")
+            self._save = controls.button(SAVE, SavePose(), "cyan", icon="device-floppy")
             controls.download("Download pose", "pose")
             controls.download("Download overlay", "overlay", icon="photo-down")
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
+        set_properties(self._save, label=SAVE)
         text = "● unsaved changes" if session.unsaved else "no unsaved changes"
         lines = (text, escape(where), focal_note(session))
         set_properties(self._state, content="  \n".join(filter(None, lines)))
@@ -657,6 +663,9 @@ def search_text(session: Session) -> str:
     settings = search.latest.case.settings
     count = len(search.methods) if search.running else 1
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
+    together = search.latest.together
+    if together is not None and (one := session.document.numbered(together.number)) is not None:
+        which += f"  \nOf all objects: **{escape(one.label)}**"
     text = (
         f"Method: {settings.method_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
@@ -667,9 +676,9 @@ def search_text(session: Session) -> str:
 
 
 def verdict_text(session: Session) -> str:
-    """The verdict on the search that ended, and why (markdown); "" where there is none."""
-    latest = None if session.search is None else session.search.latest
-    verdict = None if latest is None else latest.progress.verdict
+    """The verdict on the search that led to the pose, and why (markdown); "": there is none."""
+    found = session.document.searched
+    verdict = None if found is None else found.verdict
     if verdict is None:
         return ""
     note = focal_note(session)

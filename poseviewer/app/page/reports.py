@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
+from poseviewer.app.state import objects as o
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
@@ -50,6 +51,16 @@ PLAIN: Mapping[str, Request] = {
 }
 TOGGLES = ("Space", "KeyB", "KeyG", "KeyH", "KeyZ")
 """Keys whose meaning depends on the session or on shift."""
+OBJECTS: Mapping[str, Callable[[int], Request]] = {
+    "pick": o.PickObject,
+    "double": o.DuplicateObject,
+    "remove": o.RemoveObject,
+    "hide": lambda number: o.AlterObject(number, hidden=True),
+    "show": lambda number: o.AlterObject(number, hidden=False),
+    "lock": lambda number: o.AlterObject(number, locked=True),
+    "unlock": lambda number: o.AlterObject(number, locked=False),
+}
+"""What is wanted of an object in the list."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "KeyH", "Digit0", "Digit1", *REVIEW]
@@ -117,6 +128,8 @@ def _request_of(report: Report, session: Session) -> Request | None:
         case "model":
             wish = {"show": c.ShowCandidate, "drop": c.DropCandidate}[content["wish"]]
             return wish(int(content["index"]))
+        case "object":
+            return OBJECTS[content["wish"]](int(content["number"]))
         case "key":
             return _key(content, session, report.client)
         case "unfit":

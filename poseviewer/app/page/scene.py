@@ -15,6 +15,7 @@ import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.page.controls import set_properties
+from poseviewer.app.page.objects_panel import object_colour
 from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.marking import MARKING, marks_in_photo
@@ -30,7 +31,8 @@ DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
-PICTURE, TINT, CANDIDATES, HALO, OUTLINE, HANDLES = 0.998, 0.9978, 0.9975, 0.997, 0.996, 0.995
+PICTURE, TINT, CANDIDATES, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9975, 0.9973, 0.9971
+HALO, OUTLINE, HANDLES = 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 MARKS, MARK_LINES = 0.994, 0.9945
 """And of a quick start's marks: nearer than all else that is drawn."""
@@ -87,6 +89,7 @@ class PhotoScene:
         self._rings = self._lines("/rings", (255, 255, 255), 2.4)
         self._pair_lines = self._lines("/marks/lines", MODEL_MARK_COLOUR)
         self._rims = self._lines("/marks/rims", MARK_COLOUR)
+        self._others: dict[int, tuple[Any, Any]] = {}
         # Nodes below /handles/ keep their size on the screen, in px: by the client's script.
         self._crosses: list[Any] = []
         self._diamonds: list[Any] = []
@@ -110,6 +113,7 @@ class PhotoScene:
             registration = session.document.registration
             if overlay is not None and overlay.request.registration.photo is registration.photo:
                 self._show_model(overlay, session)
+            self._show_others(session)
             self._show_pins(session)
             self._show_rings(session)
             self._show_rectangle("region", self._region, session.document.settings.region)
@@ -220,7 +224,7 @@ class PhotoScene:
 
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
-        hidden = look.hidden or look.name == "none"
+        hidden = _is_hidden(session) or look.name == "none"
         if self._is_new("model", (overlay, hidden, look.wipe)):
             compared = overlay.candidates[: 0 if hidden else None]
             self._draw(self._candidates, compared, CANDIDATES)
@@ -230,6 +234,26 @@ class PhotoScene:
             self._draw(self._halo, lines, HALO)
             self._draw(self._outline, lines, OUTLINE)
             self._show_picture(overlay, hidden, edge)
+
+    def _show_others(self, session: Session) -> None:
+        """The objects that are not picked: outlines in colours of their own."""
+        drawn = session.outlines
+        shown = {one.number for one in session.document.standing}
+        if session.look.hidden or drawn is None:
+            shown = set[int]()
+        if not self._is_new("others", (drawn, shown, self._size)):
+            return
+        for number in shown - self._others.keys():
+            self._others[number] = (
+                self._lines(f"/others/{number}/halo", HALO_COLOUR, 4.0),
+                self._lines(f"/others/{number}/outline", object_colour(number), 1.6),
+            )
+        for number, (halo, outline) in self._others.items():
+            lines = np.zeros((0, 2, 2))
+            if drawn is not None and number in shown:
+                lines = drawn.lines.get(number, lines)
+            self._draw(halo, lines, OTHERS_HALO)
+            self._draw(outline, lines, OTHERS)
 
     def _show_picture(self, overlay: Overlay, hidden: bool, edge: float) -> None:
         left, top, width, height = overlay.place
@@ -269,7 +293,7 @@ class PhotoScene:
         document = session.document
         pins = pins_in_photo(document)
         # Of the pose at hand alone, and where presses are for them.
-        if session.look.hidden or session.look.before or session.tool in (*MARKING, *HIDING):
+        if _is_hidden(session) or session.look.before or session.tool in (*MARKING, *HIDING):
             pins = pins[:0]
         if not self._is_new("pins", pins.tobytes()):
             return
@@ -280,7 +304,7 @@ class PhotoScene:
         self._draw(self._links, pins[[[0, 1], [0, 2]]] if linked else pins[:0], OUTLINE)
 
     def _show_rings(self, session: Session) -> None:
-        shown = session.look.rings and not session.look.hidden
+        shown = session.look.rings and not _is_hidden(session)
         if not self._is_new("rings", (shown, session.document.pose if shown else None)):
             return
         if shown:
@@ -371,6 +395,11 @@ class PhotoScene:
             thickness_units="screen",
             visible=False,
         )
+
+
+def _is_hidden(session: Session) -> bool:
+    """Whether the picked object is not to be seen."""
+    return session.look.hidden or session.document.hidden
 
 
 def _rims(session: Session) -> FloatArray:

@@ -36,6 +36,16 @@ def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
     return Pose(camera, RigidTransform(rotation, place - rotation @ centre))
 
 
+def has_camera(pose: Pose, camera: Camera) -> bool:
+    """Whether a camera sees the pose; under parallel projection whatever the scale, by which each
+    model is nearer or farther.
+    """
+    own = pose.camera
+    if isinstance(own, Parallel) and isinstance(camera, Parallel):
+        own = replace(own, scale=camera.scale)
+    return own == camera
+
+
 def with_projection(pose: Pose, projection: str, fallback: Perspective, centre: FloatArray) -> Pose:
     """The pose under ``perspective`` (``fallback``, where it was parallel) or ``parallel``."""
     camera = pose.camera

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from poseviewer.api import FitResult
 from poseviewer.app.state.cameras import (
     camera_from_numbers,
     require_field_of_view,
@@ -21,11 +22,13 @@ from poseviewer.app.state.cameras import (
     with_projection,
 )
 from poseviewer.app.state.candidates import CandidateModel, Comparison, with_model
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.dragging import (
     PIN_REACH,
+    ModelDrag,
     RectangleDrag,
     moved,
+    nearest_object,
     pins_in_photo,
     rolled,
     scaled_about,
@@ -71,6 +74,7 @@ MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
+UNLOCK = "unlock it in the list of objects"
 LARGEST_NUDGE = 300.0
 """Steps of scale: more would overflow."""
 
@@ -108,8 +112,9 @@ class WorkerUpdate(DragCommand):
 
 @dataclass(frozen=True, slots=True)
 class Press(Command):
-    """The main button went down at a point of the photo: take hold of what is there; with a marking
-    tool, set a mark where there is none; where the model is nowhere yet, put it there.
+    """The main button went down at a point of the photo: take hold of what is there, and pick it
+    where it is another object; with a marking tool, set a mark where there is none; where the model
+    is nowhere yet, put it there.
     """
 
     x: float
@@ -130,10 +135,19 @@ class Press(Command):
         else:
             kind = "roll" if self.ctrl else "turn" if self.shift else "move"
             drag = take_hold(document, point, self.zoom, kind, session.look.rings)
+            if not document.awaits_place and (drag is None or isinstance(drag, ModelDrag)):
+                session = session.picking(nearest_object(document, point))
+                if session.document is not document:
+                    drag = take_hold(session.document, point, self.zoom, kind, rings=False)
             if drag is None and document.awaits_place:
-                pose, centre = document.pose, document.registration.mesh.centre
-                return session.with_pose(moved(pose, centre, point - pose.project(centre)))
+                return _placed(session, point)
         return session if drag is None else replace(session, drag=drag, before_drag=None)
+
+
+def _placed(session: Session, point: FloatArray) -> Session:
+    """With the model's middle at a point (2,) of the photo."""
+    pose, centre = session.document.pose, session.document.registration.mesh.centre
+    return session.with_pose(moved(pose, centre, point - pose.project(centre)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +170,8 @@ class DragTo(DragCommand):
 
 @dataclass(frozen=True, slots=True)
 class Release(DragCommand):
-    """The button went up: the drag as a whole is one undoable step. A model goes into the box that
-    was drawn at once, and starts are looked for there.
+    """The button went up: the drag as a whole is one undoable step. A model that is nowhere yet
+    goes where it was pressed, and into the box that was drawn at once; starts are looked for there.
     """
 
     def __call__(self, session: Session) -> Session:
@@ -166,8 +180,11 @@ class Release(DragCommand):
         before, document = session.before_drag, session.document
         tool = session.tool if session.tool in MARKING else "pose"
         drawn = session.tool
+        held = session.drag
         session = replace(session, drag=None, before_drag=None, tool=tool)
         if before is None:
+            if isinstance(held, ModelDrag) and document.awaits_place:
+                return _placed(session, held.start)
             return session
         if drawn == "box" and document.marks.box is not None:
             pose = framed(document.pose, document.registration.mesh, document.marks.box)
@@ -365,7 +382,7 @@ class Open(Command):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saved(DragCommand):
-    """``document``'s pose, and what is compared there, stands in a file."""
+    """``document``'s poses, and what is compared there, stand in files."""
 
     document: Document
 
@@ -594,6 +611,25 @@ class StartSearch(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class SearchAll(Command):
+    """Search for all objects in turn, each from the pose at hand, until none improves; those that
+    are locked stay where they are.
+    """
+
+    def __call__(self, session: Session) -> Session:
+        document = session.document
+        free = tuple(one for one in document.objects if one.stands and not one.locked)
+        if not free:
+            raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
+        if any(one.settings.free_focal for one in free):
+            raise SettingsError(
+                "the focal length is one for all objects: find it with one of them alone, then "
+                "search all without it"
+            )
+        return _searching(session, document.pose, (document.settings,), free)
+
+
+@dataclass(frozen=True, slots=True)
 class CompareMethods(Command):
     """Search from the start pose by both methods, by the one that is chosen last."""
 
@@ -604,17 +640,24 @@ class CompareMethods(Command):
         return _searching(session, session.document.registration.start, settings)
 
 
-def _searching(session: Session, start: Pose, methods: tuple[FitSettings, ...]) -> Session:
+def _searching(
+    session: Session,
+    start: Pose,
+    methods: tuple[FitSettings, ...],
+    objects: tuple[SceneObject, ...] = (),
+) -> Session:
     """With a new search, unless one is running."""
     if session.searching:
         return session
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
     number, document = session.searches + 1, session.document
+    if document.locked and not objects:
+        raise SettingsError(f"{document.label} is locked: {UNLOCK} to search")
     return replace(
         session,
         searches=number,
-        search=Search(number, document, start, methods),
+        search=Search(number, document, start, methods, objects=objects),
         look=replace(session.look, before=False),
         history=session.history.with_step(document),
         anchor=start,
@@ -682,9 +725,17 @@ class SearchAdvanced(WorkerUpdate):
         if search is None or search.number != self.number or not search.running:
             return session
         progress, ends = self.update.progress, self.update.ends
+        together = self.update.together
+        if together is not None:
+            document = session.document.with_poses(together.poses, together.records)
+            found = replace(search, latest=self.update, running=not together.is_over)
+            return replace(session, document=document, search=found)
         is_last = len(search.methods) == 1 or bool(ends)
         running = progress.status.name == "RUNNING" or not is_last
-        document = replace(session.document, pose=progress.pose)
+        record = None
+        if not running:
+            record = FitResult(self.update.case, progress.pose, progress).record
+        document = replace(session.document, pose=progress.pose, record=record)
         found = replace(search, latest=self.update, running=running)
         return replace(session, document=document, search=found, ends=ends or session.ends)
 

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from poseviewer.app.state.cameras import with_camera
+from poseviewer.app.state.cameras import has_camera, with_camera
 from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.problem import choose_chart
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
 MOST_STEPS = 200
 MOST_REGISTRATIONS = 4
-"""Undo reaches back over no more opened photos and models than this: they fill the memory."""
+"""Undo reaches back over no more opened photos, and models beside those at hand, than this: they
+fill the memory."""
 
 WHEELS = 2
 
@@ -79,8 +84,8 @@ class Marks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Document:
-    """All that a pose file is made from."""
+class SceneObject:
+    """A model in the photo, and all that is its own."""
 
     registration: Registration
     """Photo, model, and the start pose that ``reset`` goes back to."""
@@ -88,10 +93,63 @@ class Document:
     settings: FitSettings = field(default_factory=FitSettings)
     pins: tuple[FloatArray, ...] = ()
     """Points (3,) on the model's surface, in its frame, that the user has pinned."""
-    photo_path: Path | None = None
     model_path: Path | None = None
     marks: Marks = field(default_factory=Marks)
     """Point pairs and wheels, from which a quick start follows."""
+    number: int = 1
+    """Its own among the objects of a document; its colour goes by it."""
+    name: str = ""
+    """What the user calls it; "": as its file is called."""
+    hidden: bool = False
+    """Not drawn, and in front of nothing."""
+    locked: bool = False
+    """Left where it is in the photo by presses and searches."""
+    record: PoseRecord | None = None
+    """What the last search found; of use as long as its pose is the one at hand."""
+
+    @property
+    def label(self) -> str:
+        """What it is called."""
+        return self.name.strip() or self.registration.mesh_name
+
+    @property
+    def searched(self) -> PoseRecord | None:
+        """What a search says of the pose at hand; None where none ended there."""
+        return self.record if self.record is not None and self.record.pose is self.pose else None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is to be seen in the photo: neither hidden, nor still to be put somewhere."""
+        return not (self.hidden or self.awaits_place)
+
+    def is_placed_same(self, other: SceneObject) -> bool:
+        """Whether both are the same model at the same pose, and compared with the same pixels."""
+        own, its = self.registration, other.registration
+        same_pixels = own.photo is its.photo and own.mask is its.mask
+        return same_pixels and own.mesh is its.mesh and self.pose is other.pose
+
+    @property
+    def verdict(self) -> str:
+        """In a word: how the search ended that led to the pose at hand."""
+        if self.searched is None:
+            return "not placed" if self.awaits_place else "not searched"
+        return self.searched.verdict.word if self.searched.verdict is not None else "searched"
+
+    def seen_by(self, photo: Photo, camera: Camera) -> SceneObject:
+        """The same in a photo that a camera took, where it was and as large; the same object where
+        it is that already.
+        """
+        own, pose = self.registration, self.pose
+        if not has_camera(pose, camera):
+            pose = with_camera(pose, camera, own.mesh.centre)
+        if pose is self.pose and own.photo is photo:
+            return self
+        start = pose if own.start is self.pose else own.start
+        same_pixels = own.photo.sha256 == photo.sha256
+        same_pixels = same_pixels and own.photo.undistortion is photo.undistortion
+        mask = own.mask if same_pixels else None
+        registration = replace(own, photo=photo, start=start, mask=mask)
+        return replace(self, registration=registration, pose=pose, record=None)
 
     @property
     def chart(self) -> Chart:
@@ -128,17 +186,7 @@ class Document:
         """(d,): the pose in ``chart``."""
         return self.chart.from_pose(self.pose)
 
-    def shows_same(self, other: Document) -> bool:
-        """Whether both have the same photo and the same model."""
-        own, its = self.registration, other.registration
-        return own.photo is its.photo and own.mesh is its.mesh
-
-    @property
-    def paths(self) -> frozenset[Path]:
-        """The files of photo and model, as far as they have one."""
-        return frozenset(path for path in (self.photo_path, self.model_path) if path is not None)
-
-    def started_from(self, pose: Pose) -> Document:
+    def started_from(self, pose: Pose) -> Self:
         """The same with another start pose, which is the pose as well."""
         registration = replace(self.registration, start=pose, start_is_guess=False)
         return replace(self, registration=registration, pose=pose)
@@ -148,6 +196,114 @@ class Document:
         """Whether nobody has said yet where the model is: then a press on the photo does."""
         own = self.registration
         return own.start_is_guess and self.pose is own.start
+
+
+T = TypeVar("T", bound=SceneObject)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Document(SceneObject):
+    """A photo and its objects: the one that is picked, which all commands are about, and others."""
+
+    photo_path: Path | None = None
+    others: tuple[SceneObject, ...] = ()
+    """In the photo and seen by the camera of the picked one; those that stand in the photo are
+    among what its registration has as ``others``.
+    """
+
+    def __post_init__(self) -> None:
+        photo, camera = self.registration.photo, self.pose.camera
+        others = tuple(one.seen_by(photo, camera) for one in self.others)
+        object.__setattr__(self, "others", others)
+        own = self.registration
+        known = {(id(one.mesh), id(one.pose)): one for one in own.others}
+        standing = [(one.registration.mesh, one.pose) for one in self.standing]
+        placed = tuple(known.get((id(m), id(p))) or PlacedModel(m, p) for m, p in standing)
+        if placed != own.others:
+            object.__setattr__(self, "registration", replace(own, others=placed))
+
+    @classmethod
+    def of(
+        cls, picked: SceneObject, photo_path: Path | None, others: tuple[SceneObject, ...]
+    ) -> Document:
+        """A document whose objects are these."""
+        return cls(**_fields_of(picked), photo_path=photo_path, others=others)
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """All of them, the picked one as well, by their numbers."""
+        return tuple(sorted((self, *self.others), key=lambda one: one.number))
+
+    @property
+    def standing(self) -> tuple[SceneObject, ...]:
+        """The others that are to be seen in the photo."""
+        return tuple(one for one in self.others if one.stands)
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """Of all objects."""
+        return tuple(one.pose for one in self.objects)
+
+    def numbered(self, number: int) -> SceneObject | None:
+        """The object of a number; None where there is none."""
+        return next((one for one in self.objects if one.number == number), None)
+
+    def picking(self, number: int) -> Document:
+        """The same with another object picked."""
+        kept = tuple(one for one in self.objects if one.number != number)
+        new = self.numbered(number)
+        return self if new is None or new is self else self._with(new, kept)
+
+    def altered(self, number: int, **changes: Any) -> Document:
+        """The same with changed fields of one of its objects."""
+        if number == self.number:
+            return replace(self, **changes)
+        others = (replace(o, **changes) if o.number == number else o for o in self.others)
+        return replace(self, others=tuple(others))
+
+    def with_poses(self, poses: Mapping[int, Pose], records: Mapping[int, PoseRecord]) -> Document:
+        """The same with its objects at other poses, by their numbers, and what was found there."""
+
+        def at(one: T) -> T:
+            pose, record = poses.get(one.number, one.pose), records.get(one.number, one.record)
+            kept = pose is one.pose and record is one.record
+            return one if kept else replace(one, pose=pose, record=record)
+
+        return at(replace(self, others=tuple(map(at, self.others))))
+
+    def with_object(self, new: SceneObject) -> Document:
+        """One object more, which is picked and has a number of its own."""
+        number = 1 + max(one.number for one in self.objects)
+        return self._with(replace(new, number=number), self.objects)
+
+    def without(self, number: int) -> Document:
+        """The same without one of several objects; the next one is picked where it was picked."""
+        kept = tuple(one for one in self.objects if one.number != number)
+        if number != self.number:
+            return replace(self, others=tuple(one for one in kept if one.number != self.number))
+        after = next((one for one in kept if one.number > number), kept[-1])
+        return self._with(after, tuple(one for one in kept if one is not after))
+
+    def _with(self, picked: SceneObject, others: tuple[SceneObject, ...]) -> Document:
+        left = (SceneObject(**_fields_of(self)) if one is self else one for one in others)
+        return Document.of(picked, self.photo_path, tuple(left))
+
+    def shows_same(self, other: Document) -> bool:
+        """Whether both have the same photo, and the same object picked, with the same model."""
+        own, its = self.registration, other.registration
+        same_object = own.mesh is its.mesh and self.number == other.number
+        return own.photo is its.photo and same_object
+
+    @property
+    def paths(self) -> frozenset[Path]:
+        """The files of photo and models, as far as they have one."""
+        paths = self.photo_path, *(one.model_path for one in self.objects)
+        return frozenset(path for path in paths if path is not None)
+
+
+def _fields_of(one: SceneObject) -> dict[str, Any]:
+    """Those that every object has."""
+    return {own.name: getattr(one, own.name) for own in fields(SceneObject)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,9 +334,10 @@ def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
     """The last steps, over no more than the allowed number of photos and of models."""
     past = past[-MOST_STEPS:]
     photos, meshes = set(), set()
+    most_meshes = MOST_REGISTRATIONS + len(past[-1].others)
     for index in reversed(range(len(past))):
         photos.add(id(past[index].registration.photo))
-        meshes.add(id(past[index].registration.mesh.whole))
-        if max(len(photos), len(meshes)) > MOST_REGISTRATIONS:
+        meshes |= {id(one.registration.mesh.whole) for one in past[index].objects}
+        if len(photos) > MOST_REGISTRATIONS or len(meshes) > most_meshes:
             return past[index + 1 :]
     return past

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -24,6 +24,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import within
+from poseviewer.starts.placing import surface_point
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 
 PIN_REACH, RING_REACH = 14.0, 8.0
@@ -138,10 +139,13 @@ class RectangleDrag:
 def take_hold(
     document: Document, point: FloatArray, zoom: float, kind: str, rings: bool
 ) -> Drag | None:
-    """What lies under ``point``: a pin, a ring, or the model; None for nothing.
+    """What of the picked object lies under ``point``: a pin, a ring, or the model; None for
+    nothing, and where the object is hidden or locked.
 
     ``zoom``: screen px per photo px; ``kind``: what holding the model does.
     """
+    if document.hidden or document.locked:
+        return None
     pins = pins_in_photo(document)
     if len(pins):
         away = np.nan_to_num(np.linalg.norm(pins - point, axis=1) * zoom, nan=np.inf)
@@ -154,6 +158,25 @@ def take_hold(
     if within(point, document.pose, document.registration.mesh, MODEL_REACH / zoom):
         return ModelDrag(document, point, kind)
     return None
+
+
+def nearest_object(document: Document, point: FloatArray) -> int:
+    """The number of the object that is nearest to the camera at ``point``, of those that a press
+    may take; the picked one's where there is none.
+    """
+    free = [one for one in (document, *document.standing) if not (one.hidden or one.locked)]
+    depths = [_depth_at(one, point) for one in free]
+    nearest = min(depths, default=math.inf)
+    return free[depths.index(nearest)].number if nearest < math.inf else document.number
+
+
+def _depth_at(one: SceneObject, point: FloatArray) -> float:
+    """Of its surface as seen at ``point``; infinite beside it."""
+    mesh = one.registration.mesh
+    if not within(point, one.pose, mesh, 0.0):
+        return math.inf
+    place = surface_point(mesh, one.pose, point)
+    return math.inf if place is None else float(one.pose.camera_from_model.apply(place)[2])
 
 
 def pins_in_photo(document: Document) -> FloatArray:

@@ -177,7 +177,8 @@ def compared_mask(session: Session) -> Mask | None:
 
 def with_mask(document: Document, mask: Mask | None) -> Document:
     """The document with another mask."""
-    return replace(document, registration=replace(document.registration, mask=mask))
+    registration = replace(document.registration, mask=mask)
+    return replace(document, registration=registration, record=None)
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
@@ -191,4 +192,5 @@ def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session
 
 
 def _with_mesh(document: Document, mesh: Mesh) -> Document:
-    return replace(document, registration=replace(document.registration, mesh=mesh))
+    registration = replace(document.registration, mesh=mesh)
+    return replace(document, registration=registration, record=None)

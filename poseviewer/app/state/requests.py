@@ -8,6 +8,8 @@ from typing import Any, Literal
 from poseviewer.files.file_set import Kind
 from poseviewer.files.set_questions import Choosing
 
+Becomes = Literal["at hand", "candidate", "object"]
+"""What models that come are: the one at hand, candidates for it, or objects beside it."""
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
 
@@ -27,8 +29,7 @@ class Upload(Request):
     data: bytes
     """See ``files.state.uploads.pack``."""
     client: int
-    beside: bool = False
-    """Of models: whether they become candidates, and the one at hand stays."""
+    becomes: Becomes = "at hand"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ out about it. Immutable.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 
 from poseviewer.api import Case
 from poseviewer.app.state.candidates import Candidates
-from poseviewer.app.state.document import Document, History
+from poseviewer.app.state.document import Document, History, SceneObject
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
@@ -93,6 +95,14 @@ class Overlay:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Outlines:
+    """What is drawn of the objects that are not picked."""
+
+    lines: Mapping[int, FloatArray]
+    """(N, 2, 2) by their numbers: line segments in px of the photo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SearchUpdate:
     """A search after one more evaluation."""
 
@@ -105,6 +115,8 @@ class SearchUpdate:
     """The progress at the first evaluation of each restart."""
     ends: tuple[MethodEnd, ...] = ()
     """Of the last update of a search by several methods: where each of them has ended."""
+    together: Together | None = None
+    """Of a search for several objects."""
 
     @property
     def candidate_poses(self) -> tuple[Pose, ...]:
@@ -114,6 +126,19 @@ class SearchUpdate:
             with suppress(OutsideChartError):
                 poses.append(self.case.problem.chart.to_pose(parameters))
         return tuple(poses)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Together:
+    """How a search for several objects stands, which is at one of them."""
+
+    number: int
+    """Of the object that the update is of."""
+    poses: Mapping[int, Pose]
+    """Of all objects that are searched for, by their numbers."""
+    records: Mapping[int, PoseRecord]
+    """What was found, by the numbers of the objects whose last search is over."""
+    is_over: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,6 +226,8 @@ class Search:
     """By which it is searched, one after the other, each from the start."""
     running: bool = True
     latest: SearchUpdate | None = None
+    objects: tuple[SceneObject, ...] = ()
+    """Those that are searched for in turn; none: the picked one alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,6 +297,8 @@ class Session:
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
+    outlines: Outlines | None = None
+    """Of the objects that were not picked when they were drawn."""
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Pose | None = None
@@ -305,7 +334,15 @@ class Session:
     @property
     def shows_candidates(self) -> bool:
         """Whether the outlines of what a search compares are to be drawn."""
-        return self.look.candidates and self.searching
+        return self.look.candidates and self.searching and self.own_search is not None
+
+    @property
+    def own_search(self) -> SearchUpdate | None:
+        """The newest of the search, where it is for the picked object."""
+        latest = None if self.search is None else self.search.latest
+        if latest is None or latest.together is None:
+            return latest
+        return latest if latest.together.number == self.document.number else None
 
     def settings_by(self, method: Method) -> FitSettings:
         """The settings at hand, by a method."""
@@ -321,15 +358,15 @@ class Session:
 
     @property
     def unsaved(self) -> bool:
-        """Whether the pose at hand, or what is compared there, stands in no file."""
+        """Whether a pose at hand, or what is compared there, stands in no file."""
         own, kept = self.document, self.saved
-        if kept is None or own.pose is not kept.pose:
+        if kept is None or len(own.objects) != len(kept.objects):
             return True
-        return not own.registration.compares_same(kept.registration)
+        return not all(map(SceneObject.is_placed_same, own.objects, kept.objects))
 
     def at(self, history: History, document: Document) -> Session:
         """At another document of a history, a search ended; maps and overlay of another photo or
-        model go.
+        object go.
         """
         same = document.shows_same(self.document)
         return replace(
@@ -342,6 +379,11 @@ class Session:
             ends=self.ends if same else (),
             overlay=self.overlay if same else None,
         )
+
+    def picking(self, number: int) -> Session:
+        """With another of the objects picked, which is no step; the same where it is picked."""
+        document = self.document.picking(number)
+        return self if document is self.document else self.at(self.history, document)
 
     def with_document(self, document: Document, same_step: bool = False) -> Session:
         """One undoable step to another document; with ``same_step`` undo leads to before the step

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
@@ -67,26 +68,12 @@ class Autosaver:
         document, models = _kept_of(session)
         if (document, models) == self._saved or not (session.unsaved or models):
             return
-        registration = document.registration
-        kept = AutosavedSession(
-            photo=_absolute(document.photo_path),
-            photo_name=registration.photo.name,
-            photo_sha256=registration.photo.sha256,
-            model=_absolute(document.model_path),
-            model_name=registration.mesh_name,
-            model_sha256=registration.mesh_sha256,
-            pose=PoseRecord(
-                document.pose,
-                undistortion=registration.photo.undistortion,
-                without=registration.mesh.left_out,
-            ),
-            start=PoseRecord(registration.start, undistortion=registration.photo.undistortion),
-            settings=settings_as_json(document.settings),
-            unsaved=session.unsaved,
-            saved_at=time.time(),
-            process=os.getpid(),
-            mask=registration.mask,
+        kept = replace(
+            _as_picked(document, document.photo_path, session.unsaved),
             candidates=tuple(one.path.resolve() for one in models if one.path is not None),
+            others=tuple(
+                _as_picked(one, document.photo_path, session.unsaved) for one in document.others
+            ),
         )
         try:
             self._file = save_autosave(self._folder, kept)
@@ -155,6 +142,32 @@ class Autosaver:
 def _kept_of(session: Session) -> tuple[Document, tuple[CandidateModel, ...]]:
     """What is written anew where it is another object."""
     return session.document, session.candidates.models
+
+
+def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> AutosavedSession:
+    """The session in which an object is the only one."""
+    own = one.registration
+    photo = own.photo
+    return AutosavedSession(
+        photo=_absolute(photo_path),
+        photo_name=photo.name,
+        photo_sha256=photo.sha256,
+        model=_absolute(one.model_path),
+        model_name=own.mesh_name,
+        model_sha256=own.mesh_sha256,
+        pose=one.searched
+        or PoseRecord(one.pose, undistortion=photo.undistortion, without=own.mesh.left_out),
+        start=PoseRecord(own.start, undistortion=photo.undistortion),
+        settings=settings_as_json(one.settings),
+        unsaved=unsaved,
+        saved_at=time.time(),
+        process=os.getpid(),
+        mask=own.mask,
+        number=one.number,
+        name=one.name,
+        hidden=one.hidden,
+        locked=one.locked,
+    )
 
 
 def _absolute(path: Path | None) -> Path | None:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from poseviewer.api import Case, FitResult
+from poseviewer.app.state.document import SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
@@ -30,21 +31,22 @@ from poseviewer.fit.settings import settings_as_json
 
 def record_of(session: Session) -> PoseRecord:
     """All that the pose file of the session says."""
-    document, search, overlay = session.document, session.search, session.overlay
-    if search is not None and search.latest is not None:
-        return FitResult(search.latest.case, document.pose, search.latest.progress).record
+    document, latest, overlay = session.document, session.own_search, session.overlay
+    if document.searched is not None:
+        return document.searched
+    if latest is not None:
+        return FitResult(latest.case, document.pose, latest.progress).record
     known = overlay.unexplained if overlay is not None and overlay.loss_is_current else None
     if overlay is None or known is None or overlay.request.pose is not document.pose:
-        return _plain_record(session)
+        return _plain_record(document)
     try:
         case = _case_of(session)
     except PoseViewerError:
-        return _plain_record(session)  # a pose where nothing can be compared is a pose, too
+        return _plain_record(document)  # a pose where nothing can be compared is a pose, too
     return FitResult(case, document.pose, known_loss=known.loss).record
 
 
-def _plain_record(session: Session) -> PoseRecord:
-    document = session.document
+def _plain_record(document: SceneObject) -> PoseRecord:
     registration, chart = document.registration, document.chart
     photo = registration.photo
     return PoseRecord(

@@ -31,7 +31,7 @@ from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
 
 
-@lru_cache(maxsize=6)
+@lru_cache(maxsize=16)
 def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
     """A model's renderer, or nothing yet; kept for the models that were at hand lately (renderers
     fill the memory).

@@ -40,7 +40,7 @@ class MapJob:
     @classmethod
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
-        latest = None if session.search is None else session.search.latest
+        latest = session.own_search
         case = None if latest is None else latest.case
         anchor = session.anchor or session.document.pose
         if case is not None:

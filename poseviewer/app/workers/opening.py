@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
-from poseviewer.app.state.document import Document, Marks
+from poseviewer.app.state.document import Document, Marks, SceneObject
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import load_mask, mask_beside
@@ -24,11 +25,14 @@ from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_from_json
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.placing import look_from
 from poseviewer.starts.registration import load_model, load_registration
+
+T = TypeVar("T", bound=SceneObject)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +47,8 @@ class Opened:
     """It is what an earlier session left, unsaved."""
     candidates: Candidates = field(default_factory=Candidates)
     """Models that the photo may show."""
+    objects: tuple[CandidateModel, ...] = ()
+    """Models that the photo shows as well, nobody has said where."""
     row: str = ""
     """In a review: the key of the row that it is."""
     found: Document | None = None
@@ -57,10 +63,12 @@ def open_files(
     others: Sequence[Path] = (),
     mask: Path | None = None,
     without: Sequence[str] = (),
+    objects: Sequence[Path] = (),
 ) -> Opened:
     """Photo and model from their files, with a start pose from one, or seen from a corner; the
     photo undistorted, where there is a calibration; ``others``: models that the photo may show;
-    ``mask``: what of the photo counts, ``without``: parts of the model that are left out.
+    ``mask``: what of the photo counts, ``without``: parts of the model that are left out;
+    ``objects``: models that the photo shows as well.
 
     Raises:
         PoseViewerError: one of them cannot be used.
@@ -76,7 +84,8 @@ def open_files(
         candidate, notes = open_candidate(path)
         candidates = candidates.with_model_of(document).with_candidate(candidate)
         warnings = (*warnings, *notes)
-    return Opened(document, warnings, candidates=candidates)
+    added, notes = _open_objects(objects)
+    return Opened(document, (*warnings, *notes), candidates=candidates, objects=added)
 
 
 def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
@@ -90,9 +99,11 @@ def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
     return CandidateModel(model, path), notes
 
 
-def open_chosen(now: Document, chosen: Chosen, models: Sequence[Path]) -> Opened:
+def open_chosen(
+    now: Document, chosen: Chosen, models: Sequence[Path], objects: Sequence[Path] = ()
+) -> Opened:
     """What was chosen of a set of files, on what is at hand; ``models``: where the chosen model,
-    and the others beside it, lie with all that they name.
+    and the others beside it, lie with all that they name; ``objects``: where further objects do.
 
     Raises:
         PoseViewerError: one of the files cannot be used.
@@ -118,7 +129,17 @@ def open_chosen(now: Document, chosen: Chosen, models: Sequence[Path]) -> Opened
         candidate, notes = open_candidate(path)
         candidates = candidates.with_candidate(candidate)
         warnings += notes
-    return Opened(document, tuple(warnings), pose_alone, candidates=candidates)
+    added, notes = _open_objects(objects)
+    warnings += notes
+    return Opened(document, tuple(warnings), pose_alone, candidates=candidates, objects=added)
+
+
+def _open_objects(
+    paths: Sequence[Path],
+) -> tuple[tuple[CandidateModel, ...], tuple[str, ...]]:
+    """Models of further objects, and what is to be said of them."""
+    read = [open_candidate(path) for path in paths]
+    return tuple(one for one, _ in read), tuple(note for _, notes in read for note in notes)
 
 
 def placed(opened: Opened, place: RigidTransform) -> Opened:
@@ -158,8 +179,20 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         mask=now.registration.mask if same_pixels else None,
     )
     settings = replace(now.settings, region=None)
+    others = now.others
+    if path != now.photo_path:
+        moved = pose.camera_from_model.apply(mesh.centre) - now.pose.camera_from_model.apply(
+            mesh.centre
+        )
+        others = tuple(_in_another_photo(one, camera, moved) for one in others)
     document = replace(
-        now, registration=registration, pose=pose, photo_path=path, settings=settings, marks=Marks()
+        now,
+        registration=registration,
+        pose=pose,
+        photo_path=path,
+        settings=settings,
+        marks=Marks(),
+        others=others,
     )
     warnings = [f"{photo.name}: {note}" for note in photo.notes]
     if now.registration.photo.undistortion is not None and calibration is None:
@@ -167,6 +200,15 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
             f"{photo.name}: shown as taken, with its distortion; drop it with its file of cameras."
         )
     return Opened(document, tuple(warnings))
+
+
+def _in_another_photo(one: SceneObject, camera: Camera, moved: FloatArray) -> SceneObject:
+    """An object that goes where the picked one goes, ``moved`` (3,) by the camera's axes."""
+    place = one.pose.camera_from_model
+    pose = Pose(camera, RigidTransform(place.rotation, place.translation + moved))
+    guess = replace(one.registration, start=pose, start_is_guess=True)
+    settings = replace(one.settings, region=None)
+    return replace(one, registration=guess, pose=pose, settings=settings, marks=Marks())
 
 
 def completed(now: Document, path: Path) -> Opened:
@@ -181,7 +223,7 @@ def completed(now: Document, path: Path) -> Opened:
     model = replace(model, mesh=model.mesh.without(left_out))
     registration = with_mesh(now.registration, model)
     notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
-    return Opened(replace(now, registration=registration, model_path=path), notes)
+    return Opened(replace(now, registration=registration, model_path=path, record=None), notes)
 
 
 def open_model(now: Document, path: Path) -> Opened:
@@ -193,7 +235,15 @@ def open_model(now: Document, path: Path) -> Opened:
     registration = _without_pose(now.registration.photo, path, now.pose)
     registration = replace(registration, mask=now.registration.mask)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
-    document = Document(registration, registration.start, settings, (), now.photo_path, path)
+    document = Document(
+        registration,
+        registration.start,
+        settings,
+        model_path=path,
+        number=now.number,
+        photo_path=now.photo_path,
+        others=now.others,
+    )
     return Opened(document, registration.warnings)
 
 
@@ -229,32 +279,24 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     Raises:
         PoseViewerError: its photo or its model is not there any more.
     """
-    for path, name in ((kept.photo, kept.photo_name), (kept.model, kept.model_name)):
-        if path is None or not path.is_file():
-            raise PoseFileError(
-                f"{name}: is not where the earlier session had it; open it, and its pose by hand"
-            )
-    assert kept.photo is not None  # both were just looked at
-    assert kept.model is not None
-    opened = open_files(kept.photo, kept.model, None)
+    model = _require_there(kept.model, kept.model_name)
+    opened = open_files(_require_there(kept.photo, kept.photo_name), model, None)
     photo = opened.document.registration.photo
     if kept.pose.undistortion is not None:
         photo = undistorted(photo, kept.pose.undistortion)
-    mesh = opened.document.registration.mesh
-    registration = replace(
-        opened.document.registration,
-        photo=replace(photo, name=kept.photo_name),
-        mesh=mesh.without([name for name in kept.pose.without if name in mesh.part_names]),
-        mesh_name=kept.model_name,
-        start=kept.start.pose,
-        start_is_guess=False,
-        mask=kept.mask,
-    )
-    settings = settings_from_json(kept.settings)
-    document = replace(
-        opened.document, registration=registration, pose=kept.pose.pose, settings=settings
-    )
+    photo = replace(photo, name=kept.photo_name)
+    document = _restored(opened.document, kept, photo)
     candidates, warnings = Candidates(), opened.warnings
+    known = {model: opened.document.registration}
+    for other in kept.others:
+        try:
+            path = _require_there(other.model, other.model_name)
+            own = known[path] = known.get(path) or _without_pose(photo, path)
+        except PoseViewerError as error:
+            warnings = (*warnings, str(error))
+            continue
+        one = _restored(SceneObject(own, own.start, model_path=path), other, photo)
+        document = replace(document, others=(*document.others, one))
     for path in kept.candidates:
         if path == kept.model:
             continue
@@ -271,6 +313,39 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
 def _hidden(own: Registration, mask: Path | None, without: Sequence[str]) -> Registration:
     found = load_mask(mask, own.photo.width, own.photo.height) if mask else None
     return replace(own, mask=found, mesh=own.mesh.without(without))
+
+
+def _require_there(path: Path | None, name: str) -> Path:
+    if path is None or not path.is_file():
+        raise PoseFileError(
+            f"{name}: is not where the earlier session had it; open it, and its pose by hand"
+        )
+    return path
+
+
+def _restored(one: T, kept: AutosavedSession, photo: Photo) -> T:
+    """An object, just opened, as it was kept."""
+    pose, mesh = kept.pose.pose, one.registration.mesh
+    registration = replace(
+        one.registration,
+        photo=photo,
+        mesh=mesh.without([name for name in kept.pose.without if name in mesh.part_names]),
+        mesh_name=kept.model_name,
+        start=kept.start.pose,
+        start_is_guess=False,
+        mask=kept.mask,
+    )
+    return replace(
+        one,
+        registration=registration,
+        pose=pose,
+        settings=settings_from_json(kept.settings),
+        number=kept.number,
+        name=kept.name,
+        hidden=kept.hidden,
+        locked=kept.locked,
+        record=None if kept.pose.verdict is None else kept.pose,
+    )
 
 
 def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:

@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.requests import Answer, Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
@@ -21,7 +23,7 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
 from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import QuickStartError
-from poseviewer.files.file_set import ModelFiles, files_below, nothing_to_open, sort_set
+from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_to_open, sort_set
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import gathered, keep_set
@@ -96,13 +98,17 @@ class Tasks:
 
         def run(session: Session) -> Iterator[Opened | Asked | Found]:
             root = keep_set(self._uploads, upload.data, in_use=session.paths)
-            at_hand = None if upload.beside else session.document.model_path
-            found = sort_set(files_below(root), upload.kind, at_hand)
-            if found.is_empty or (upload.beside and not found.models):
+            beside = upload.becomes != "at hand"
+            found = sort_set(
+                files_below(root), upload.kind, None if beside else session.document.model_path
+            )
+            if found.is_empty or (beside and not found.models):
                 raise nothing_to_open(found, upload.kind)
-            if not upload.beside:
-                return self._choose(choose(found), None, upload.client, session)
-            return self._add_candidates(found.models, session)
+            if upload.becomes == "at hand":
+                placed = _placed(session, found) if upload.kind is None else ""
+                return self._choose(choose(found, placed), None, upload.client, session)
+            add = AddObject if upload.becomes == "object" else AddCandidate
+            return self._add(found.models, add, session)
 
         self.add(run)
 
@@ -119,16 +125,24 @@ class Tasks:
             chosen: Chosen = end.value
             models = () if chosen.model is None else (chosen.model, *chosen.others)
             paths = [gathered(self._uploads, model, in_use=session.paths) for model in models]
-            opened = open_chosen(session.document, chosen, paths)
-            nothing = opened.document is session.document  # the user wanted none of it
-            yield Found((), opened.warnings) if nothing else opened
+            further = [gathered(self._uploads, m, in_use=session.paths) for m in chosen.objects]
+            opened = open_chosen(session.document, chosen, paths, further)
+            if opened.document is not session.document:
+                yield opened
+            else:  # the user wanted none of it, or further objects
+                yield Found(tuple(map(AddObject, opened.objects)), opened.warnings)
         else:
             yield Asked(client, choosing, question)
 
-    def _add_candidates(self, models: Sequence[ModelFiles], session: Session) -> Iterator[Found]:
+    def _add(
+        self,
+        models: Sequence[ModelFiles],
+        add: Callable[[CandidateModel], Command],
+        session: Session,
+    ) -> Iterator[Found]:
         opened = [open_candidate(gathered(self._uploads, m, in_use=session.paths)) for m in models]
         yield Found(
-            tuple(AddCandidate(candidate) for candidate, _ in opened),
+            tuple(add(model) for model, _ in opened),
             tuple(note for _, notes in opened for note in notes),
         )
 
@@ -168,6 +182,15 @@ class Tasks:
         """End the thread."""
         self._waiting.clear()
         self._worker.close()
+
+
+def _placed(session: Session, found: FileSet) -> str:
+    """What the model at hand is called, where someone has put it in its place and no files of it
+    have come.
+    """
+    document = session.document
+    is_its = any(model.path == document.model_path for model in found.models)
+    return "" if document.awaits_place or is_its else document.label
 
 
 def find_wheels_in_region(session: Session) -> Iterator[Found]:

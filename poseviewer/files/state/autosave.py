@@ -64,6 +64,14 @@ class AutosavedSession:
     """Models that the photo may show."""
     mask: Mask | None = None
     """What of the photo counts."""
+    number: int = 1
+    """Of the object that is picked, among those of the photo."""
+    name: str = ""
+    """What the user calls it."""
+    hidden: bool = False
+    locked: bool = False
+    others: tuple[AutosavedSession, ...] = ()
+    """The photo's other objects, each as if it were picked."""
 
 
 def save_autosave(folder: Path, session: AutosavedSession) -> Path:
@@ -151,6 +159,7 @@ def _as_json(session: AutosavedSession) -> dict[str, Any]:
     values["candidates"] = [str(path) for path in session.candidates]
     if session.mask is not None:
         values["mask"] = base64.b64encode(mask_as_png(session.mask)).decode()
+    values["others"] = [_as_json(one) for one in session.others]
     return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
 
 
@@ -182,6 +191,20 @@ def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
         return mask_from_png(base64.b64decode(text, validate=True))
     except (ValueError, cv2.error) as error:
         raise reading.error(f"{what} is no picture ({error})", "wanted a PNG in base64") from None
+
+
+def _number(reading: Reading, value: Any, what: str) -> int:
+    return 1 if value is None else int(reading.number(value, what))
+
+
+def _flag(reading: Reading, value: Any, what: str) -> bool:
+    return False if value is None else _truth(reading, value, what)
+
+
+def _others(reading: Reading, value: Any, what: str) -> tuple[AutosavedSession, ...]:
+    if value is not None and not isinstance(value, list):
+        raise reading.error(f"{what} is {kind_of(value)}", "wanted a list of objects")
+    return tuple(_from_json(reading, reading.object(one, what)) for one in value or ())
 
 
 def _truth(reading: Reading, value: Any, what: str) -> bool:
@@ -240,6 +263,11 @@ _CHECKS = {
     "process": lambda reading, value, what: int(reading.number(value, what)),
     "candidates": _paths,
     "mask": _mask,
+    "number": _number,
+    "name": _name,
+    "hidden": _flag,
+    "locked": _flag,
+    "others": _others,
 }
 """Of the session's fields, in their order."""
 

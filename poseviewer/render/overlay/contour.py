@@ -21,6 +21,8 @@ SMOOTHING = 0.7
 """Standard deviation, in samples, by which the stairs of the coverage are smoothed."""
 SMALLEST_HOLE = 16.0
 """Holes whose outline is shorter than this, in px, are not drawn (wheel spokes)."""
+PIECE, BESIDE = 3.0, 2
+"""Samples: a line is cut into pieces so long; those this far beside what is seen run along it."""
 QUICK_SAMPLES = 160_000
 """A silhouette in motion is found in a picture of no more samples than this."""
 
@@ -53,6 +55,25 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
         pieces.append(np.stack([kept, np.roll(kept, -1, axis=0)], axis=1).astype(float))
     samples = np.concatenate(pieces) - 0.5  # the rim, and centres at i + 0.5
     return samples / window.samples + np.array([window.left, window.top])
+
+
+def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> FloatArray:
+    """(M, 2, 2): the pieces of segments (N, 2, 2), px of the photo, that run along what is ``seen``
+    (h, w), of a picture with so many ``samples`` along a photo pixel's side.
+    """
+    ends = lines * samples
+    counts = np.maximum(np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / PIECE), 1.0)
+    index = np.repeat(np.arange(len(ends)), counts.astype(int))
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])[index] if len(ends) else index
+    share = ((np.arange(len(index)) - first) / counts[index])[:, None]
+    start, way = ends[index, 0], ends[index, 1] - ends[index, 0]
+    pieces = np.stack(
+        [start + share * way, start + (share + 1.0 / counts[index][:, None]) * way], 1
+    )
+    near = cv2.dilate(seen.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8))
+    size = np.array(seen.shape[::-1]) - 1
+    x, y = np.clip(np.floor(pieces.mean(axis=1)).astype(int), 0, size).T
+    return pieces[np.asarray(near)[y, x] > 0] / samples
 
 
 def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:

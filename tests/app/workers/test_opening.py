@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.app.state.commands import Nudge
+from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export, record_of
 from poseviewer.app.workers.opening import (
     Opened,
+    open_candidate,
     open_chosen,
     open_files,
     open_photo,
@@ -23,7 +27,7 @@ from poseviewer.app.workers.opening import (
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import model_files
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
-from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.pose import PoseRecord, RecordedVerdict, save_pose
 from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
 from poseviewer.geometry.transform import RigidTransform
@@ -128,6 +132,64 @@ def test_the_models_that_a_photo_may_show_come_back(scene: Scene, tmp_path: Path
     assert one.path == other
     assert len(one.model.mesh.textures) == 1
     assert any(warning.startswith("gone.obj: no such file") for warning in opened.warnings)
+
+
+def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
+    other = write_obj(tmp_path, "wood.png")
+    save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
+    (candidate, _) = open_candidate(other)
+    session = Session(open_files(scene.photo, scene.model, scene.start).document)
+    for command in (
+        AddObject(),
+        Nudge("move", 9.0),
+        AddObject(candidate),
+        Nudge("turn", 3.0),
+        AlterObject(2, hidden=True),
+        AlterObject(1, locked=True, name="ball"),
+    ):
+        session = update(session, command)
+        assert not session.error_message
+    verdict = RecordedVerdict("found", 0.9)
+    record = PoseRecord(session.document.pose, verdict=verdict)
+    session = replace(session, document=replace(session.document, record=record))
+    Autosaver(tmp_path / "state").save_now(session)
+    (path,) = (tmp_path / "state" / "sessions").iterdir()
+    kept = load_autosave(path)
+    (opened,) = restore(kept)
+    before, after = session.document.objects, opened.document.objects
+    assert opened.document.number == 3
+    for one, again in zip(before, after, strict=True):
+        for name in ("number", "name", "hidden", "locked", "model_path"):
+            assert getattr(one, name) == getattr(again, name)
+        np.testing.assert_array_equal(
+            one.pose.camera_from_model.rotation, again.pose.camera_from_model.rotation
+        )
+        assert one.pose.camera == again.pose.camera
+        assert again.registration.photo is opened.document.registration.photo
+    assert opened.document.verdict == "found"
+    assert after[0].registration.mesh is after[1].registration.mesh
+    # An object whose model is gone is said, and the others open.
+    gone = replace(kept.others[0], model=tmp_path / "gone.ply", model_name="gone.ply")
+    (opened,) = restore(replace(kept, others=(gone, kept.others[1])))
+    assert [one.number for one in opened.document.objects] == [2, 3]
+    assert any(warning.startswith("gone.ply: is not where") for warning in opened.warnings)
+
+
+def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
+    session = Session(open_files(scene.photo, scene.model, scene.start).document)
+    session = update(update(session, AddObject()), Nudge("move", 9.0))
+    other = scene.photo.with_name("other.png")
+    other.write_bytes(scene.photo.read_bytes())
+    document = open_photo(session.document, other).document
+    assert [one.verdict for one in document.objects] == ["not placed", "not placed"]
+    (one,) = document.others
+    assert one.registration.photo is document.registration.photo
+    # As they stood to each other.
+    was, now = (
+        a.pose.camera_from_model.translation - b.pose.camera_from_model.translation
+        for a, b in ((session.document, session.document.others[0]), (document, one))
+    )
+    np.testing.assert_allclose(was, now, atol=1e-9)
 
 
 def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:

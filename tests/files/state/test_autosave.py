@@ -88,12 +88,28 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     assert_same(load_autosave(save_autosave(tmp_path, empty)), empty)
 
 
-def test_sessions_of_earlier_versions_have_no_candidates(tmp_path: Path) -> None:
+def test_all_objects_of_a_session_come_back_to_the_last_digit(tmp_path: Path) -> None:
+    others = (
+        session(number=1, name="Straße", pose=record(turn=1.3), candidates=()),
+        session(number=7, hidden=True, locked=True, candidates=()),
+    )
+    whole = session(number=4, others=others)
+    back = load_autosave(save_autosave(tmp_path, whole))
+    assert len(back.others) == 2
+    for one, other in zip(back.others, others, strict=True):
+        assert_same(one, other)
+    assert_same(dataclasses.replace(back, others=others), whole)
+
+
+def test_sessions_of_earlier_versions_have_one_object_and_no_candidates(tmp_path: Path) -> None:
     path = save_autosave(tmp_path, session())
     content = json.loads(path.read_text())
-    del content["candidates"]
+    for name in ("candidates", "number", "name", "hidden", "locked", "others"):
+        del content[name]
     path.write_text(json.dumps(content))
-    assert load_autosave(path).candidates == ()
+    back = load_autosave(path)
+    assert (back.candidates, back.number, back.others) == ((), 1, ())
+    assert (back.name, back.hidden, back.locked) == ("", False, False)
 
 
 finite = st.floats(-1e6, 1e6)

@@ -1,0 +1,110 @@
+"""The list of the photo's objects, above the steps, and what makes them more."""
+
+from __future__ import annotations
+
+from html import escape
+
+from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.state.document import SceneObject
+from poseviewer.app.state.objects import AddObject, AlterObject
+from poseviewer.app.state.session import Session
+from poseviewer.render.overlay.looks import LINE_COLOUR
+
+COLOURS = (
+    (255, 166, 64),
+    (168, 240, 96),
+    (255, 128, 200),
+    (176, 150, 255),
+    (255, 226, 96),
+    (255, 104, 96),
+    (96, 168, 255),
+    (112, 240, 184),
+)
+"""RGB, of the outlines of objects that are not picked, by their numbers."""
+ICONS = {
+    "eye": '<path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/><circle cx="8" cy="8" '
+    'r="2"/>',
+    "lock": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V5a3 3 0 016 0v2"/>',
+    "open": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V4a3 3 0 016 0"/>',
+    "double": '<rect x="5.5" y="5.5" width="8" height="8" rx="1"/><path d="M10.5 3v-.5h-8v8H3"/>',
+    "away": '<path d="M4 4l8 8M12 4l-8 8"/>',
+}
+"""SVG, 16 x 16."""
+
+
+def object_colour(number: int) -> tuple[int, int, int]:
+    """RGB of an object's outline while it is not picked."""
+    return COLOURS[(number - 1) % len(COLOURS)]
+
+
+class ObjectsPanel:
+    """The list, shown where there are several objects."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._shown: object = None
+        self._list = controls.gui.add_html("", visible=False)
+
+    def show(self, session: Session) -> None:
+        """Bring the list to the session."""
+        objects, picked = session.document.objects, session.document.number
+        rows = [(o.number, o.label, o.verdict, o.hidden, o.locked) for o in objects]
+        if self._shown == (rows, picked):
+            return
+        self._shown = rows, picked
+        several = len(objects) > 1
+        content = objects_list(objects, picked) if several else ""
+        set_properties(self._list, content=content, visible=several)
+
+
+class MoreObjects:
+    """In the step "Open": a further object, and the picked one's name."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._number = 1
+        with controls.gui.add_folder("Several objects", expand_by_default=False):
+            controls.upload("Add another object ...", "model", "cube-plus", "object")
+            controls.button("Add the same model again", AddObject(), icon="copy")
+            self._name = controls.gui.add_text("Name", "")
+            controls.field(self._name, lambda name: AlterObject(self._number, name=name))
+
+    def show(self, session: Session) -> None:
+        """Bring the name to the picked object."""
+        self._number = session.document.number
+        set_properties(self._name, value=session.document.name)
+
+
+def objects_list(objects: tuple[SceneObject, ...], picked: int) -> str:
+    """A row for each object (HTML); ``picked``: the number of the one that all else is about."""
+    rows = "".join(_row(one, one.number == picked) for one in objects)
+    return f'<div class="pv-objects"><table><tbody>{rows}</tbody></table></div>'
+
+
+def _row(one: SceneObject, is_picked: bool) -> str:
+    name, number = escape(one.label), one.number
+    colour = LINE_COLOUR if is_picked else object_colour(number)
+    pick = f"window.poseviewerObject('pick',{number})"
+    hide = ("show", "show it") if one.hidden else ("hide", "hide it")
+    lock = ("unlock", "unlock it") if one.locked else ("lock", "leave it where it is")
+    icons = (
+        _button(number, *hide, "eye", one.hidden),
+        _button(number, *lock, "lock" if one.locked else "open", not one.locked),
+        _button(number, "double", "the same once more", "double"),
+        _button(number, "remove", "remove it", "away"),
+    )
+    return (
+        f'<tr{" class=pv-at" if is_picked else ""} tabindex="0" title="{name}: pick it" '
+        f'onpointerdown="{pick}" onkeydown="if(event.key==\'Enter\'){{{pick}}}">'
+        f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
+        f"<td>{escape(one.verdict)}</td><td>{''.join(icons)}</td></tr>"
+    )
+
+
+def _button(number: int, wish: str, hint: str, icon: str, is_faint: bool = False) -> str:
+    press = f"window.poseviewerObject('{wish}',{number})"
+    return (
+        f'<button type="button" title="{hint}" aria-label="{wish} {number}" '
+        f"{'class=pv-faint ' if is_faint else ''}"
+        f'onpointerdown="event.stopPropagation();{press}" '
+        f"onkeydown=\"if(event.key=='Enter'){{event.stopPropagation();{press}}}\">"
+        f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
+    )

@@ -1,0 +1,126 @@
+"""What a user asks of the objects of a document: which one is picked, one more, one less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from poseviewer.app.state.candidates import CandidateModel, at_hand, with_mesh
+from poseviewer.app.state.commands import Command, WorkerUpdate
+from poseviewer.app.state.document import Marks, SceneObject
+from poseviewer.app.state.dragging import moved, radius_in_photo
+from poseviewer.app.state.session import Outlines, Session
+from poseviewer.errors import SettingsError
+from poseviewer.starts.placing import look_from
+
+MOST_OBJECTS = 30
+"""All of them are kept in memory, and drawn."""
+LONGEST_NAME = 60
+"""Letters."""
+ASIDE = 1.2
+"""Of its radius: so far beside an object its double is put."""
+
+
+@dataclass(frozen=True, slots=True)
+class PickObject(Command):
+    """All that follows is about another object. No step: undo leads to what was done before."""
+
+    number: int
+
+    def __call__(self, session: Session) -> Session:
+        return session.picking(self.number)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AddObject(Command):
+    """One more object of a model that is ready, picked, and to be put where the photo has it; None:
+    of the picked one's model.
+    """
+
+    candidate: CandidateModel | None = None
+
+    def __call__(self, session: Session) -> Session:
+        document = session.document
+        one = self.candidate or at_hand(document)
+        own = with_mesh(document.registration, one.model)
+        pose = look_from("three-quarter", own.mesh, own.keypoints, document.pose.camera)
+        own = replace(own, start=pose, start_is_guess=True, mask=None)
+        settings = replace(document.settings, region=None, lock=())
+        return _with(session, SceneObject(own, pose, settings, model_path=one.path))
+
+
+@dataclass(frozen=True, slots=True)
+class DuplicateObject(Command):
+    """An object once more, beside itself, and picked."""
+
+    number: int
+
+    def __call__(self, session: Session) -> Session:
+        one = session.document.numbered(self.number)
+        if one is None:
+            return session
+        mesh = one.registration.mesh
+        aside = ASIDE * radius_in_photo(one.pose, mesh)
+        if one.pose.project(mesh.centre)[0] > one.registration.photo.width / 2.0:
+            aside = -aside
+        double = one.started_from(moved(one.pose, mesh.centre, [aside, 0.0]))
+        own = replace(double.registration, mask=None)
+        double = replace(double, registration=own, marks=Marks(), hidden=False, locked=False)
+        return _with(session, double)
+
+
+def _with(session: Session, new: SceneObject) -> Session:
+    if len(session.document.objects) >= MOST_OBJECTS:
+        raise SettingsError(f"{MOST_OBJECTS} objects are the most in one photo; remove one first")
+    added = session.with_document(session.document.with_object(new))
+    return replace(added, tool="pose", look=replace(added.look, hidden=False))
+
+
+@dataclass(frozen=True, slots=True)
+class RemoveObject(Command):
+    """One of several objects goes."""
+
+    number: int
+
+    def __call__(self, session: Session) -> Session:
+        document = session.document
+        if document.numbered(self.number) is None:
+            return session
+        if not document.others:
+            raise SettingsError("this is the only object; open another model in its place")
+        return session.with_document(document.without(self.number))
+
+
+@dataclass(frozen=True, slots=True)
+class AlterObject(Command):
+    """Hide or show, lock or unlock, or rename an object; None leaves as it is."""
+
+    number: int
+    hidden: bool | None = None
+    locked: bool | None = None
+    name: str | None = None
+
+    def __call__(self, session: Session) -> Session:
+        one = session.document.numbered(self.number)
+        if one is None:
+            return session
+        name = None if self.name is None else self.name[:LONGEST_NAME]
+        given = {"hidden": self.hidden, "locked": self.locked, "name": name}
+        changes = {key: value for key, value in given.items() if value is not None}
+        if all(getattr(one, key) == value for key, value in changes.items()):
+            return session
+        # One step back leads to before the whole of a name, not to its first letter.
+        what = f"name {self.number}"
+        typed_on = session.typed == (what, session.document) and not session.history.future
+        document = session.document.altered(self.number, **changes)
+        altered = session.with_document(document, same_step=typed_on and name is not None)
+        return altered if name is None else replace(altered, typed=(what, document))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlinesDrawn(WorkerUpdate):
+    """A worker has drawn the objects that are not picked."""
+
+    outlines: Outlines
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, outlines=self.outlines)
