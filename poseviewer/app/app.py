@@ -25,7 +25,7 @@ from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import record_of
+from poseviewer.app.workers.exporting import record_of, scene_of
 from poseviewer.app.workers.growing import grow
 from poseviewer.app.workers.jobs import (
     compare,
@@ -33,7 +33,6 @@ from poseviewer.app.workers.jobs import (
     prepare,
     propose_starts,
     renderer_of,
-    run_search,
 )
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
@@ -48,6 +47,7 @@ from poseviewer.app.workers.tasks import (
     Tasks,
     find_wheels_in_region,
 )
+from poseviewer.app.workers.together import run
 from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
 from poseviewer.confidence.identify import Identification
 from poseviewer.errors import PoseViewerError
@@ -207,8 +207,11 @@ class App:
         assert isinstance(self._autosaver, Autosaver)  # in a review, saving is accepting
         path = self._autosaver.save_pose(self.session, record)
         keep_last_pose(record, self._state)
-        self._command(c.Saved(document))
         self._page.tell(f"Saved {path.name}", str(path))
+        if document.others:
+            path = self._autosaver.save_scene(self.session, *scene_of(self.session))
+            self._page.tell(f"Saved {path.name}", str(path))
+        self._command(c.Saved(document))
 
     # --- workers ---------------------------------------------------------------------------------
 
@@ -288,7 +291,7 @@ class App:
         self._overlay.start(session, self._is_moving())
         self._others.start(session)
         ready = session.preparation is None
-        self._searcher.follow(session.search, run_search, ready)
+        self._searcher.follow(session.search, run, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)
         self._comparer.follow(session.candidates.comparison, compare, ready)
         if not ready:

@@ -16,6 +16,7 @@ from poseviewer.cli.options import (
     option,
 )
 from poseviewer.errors import SettingsError
+from poseviewer.files.scene import is_scene_file
 from poseviewer.fit.settings import FitSettings
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer [PHOTO MODEL]``."""
-    option(parser, "photo PHOTO|FOLDER|ZIP", "what is to be opened", Path, nargs="?")
+    option(parser, "photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", Path, nargs="?")
     option(parser, "model MODEL", kind=Path, nargs="?")
     option(parser, "others MODEL", "more, to tell which one it is", Path, nargs="*")
     option(parser, "--pose POSE.json", "the start", Path)
@@ -83,7 +84,7 @@ def _answer(path: Path, question: Question) -> str:
 
 def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
-    photo, model, pose = options.photo, options.model, options.pose
+    photo, model, pose, scene = options.photo, options.model, options.pose, False
     if photo is None:
         if pose is not None or options.last:
             raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
@@ -92,7 +93,9 @@ def run(options: Namespace) -> int:
                 raise SettingsError(f"--{name} without PHOTO and MODEL; name all three")
         if options.calibration is not None:
             raise SettingsError("--calibration without PHOTO and MODEL; name all three")
-    elif model is None and not _is_set(photo):
+    elif (scene := is_scene_file(photo)) and (model or pose or options.last or options.mask):
+        raise SettingsError(f"{photo}: a scene file says what is where; leave out all but that")
+    elif model is None and not (scene or _is_set(photo)):
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
@@ -109,10 +112,12 @@ def run(options: Namespace) -> int:
     from poseviewer.app.serving import serve_app
 
     def open_first() -> tuple[Opened, None]:
-        from poseviewer.app.workers.opening import open_files, placed
+        from poseviewer.app.workers.opening import open_files, open_scene, placed
         from poseviewer.files.demo import demo_case
         from poseviewer.files.state.folder import last_pose
 
+        if photo is not None and scene:
+            return open_scene(photo), None
         if photo is None or model is None:
             case = demo_case("perspective")
             return open_files(case.photo, case.model, case.start), None

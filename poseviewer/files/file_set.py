@@ -29,6 +29,7 @@ from poseviewer.files.mesh.named import bare_name, find_named, plain_name
 from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import was_taken_by_a_camera
+from poseviewer.files.scene import is_scene_file
 from poseviewer.geometry.transform import RigidTransform
 
 Kind = Literal["photo", "model", "pose"]
@@ -118,11 +119,14 @@ class FileSet:
     scenes: tuple[Scene, ...] = ()
     leftovers: tuple[Path, ...] = ()
     """Of no use, as far as can be told."""
+    scene_files: tuple[Path, ...] = ()
+    """poseviewer's own, which say what all the others are."""
 
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing in it to open."""
-        return not (self.models or self.photos or self.pictures or self.cameras or self.poses)
+        of_them = self.models, self.photos, self.pictures, self.cameras, self.poses
+        return not (any(of_them) or self.scene_files)
 
     def scene_of(self, photo: Path | None) -> Scene | None:
         """The scene that a photo is from."""
@@ -179,6 +183,9 @@ def sort_set(
         PoseViewerError: a scene in it is damaged.
     """
     root = Path(os.path.commonpath([path.parent for path in files] or ["."]))
+    scene_files = tuple(p for p in files if p.suffix.lower() == ".json" and is_scene_file(p))
+    if scene_files:
+        return FileSet(root, scene_files=scene_files)
     if kind == "pose":
         poses = [path for path in files if path.suffix.lower() == ".json"]
         used = {*poses, *_masks_of(poses)}

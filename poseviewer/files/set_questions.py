@@ -49,6 +49,8 @@ class Chosen:
     place: RigidTransform | None = None
     """The start as a scene has it, camera from model."""
     notes: tuple[str, ...] = ()
+    scene: Path | None = None
+    """A scene file, which says all by itself."""
 
 
 Choosing = Generator[Question, str | None, Chosen]
@@ -63,6 +65,9 @@ def choose(found: FileSet, placed: str = "") -> Choosing:
     Raises:
         PoseViewerError: a scene in it is damaged.
     """
+    if found.scene_files:
+        file = yield from _one(found, "scene files", "is to be opened", found.scene_files)
+        return Chosen(scene=file)
     photo, pictures = None, found.pictures
     if found.scenes:
         photo = yield from _photo(found, ())

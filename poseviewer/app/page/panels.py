@@ -314,6 +314,7 @@ class FitPanel:
                 "cyan",
                 icon="player-play",
             )
+            self._all = controls.button("Search all", c.SearchAll(), visible=False)
             self._ended = [
                 controls.button("Keep it", c.AcceptSearch(), None, icon="check"),
                 controls.button("Go back", c.RevertSearch(), icon="x"),
@@ -435,6 +436,8 @@ class FitPanel:
             label="Stop (space)" if self._running else "Search (space)",
             icon="player-stop" if self._running else "player-play",
         )
+        several = bool(session.document.others)
+        set_properties(self._all, visible=several and not self._running)
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
         self._candidates.show(session.look.candidates)
@@ -514,7 +517,7 @@ class SavePanel:
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
-        set_properties(self._save, label=SAVE)
+        set_properties(self._save, label=SAVE_ALL if session.document.others else SAVE)
         text = "● unsaved changes" if session.unsaved else "no unsaved changes"
         lines = (text, escape(where), focal_note(session))
         set_properties(self._state, content="  \n".join(filter(None, lines)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     discard,
@@ -22,6 +24,7 @@ from poseviewer.files.state.autosave import (
     save_autosave,
 )
 from poseviewer.fit.settings import settings_as_json
+from poseviewer.geometry.mask import Mask
 
 PERIOD_S = 5.0
 
@@ -109,6 +112,20 @@ class Autosaver:
         if self._file is not None:
             discard(self._file)
             self._saved = None
+        return path
+
+    def save_scene(self, session: Session, scene: SceneRecord, masks: Mapping[str, Mask]) -> Path:
+        """Write all objects beside their photo, as ``save_pose`` does the picked one's pose.
+
+        Raises:
+            PoseViewerError: it cannot be written there.
+        """
+        pose = self._pose_path(session)
+        path = pose.with_name(pose.name.removesuffix(".pose.json") + ".scene.json")
+        if path.exists() and path not in self._own:
+            path.replace(path.with_suffix(".json.bak"))
+        save_scene(path, scene, masks)
+        self._own.add(path)
         return path
 
     def _pose_path(self, session: Session) -> Path:

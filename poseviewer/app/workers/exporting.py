@@ -26,7 +26,10 @@ from poseviewer.files.pose import (
     PoseRecord,
     record_as_json,
 )
+from poseviewer.files.scene import SceneObject as FiledObject
+from poseviewer.files.scene import SceneRecord
 from poseviewer.fit.settings import settings_as_json
+from poseviewer.geometry.mask import Mask
 
 
 def record_of(session: Session) -> PoseRecord:
@@ -44,6 +47,27 @@ def record_of(session: Session) -> PoseRecord:
     except PoseViewerError:
         return _plain_record(document)  # a pose where nothing can be compared is a pose, too
     return FitResult(case, document.pose, known_loss=known.loss).record
+
+
+def scene_of(session: Session) -> tuple[SceneRecord, dict[str, Mask]]:
+    """All that the scene file of the session says, and the masks by the ids of objects.
+
+    Raises:
+        SettingsError: photo or models are in no file.
+    """
+    document = session.document
+    photo, objects, masks = document.registration.photo, [], {}
+    for one in document.objects:
+        if one.model_path is None or document.photo_path is None:
+            raise SettingsError(f"{one.label}: photo and models of a scene have to be files")
+        record = record_of(session) if one is document else one.searched or _plain_record(one)
+        objects.append(FiledObject(str(one.number), one.model_path, record, one.name.strip()))
+        if one.registration.mask is not None:
+            masks[str(one.number)] = one.registration.mask
+    assert document.photo_path is not None  # it was just looked at
+    reference = PhotoReference(photo.name, photo.width, photo.height, photo.sha256)
+    camera, lens = document.pose.camera, photo.undistortion
+    return SceneRecord(document.photo_path, reference, camera, tuple(objects), lens), masks
 
 
 def _plain_record(document: SceneObject) -> PoseRecord:

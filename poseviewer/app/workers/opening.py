@@ -21,6 +21,7 @@ from poseviewer.files.photo import (
     undistorted,
 )
 from poseviewer.files.pose import check_against, load_pose
+from poseviewer.files.scene import load_scene
 from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.registration import Registration
@@ -30,7 +31,7 @@ from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.placing import look_from
-from poseviewer.starts.registration import load_model, load_registration
+from poseviewer.starts.registration import load_model, load_registration, load_scene_registrations
 
 T = TypeVar("T", bound=SceneObject)
 
@@ -140,6 +141,32 @@ def _open_objects(
     """Models of further objects, and what is to be said of them."""
     read = [open_candidate(path) for path in paths]
     return tuple(one for one, _ in read), tuple(note for _, notes in read for note in notes)
+
+
+def open_scene(path: Path) -> Opened:
+    """All objects of a scene file, the first one picked.
+
+    Raises:
+        PoseViewerError: it, or a file that it names, cannot be used.
+    """
+    scene = load_scene(path)
+    registrations = load_scene_registrations(scene)
+    objects = [
+        SceneObject(
+            registration,
+            registration.start,
+            model_path=one.model,
+            number=number,
+            name=one.name or ("" if one.id.isdecimal() else one.id),
+            record=None if one.record.verdict is None else one.record,
+        )
+        for number, (one, registration) in enumerate(
+            zip(scene.objects, registrations, strict=True), 1
+        )
+    ]
+    notes = (note for one in registrations for note in one.warnings)
+    warnings = tuple(dict.fromkeys((*scene.warnings, *notes)))
+    return Opened(Document.of(objects[0], scene.photo, tuple(objects[1:])), warnings)
 
 
 def placed(opened: Opened, place: RigidTransform) -> Opened:

@@ -18,6 +18,7 @@ from poseviewer.app.workers.opening import (
     open_candidate,
     open_chosen,
     open_pose,
+    open_scene,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
@@ -123,6 +124,9 @@ class Tasks:
             question = choosing.send(answer)
         except StopIteration as end:
             chosen: Chosen = end.value
+            if chosen.scene is not None:
+                yield open_scene(chosen.scene)
+                return
             models = () if chosen.model is None else (chosen.model, *chosen.others)
             paths = [gathered(self._uploads, model, in_use=session.paths) for model in models]
             further = [gathered(self._uploads, m, in_use=session.paths) for m in chosen.objects]
