@@ -289,7 +289,7 @@ class App:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
         self._overlay.start(session, self._is_moving())
-        self._others.start(session)
+        self._others.start(session, self._is_moving())
         ready = session.preparation is None
         self._searcher.follow(session.search, run, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)

@@ -134,8 +134,8 @@ def test_three_groceries_are_placed_fitted_saved_and_opened_again(
     assert tea.model is not None
     assert tea.model.file == "tea.ply"
     # The scene file opens all of them, where they were.
-    again = AppProcess(app.folder / "again", scene)
-    with again:
+    (app.folder / "again").mkdir()
+    with AppProcess(app.folder / "again", scene) as again:
         tab = AppPage(browser, again.url)
         tab.until(lambda: rows(tab).count() == 3)
         assert cells(tab) == [[name, "found"] for name in names]

@@ -30,14 +30,18 @@ class OthersWorker:
         self._drawn: tuple[SceneObject, ...] = ()
         self._renderers: dict[Mesh, SoftwareRenderer] = {}
 
-    def start(self, session: Session) -> None:
-        """Begin what is to be drawn by now; one drawing at a time."""
+    def start(self, session: Session, moving: bool) -> None:
+        """Begin what is to be drawn by now; one drawing at a time. The picked object hides what is
+        behind it only while it is at rest.
+        """
         shown = session.document.standing
-        is_drawn = _places(shown) == _places(self._drawn)
+        at_rest = () if moving or not session.document.stands else (session.document,)
+        drawn = (*shown, *at_rest) if shown else ()
+        is_drawn = _places(drawn) == _places(self._drawn)
         if is_drawn or self._worker.busy or session.preparation is not None:
             return
-        self._drawn = shown
-        self._worker.start(lambda: self._draw(shown))
+        self._drawn = drawn
+        self._worker.start(lambda: self._draw(shown, at_rest))
 
     def take(self) -> Iterator[OutlinesDrawn]:
         """What is new since the last time."""
@@ -49,15 +53,18 @@ class OthersWorker:
         """End the thread."""
         self._worker.close()
 
-    def _draw(self, shown: tuple[SceneObject, ...]) -> Iterator[Outlines]:
-        meshes = {one.registration.mesh for one in shown}
+    def _draw(
+        self, shown: tuple[SceneObject, ...], picked: tuple[SceneObject, ...]
+    ) -> Iterator[Outlines]:
+        """The outlines of what is shown, where neither of it nor what is picked hides them."""
+        meshes = {one.registration.mesh for one in (*shown, *picked)}
         kept = {mesh: made for mesh, made in self._renderers.items() if mesh in meshes}
         new = {mesh: renderer_of(mesh).clone() for mesh in meshes - kept.keys()}
         self._renderers = kept | new
-        renderers = [self._renderers[one.registration.mesh] for one in shown]
-        pairs = list(zip(shown, renderers, strict=True))
-        lines = {one.number: quick_silhouette(r.mesh, r, one.pose) for one, r in pairs}
-        if len(shown) > 1:
+        pairs = [(one, self._renderers[one.registration.mesh]) for one in (*shown, *picked)]
+        count = len(shown)
+        lines = {one.number: quick_silhouette(r.mesh, r, one.pose) for one, r in pairs[:count]}
+        if count and len(pairs) > 1:
             photo = shown[0].registration.photo
             samples = min(1.0, (MOST_SAMPLES / (photo.width * photo.height)) ** 0.5)
             found = visibility_of_depths([r.depth(one.pose.scaled(samples)) for one, r in pairs])
