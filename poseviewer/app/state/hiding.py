@@ -158,10 +158,9 @@ class TakeFound(Command):
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): what the search whose end is at hand took for something in front."""
-    search = session.search
-    if search is None or search.running or search.latest is None:
+    latest = session.own_search
+    if latest is None or session.searching:
         return None
-    latest = search.latest
     return FitResult(latest.case, latest.progress.pose, latest.progress).hidden
 
 
