@@ -222,7 +222,7 @@ def _plain_attributes(registration: Registration, settings: FitSettings) -> Phot
                 "the model stands wholly behind other objects of the photo, so that nothing of it "
                 "can be compared: move it or them, or leave these out"
             )
-        weights = weights * ~found.hidden
+        weights = weights * ~found.with_margin
     if settings.region is not None:
         region = settings.region.mask(photo.height, photo.width)
         if not region.any():

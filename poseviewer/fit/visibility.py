@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,8 @@ from poseviewer.render.software.renderer import SoftwareRenderer
 DepthImage = NDArray[np.float32]
 """(height, width): z in the camera, in the models' unit; inf where there is nothing."""
 NOTHING = -1
+MARGIN_PX = 2
+"""Around what is in front: lenses and pixels mix its colour with that of what is behind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +70,13 @@ class Hiding:
     """(height, width): where the model would be seen if it were alone."""
     hidden: NDArray[np.bool_]
     """(height, width): where another stands in front of it, or would, were it there."""
+
+    @property
+    def with_margin(self) -> NDArray[np.bool_]:
+        """(height, width): ``hidden``, and ``MARGIN_PX`` around it."""
+        side = 2 * MARGIN_PX + 1
+        square = np.ones((side, side), np.uint8)
+        return np.asarray(cv2.dilate(self.hidden.astype(np.uint8), square), bool)
 
     @property
     def is_whole(self) -> bool:

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_photo_attributes
 from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.visibility import NOTHING, depth_image, hiding, visibility
+from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, hiding, visibility
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
@@ -94,7 +95,13 @@ def test_hidden_pixels_do_not_count():
     alone = make_photo_attributes(registration(model), FitSettings())
     together = make_photo_attributes(registration(model, near), FitSettings())
     hidden = np.isfinite(depth_image(near))
-    assert np.array_equal(together.weights, alone.weights * ~hidden)
+    assert not together.weights[hidden].any()
+    distance = np.asarray(distance_transform_edt(~hidden))
+    away = distance > 1.5 * MARGIN_PX
+    assert np.array_equal(together.weights[away], alone.weights[away])
+    at_edge = (distance <= MARGIN_PX) & ~hidden & (alone.weights > 0.0)
+    assert at_edge.any()
+    assert not together.weights[at_edge].any()
     assert np.count_nonzero(together.weights) < np.count_nonzero(alone.weights)
 
 
