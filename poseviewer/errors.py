@@ -3,9 +3,33 @@
 Each message says what, what was found, what was wanted and what to do.
 """
 
+LONGEST_MESSAGE = 1000
+"""Characters: sentences take some hundreds, and paths in them some hundreds more."""
+
+
+def printable(text: str, longest: int | None = None) -> str:
+    """The text on one line that does no harm on a terminal or a page: a question mark for each
+    control or format character (they move the cursor, or turn the reading direction) and each lone
+    surrogate (a byte of a file name that is no text); the middle left out of more than ``longest``
+    characters.
+    """
+    shown = " ".join(text.split()) if not text.isprintable() else text
+    if not shown.isprintable():
+        shown = "".join(c if c.isprintable() else "?" for c in shown)
+    if longest is not None and len(shown) > longest:
+        half = longest // 2 - 1
+        shown = f"{shown[:half]}…{shown[-half:]}"
+    return shown
+
 
 class PoseViewerError(Exception):
-    """Something a user can mend; its text is one clear sentence, shown without a traceback."""
+    """Something a user can mend; its text is one clear sentence, shown without a traceback.
+
+    What it quotes of files and names is made ``printable``.
+    """
+
+    def __init__(self, sentence: str = "") -> None:
+        super().__init__(printable(sentence, LONGEST_MESSAGE))
 
 
 class MeshFileError(PoseViewerError):
@@ -52,6 +76,23 @@ class RendererUnavailableError(PoseViewerError):
     """A renderer whose libraries are not on this machine."""
 
 
+def sentence_of(error: BaseException) -> str:
+    """What a user is told of any error: its own sentence, or one that says what kind it is."""
+    if isinstance(error, PoseViewerError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "There is not enough memory for it; close other programs, or take smaller files."
+    if isinstance(error, OSError) and error.strerror:
+        name = "" if error.filename is None else f"{error.filename}: "
+        return printable(f"{name}{error.strerror}; check the path and the disk.", LONGEST_MESSAGE)
+    found = printable(f"{type(error).__name__}: {error}", 200)
+    return f"Something went wrong inside ({found}); {LOG_VARIABLE}=1 shows where, please report it."
+
+
+LOG_VARIABLE = "POSEVIEWER_LOG"
+"""The environment variable with which the log says more than warnings: tracebacks too."""
+EXIT_BUG = 1
+"""Exit code of a mistake of ours."""
 EXIT_MENDABLE = 2
 """Exit code of a mistake that the user can mend."""
 EXIT_INTERRUPTED = 130

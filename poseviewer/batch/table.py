@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import BatchError
+from poseviewer.files.checks import Reading
 from poseviewer.fit.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
@@ -24,6 +25,8 @@ LAST = "last"
 REACH = 20
 """How many rows above are searched for one that ended in a pose."""
 KEY_LENGTH = 16
+LARGEST_TABLE = 100_000_000
+"""Bytes: a million rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,28 +123,25 @@ def together(jobs: Iterable[Job]) -> tuple[Job, ...]:
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise BatchError(f"{path.name}: no such file in {path.parent}; check the path.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = "is not UTF-8 text" if isinstance(error, ValueError) else error.strerror
-        raise BatchError(f"{path.name}: cannot be read ({reason}); save it as CSV.") from None
+    reading = Reading(path, [], BatchError, "table of jobs (CSV)", LARGEST_TABLE)
+    with reading.said():
+        return _rows_in(reading)
+
+
+def _rows_in(reading: Reading) -> list[dict[str, str]]:
+    text = reading.load_text()
     head = text.split("\n", 1)[0]
     # Many spreadsheets write semicolons.
     delimiter = ";" if ";" in head and "," not in head else ","
-    try:
-        lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
-    except csv.Error as error:
-        raise BatchError(f"{path.name}: not a CSV file ({error}); save it as CSV.") from None
+    lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
     lines = [[cell.strip() for cell in line] for line in lines if line]
     names = [name.lower() for name in lines[0]] if lines else []
     missing = [column for column in COLUMNS if column not in names]
     if missing:
         found = ", ".join(names)[:100] or "nothing"
-        raise BatchError(
-            f"{path.name}: no column {missing[0]!r} in its first line, which has {found}; "
-            f"wanted {', '.join(COLUMNS)}."
+        raise reading.error(
+            f"no column {missing[0]!r} in its first line, which has {found}",
+            f"wanted {', '.join(COLUMNS)}",
         )
     return [dict.fromkeys(names, "") | dict(zip(names, line, strict=False)) for line in lines[1:]]
 

@@ -15,6 +15,7 @@ from poseviewer.cli.options import (
     calibration_of,
     option,
 )
+from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 from poseviewer.files.scene import is_scene_file
 from poseviewer.fit.settings import FitSettings
@@ -73,9 +74,9 @@ def _answer(path: Path, question: Question) -> str:
     """What the user says at the terminal."""
     if not sys.stdin.isatty():
         raise SettingsError(f"{path}: {question.text} Name PHOTO and MODEL")
-    print(f"{path}: {question.text}")
+    say(f"{path}: {question.text}")
     for number, text in enumerate(question.options, 1):
-        print(f"{number:5}  {text}")
+        say(f"{number:5}  {text}")
     while True:
         answer = input("Number: ").strip()
         if answer.isdecimal() and 1 <= int(answer) <= len(question.options):
@@ -131,6 +132,6 @@ def run(options: Namespace) -> int:
         host=options.host,
         port=options.port,
         browser=not options.no_browser,
-        tell=lambda line: print(line, flush=True),
+        tell=say,
     )
     return 0

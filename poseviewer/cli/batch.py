@@ -19,7 +19,7 @@ from poseviewer.cli.options import (
     settings_of,
     whole,
 )
-from poseviewer.cli.terminal import progress_bar, tell
+from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 
 if TYPE_CHECKING:
@@ -69,10 +69,10 @@ def run(options: Namespace) -> int:
     known = save_outcome(opened, fresh)
     failed = sum(result.failed for result in known)
     more = "; stopped, run it again to go on" if stopped else ""
-    print(f"{len(known) - failed} of {rows} rows fitted, {failed} failed{more}")
-    print(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
+    say(f"{len(known) - failed} of {rows} rows fitted, {failed} failed{more}")
+    say(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
     if opened.manifest.scene is not None:
-        print(f"BOP scene: {options.out}")
+        say(f"BOP scene: {options.out}")
     if stopped:
         return EXIT_INTERRUPTED
     return EXIT_MENDABLE if failed else 0

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from poseviewer.cli.options import option
-from poseviewer.cli.terminal import ignore, require_writable, tell, tell_of_compiling
+from poseviewer.cli.terminal import ignore, require_writable, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 
 
@@ -35,11 +35,11 @@ def run(options: Namespace) -> int:
     tell_of_compiling()
     wanted = QUICK if options.quick else BenchOptions()
     report = run_bench(wanted, ignore if options.quiet else tell)
-    print(reports.as_text(report, options.markdown))
+    say(reports.as_text(report, options.markdown))
     if options.json:
         write_whole(options.json, reports.as_json_bytes(report), SettingsError)
-        print(f"\nrows: {options.json}")
+        say(f"\nrows: {options.json}")
     if options.plot:
         save_figure(options.plot, make_bench_sheet(reports.make_sheet(report)))
-        print(f"\nplot: {options.plot}")
+        say(f"\nplot: {options.plot}")
     return 0

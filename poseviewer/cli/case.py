@@ -9,7 +9,7 @@ from pathlib import Path
 
 from poseviewer.api import Case, FitResult, SceneCase, load, load_scene
 from poseviewer.cli.options import calibration_of, settings_of
-from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
+from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.state.folder import last_pose
@@ -104,9 +104,9 @@ def search_scene(scene: SceneCase, object_id: str | None, quiet: bool) -> SceneC
     for one, result, share in zip(found.scene.objects, found.results, shares, strict=True):
         if object_id not in (None, one.id):
             continue
-        print(f"{one.label} (seen to {share:.0%})")
+        say(f"{one.label} (seen to {share:.0%})")
         if result is None:
-            print("Not searched for: it stands wholly behind others; its pose is as it was.")
+            say("Not searched for: it stands wholly behind others; its pose is as it was.")
         else:
             print_end(result)
     return found
@@ -134,19 +134,19 @@ def print_end(found: FitResult) -> None:
     """How a search ended."""
     progress, verdict = found.progress, found.verdict
     assert progress is not None  # it was searched for
-    print(
+    say(
         f"{progress.status.value}\n"
         f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )
     if parts := found.parts.parts_text:
-        print(f"unexplained by part: {parts}")
+        say(f"unexplained by part: {parts}")
     if found.hidden is not None:
-        print(
+        say(
             f"something in front was taken to hide a part of the model: {found.seen:.0%} of it is "
             "seen, and the rest was left out"
         )
     if verdict is not None:
-        print(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
+        say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
         for reason in (*verdict.reasons, *found.notes):
-            print(f"  {reason}")
+            say(f"  {reason}")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from poseviewer.cli.options import made, option, size
+from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def run(options: Namespace) -> int:
     Raises:
         PoseViewerError: the pose cannot be read, or not be said in the format wanted.
     """
+    from poseviewer.files.checks import Reading
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo import is_stored_turned
 
@@ -72,10 +74,11 @@ def run(options: Namespace) -> int:
                 "format."
             )
         request = _request(options)
-        record = read(options.source, request)
+        with Reading(options.source, kind=f"{options.source_format} file").said():
+            record = read(options.source, request)
         record, request = _with_files(record, request, options.source)
     for warning in record.warnings:
-        print(f"note: {warning}")
+        say(f"note: {warning}")
     known = FORMATS[options.out_format]
 
     def beside() -> Path:
@@ -84,16 +87,16 @@ def run(options: Namespace) -> int:
     written = known.convert(record, options.out, request, beside)
     photo = written.undistorted_photo or request.photo
     if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
-        print(
+        say(
             f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
     for note in written.notes:
-        print(f"note: {note}")
+        say(f"note: {note}")
     if written.undistorted_photo:
-        print(f"undistorted photo: {written.undistorted_photo}")
+        say(f"undistorted photo: {written.undistorted_photo}")
     for path in written.files:
-        print(f"{options.out_format}: {path}")
+        say(f"{options.out_format}: {path}")
     return 0
 
 
@@ -116,7 +119,7 @@ def _convert_scene(options: Namespace) -> int:
             "bop, or write the scene's file by hand."
         )
     for warning in scene.warnings:
-        print(f"note: {warning}")
+        say(f"note: {warning}")
     files = (options.out,)
     if options.out_format == SCENE:
         refuse_existing(request, options.out)
@@ -132,7 +135,7 @@ def _convert_scene(options: Namespace) -> int:
             "--object ID, or convert all to gltf or bop."
         )
     for path in files:
-        print(f"{options.out_format}: {path}")
+        say(f"{options.out_format}: {path}")
     return 0
 
 

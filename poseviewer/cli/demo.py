@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from poseviewer.cli.terminal import tell_of_compiling
+from poseviewer.cli.terminal import say, tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED
 from poseviewer.files.writing import make_folder
 
@@ -21,7 +21,7 @@ def run(options: Namespace) -> int:
     """Fit it, and say where the results are."""
     folder: Path = options.out
     make_folder(folder, parents=False)
-    print("Fitting the bundled demo: a car of our own making on a path-traced photo.")
+    say("Fitting the bundled demo: a car of our own making on a path-traced photo.")
     tell_of_compiling()
     from poseviewer.api import load
     from poseviewer.cli.case import search
@@ -35,5 +35,5 @@ def run(options: Namespace) -> int:
         found.draw(folder / f"{look}.png", look)
     case.start.draw(folder / "start.png")
     names = ", ".join(f"{look}.png" for look in ("start", *LOOKS))
-    print(f"The pose and pictures of it are in {folder}/: pose.json, {names}.")
+    say(f"The pose and pictures of it are in {folder}/: pose.json, {names}.")
     return EXIT_INTERRUPTED if found.stopped else 0

@@ -18,7 +18,7 @@ from poseviewer.cli.options import (
     rectangle,
 )
 from poseviewer.cli.overlay import add_look
-from poseviewer.cli.terminal import require_writable
+from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
 from poseviewer.fit.settings import FitSettings
 from poseviewer.optimise.restarts import RestartOptions
@@ -80,16 +80,16 @@ def run(options: Namespace) -> int:
     if options.scene is not None:
         scene = search_scene(open_scene(options), options.object, options.quiet)
         scene.save(options.out)
-        print(f"scene: {options.out}")
+        say(f"scene: {options.out}")
         if options.overlay:
             scene.draw(options.overlay, options.look)
-            print(f"overlay: {options.overlay}")
+            say(f"overlay: {options.overlay}")
         return EXIT_INTERRUPTED if scene.stopped else 0
     found = search(open_case(options), options.quiet)
     found.save(options.out)
     keep_last_pose(found.record)
-    print(f"pose: {options.out}")
+    say(f"pose: {options.out}")
     if options.overlay:
         found.draw(options.overlay, options.look)
-        print(f"overlay: {options.overlay}")
+        say(f"overlay: {options.overlay}")
     return EXIT_INTERRUPTED if found.stopped else 0

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from poseviewer.cli.options import add_search, add_settings, option, settings_of
-from poseviewer.cli.terminal import progress_bar, require_writable, tell
+from poseviewer.cli.terminal import progress_bar, require_writable, say, tell
 from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -61,19 +61,19 @@ def run(options: Namespace) -> int:
         pairs = zip_longest(ranked, ranked[1:])
         text = json.dumps([_as_json(*pair) for pair in pairs], indent=2, allow_nan=False)
         write_whole(options.json, (text + "\n").encode(), SettingsError)
-        print(f"json: {options.json}")
+        say(f"json: {options.json}")
     return 0
 
 
 def _print_ranking(ranked: Sequence[Ranked]) -> None:
     width = max(len(one.candidate.name) for one in ranked)
-    print(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
+    say(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
     for one in ranked:
         fit, margin = one.candidate.fit, "" if one.margin is None else f"{one.margin:+.3f}"
         shares = f"{fit.unexplained:11.3f}  {margin:>7}  {fit.start_unexplained:6.3f}"
-        print(f"{one.rank:<3}{one.candidate.name:{width}}  {shares}")
-    print("unexplained, of the same pixels: 0, all explained, to 1, nothing")
-    print("margin: how much more the next model leaves unexplained")
+        say(f"{one.rank:<3}{one.candidate.name:{width}}  {shares}")
+    say("unexplained, of the same pixels: 0, all explained, to 1, nothing")
+    say("margin: how much more the next model leaves unexplained")
 
 
 def _as_json(one: Ranked, after: Ranked | None) -> dict[str, Any]:

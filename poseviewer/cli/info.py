@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import add_calibration, calibration_of, option
+from poseviewer.cli.terminal import say
+from poseviewer.errors import printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
@@ -179,4 +181,4 @@ def _print(**entries: str | tuple[str, ...]) -> None:
     """``name: value``, a line each; a tuple gives a line for each of its texts."""
     for name, value in entries.items():
         for text in (value,) if isinstance(value, str) else value:
-            print(f"{name + ':':13}{text}")
+            say(f"{name + ':':13}{printable(text)}")

@@ -14,7 +14,7 @@ from poseviewer.cli.options import (
     option,
     positive,
 )
-from poseviewer.cli.terminal import progress_bar
+from poseviewer.cli.terminal import progress_bar, say
 from poseviewer.errors import SettingsError
 from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
@@ -53,5 +53,5 @@ def run(options: Namespace) -> int:
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
     maps.save(sheet)
     maps.save(data)
-    print(f"maps: {sheet}\nnumbers: {data}")
+    say(f"maps: {sheet}\nnumbers: {data}")
     return 0

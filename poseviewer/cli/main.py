@@ -6,13 +6,28 @@ description. What is slow to import is imported in ``run``.
 
 from __future__ import annotations
 
+import io
+import logging
+import os
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, PoseViewerError
+from poseviewer.cli.terminal import tell
+from poseviewer.errors import (
+    EXIT_BUG,
+    EXIT_INTERRUPTED,
+    EXIT_MENDABLE,
+    LOG_VARIABLE,
+    LONGEST_MESSAGE,
+    PoseViewerError,
+    printable,
+    sentence_of,
+)
+
+_log = logging.getLogger(__name__)
 
 COMMANDS = {
     "app": "the app, as without a command",
@@ -34,25 +49,42 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
+    _make_ready()
     try:
         options = parse(sys.argv[1:] if arguments is None else arguments)
         return import_module(f"poseviewer.cli.{options.command}").run(options)
-    except PoseViewerError as error:
-        print(f"poseviewer: {error}", file=sys.stderr)
-        return EXIT_MENDABLE
     except KeyboardInterrupt:
-        print("poseviewer: stopped; nothing was written.", file=sys.stderr)
+        tell("poseviewer: stopped; nothing was written.")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output is gone: nobody is left to tell
         return 0
+    except Exception as error:  # noqa: BLE001 - whatever it is becomes a sentence
+        _log.debug("stopped by", exc_info=error)
+        tell(f"poseviewer: {sentence_of(error)}")
+        mendable = isinstance(error, (PoseViewerError, OSError, MemoryError))
+        return EXIT_MENDABLE if mendable else EXIT_BUG
+
+
+def _make_ready() -> None:
+    """What is printed can be on any terminal; warnings of libraries go to the log, and all of the
+    log is shown where the user asks for it.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    logging.captureWarnings(True)
+    if os.environ.get(LOG_VARIABLE):
+        logging.basicConfig()
+        logging.getLogger("poseviewer").setLevel(logging.DEBUG)
 
 
 class _Parser(ArgumentParser):
     """One line for a wrong argument, as for every other mistake."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_MENDABLE, f"{self.prog}: {message}; see {self.prog} --help\n")
+        shown = printable(message, LONGEST_MESSAGE)
+        self.exit(EXIT_MENDABLE, f"{self.prog}: {shown}; see {self.prog} --help\n")
 
 
 def parse(arguments: Sequence[str]) -> Namespace:

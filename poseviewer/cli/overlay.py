@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from poseviewer.cli.options import add_files, add_settings, option
-from poseviewer.cli.terminal import require_writable
+from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError
 from poseviewer.render.overlay import LOOKS
 
@@ -31,5 +31,5 @@ def run(options: Namespace) -> int:
 
     drawn = open_case(options).start if options.scene is None else open_scene(options)
     drawn.draw(options.out, options.look)
-    print(f"overlay: {options.out}")
+    say(f"overlay: {options.out}")
     return 0

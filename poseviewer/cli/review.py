@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from poseviewer.cli.options import add_server, option
+from poseviewer.cli.terminal import say
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -25,6 +26,6 @@ def run(options: Namespace) -> int:
         host=options.host,
         port=options.port,
         browser=not options.no_browser,
-        tell=lambda line: print(line, flush=True),
+        tell=say,
     )
     return 0

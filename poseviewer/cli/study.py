@@ -20,7 +20,7 @@ from poseviewer.cli.options import (
     size,
     whole,
 )
-from poseviewer.cli.terminal import ignore, progress_bar, tell
+from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
 
@@ -79,8 +79,8 @@ def run(options: Namespace) -> int:
     except KeyboardInterrupt:
         tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
         return EXIT_INTERRUPTED
-    print(write_report(run).as_text())
-    print(f"\nrows, summary: {run.out}")
+    say(write_report(run).as_text())
+    say(f"\nrows, summary: {run.out}")
     return 0
 
 

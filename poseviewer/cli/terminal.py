@@ -7,15 +7,20 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, printable
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
 
+def say(text: str) -> None:
+    """Print a line, or several, on standard output; names in it do no harm to the terminal."""
+    print("\n".join(map(printable, text.split("\n"))), flush=True)
+
+
 def tell(text: str) -> None:
-    """Print a line on standard error."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a line on standard error, as harmless."""
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 def ignore(text: str) -> None:

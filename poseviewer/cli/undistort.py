@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from poseviewer.cli.options import add_calibration, calibration_of, option
-from poseviewer.cli.terminal import require_writable
+from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError, SettingsError
 
 
@@ -28,5 +28,5 @@ def run(options: Namespace) -> int:
         raise SettingsError(f"{options.calibration}: a camera without distortion; nothing to undo")
     save_image(options.out, pixels_for(options.out, photo), photo_text(photo))
     print_camera(photo)
-    print(f"undistorted: {options.out}")
+    say(f"undistorted: {options.out}")
     return 0

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, checked_camera
 from poseviewer.files.colmap_model import SUFFIXES as COLMAP_SUFFIXES
 from poseviewer.files.colmap_model import camera_rows, image_rows
 from poseviewer.files.quiet import quiet_libraries
@@ -37,6 +37,10 @@ DISTORTION_NAMES = ("distortioncoefficients", "distcoeffs", "distcoeff", "dist",
 SIZE_NAMES = (("imagewidth", "imageheight"), ("width", "height"))
 FISHEYE_NAMES = ("fisheye", "equidistant")
 STANDARD_NAMES = ("plumbbob", "rationalpolynomial", "opencv", "pinhole", "standard", "radtan")
+MOST_LINES = 20_000
+"""Of a YAML or XML: OpenCV's parser takes a time that grows by the square of the keys."""
+MOST_ENTRIES = 100
+"""Of a list: no longer one is of use, and OpenCV walks to each entry from the first."""
 DEEPEST, DEEPEST_TEXT = 8, 100
 """Levels of a calibration that are looked into, and brackets that OpenCV's parser is trusted with:
 deeper ones overflow its stack.
@@ -85,7 +89,12 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
     """
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
-    kind = path.suffix.lower()
+    with reading.said():
+        found = _cameras_in(reading, path.suffix.lower(), fisheye)
+        return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]
+
+
+def _cameras_in(reading: Reading, kind: str, fisheye: bool) -> list[FileCamera]:
     if kind in COLMAP_SUFFIXES:
         return _colmap_cameras(reading)
     if kind in (".yml", ".yaml", ".xml"):
@@ -127,6 +136,9 @@ def opencv_storage(reading: Reading) -> dict[str, Any]:
     head = text.lstrip()[:3]
     if head[:1] not in ("%", "<"):  # ROS writes plain YAML
         text = "%YAML:1.0\n" + ("" if head == "---" else "---\n") + text
+    if text.count("\n") > MOST_LINES:
+        found = f"more than {MOST_LINES:,} lines"
+        raise reading.error(found, "wanted the camera, without the views it was calibrated from")
     steps = (-1 if found in ("]", "}", "</", "/>") else 1 for found in BRACKETS.findall(text))
     if max(accumulate(steps), default=0) > DEEPEST_TEXT:
         raise reading.error("nested too deeply", "wanted a calibration or a pose")
@@ -147,6 +159,8 @@ def _tree(node: Any, depth: int) -> Any:
         return None
     if node.isMap():
         return {key: _tree(node.getNode(key), depth + 1) for key in node.keys()}  # noqa: SIM118
+    if node.isSeq() and node.size() > MOST_ENTRIES:
+        return f"a list of {node.size()}"
     if node.isSeq():
         return [_tree(node.at(i), depth + 1) for i in range(node.size())]
     if node.isString():

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
-from collections.abc import Callable
+import re
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, TypeVar
 
 import numpy as np
 
-from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.errors import PoseFileError, PoseViewerError, printable
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.transform import nearest_rotation
 
 ROUNDING = 1e-6
@@ -20,6 +25,21 @@ ROUNDING = 1e-6
 LARGEST_REPAIR_DEG = 1.0
 LARGEST_FILE = 10_000_000
 """Bytes: a pose file has some thousand."""
+LARGEST_NUMBER = 1e30
+"""Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
+LARGEST_PX = 1e7
+"""Of focal lengths, principal points and sides: 100 times those of the longest lenses and largest
+pictures."""
+OPENCV_TYPE = "1?[ucwsifdh]"
+"""What OpenCV calls the types of a matrix's numbers."""
+LONGEST_NAME = 200
+"""Characters of a file's name in a message."""
+LONGEST_QUOTE = 60
+"""Characters of a value in a message."""
+
+AnyCamera = TypeVar("AnyCamera", bound=Camera)
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,32 +61,79 @@ class Reading:
 
     def error(self, found: str, wanted: str) -> PoseViewerError:
         """An error that names the file."""
-        return self.error_type(f"{self.path.name or self.path}: {found}; {wanted}.")
+        name = printable(self.path.name or str(self.path), LONGEST_NAME)
+        return self.error_type(f"{name}: {found}; {wanted}.")
+
+    def look(self) -> int:
+        """The file's size in bytes: it is a regular one, not empty, and of ``largest`` at most.
+
+        All that a user names is looked at before it is opened: a pipe would be waited for, and a
+        device never ends.
+        """
+        wanted = f"wanted a {self.kind}"
+        try:
+            found = self.path.stat()
+        except FileNotFoundError:
+            raise self.error(f"no such file in {self.path.parent}", "check the path") from None
+        except (OSError, ValueError) as error:  # a name that no file can have
+            reason = getattr(error, "strerror", None) or str(error)
+            raise self.error(f"cannot be read ({reason})", "check the path") from error
+        if stat.S_ISDIR(found.st_mode):
+            raise self.error("is a folder", wanted)
+        if not stat.S_ISREG(found.st_mode):
+            raise self.error("a pipe or a device, not a file", wanted)
+        if found.st_size > self.largest:
+            wanted = f"poseviewer takes a {self.kind} of up to {self.largest:,}"
+            raise self.error(f"{found.st_size:,} bytes", wanted)
+        if not found.st_size:
+            raise self.error("an empty file", f"{wanted}, copy it again")
+        return found.st_size
+
+    def open(self) -> IO[bytes]:
+        """The file that was looked at, for reading."""
+        self.look()
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise self.error(f"cannot be read ({error.strerror})", "check the path") from error
+
+    @contextmanager
+    def said(self) -> Iterator[None]:
+        """Whatever goes wrong inside becomes an error that names the file: parsers raise anything
+        on damaged files. What nobody foresaw is in the log with its traceback.
+        """
+        try:
+            yield
+        except PoseViewerError:
+            raise
+        except MemoryError as error:
+            raise self.error("too large for this machine's memory", "make it smaller") from error
+        except OSError as error:
+            reason = error.strerror or error
+            raise self.error(f"cannot be read ({reason})", "check the file") from error
+        except Exception as error:
+            _log.debug("reading %s", self.path, exc_info=error)
+            found = printable(str(error), 120) or type(error).__name__
+            wanted = "is it whole? Make it again"
+            raise self.error(f"not a readable {self.kind} ({found})", wanted) from error
 
     def load_bytes(self) -> bytes:
         """What the file holds; at most ``largest`` bytes, and not none."""
-        wanted = f"wanted a {self.kind}"
-        if self.path.is_dir():
-            raise self.error("is a folder", wanted)
-        try:
-            size = self.path.stat().st_size
-            if size > self.largest:
-                raise self.error(f"{size:,} bytes, more than any {self.kind}", wanted)
-            data = self.path.read_bytes()
-        except FileNotFoundError:
-            raise self.error(f"no such file in {self.path.parent}", "check the path") from None
-        except OSError as error:
-            raise self.error(f"cannot be read ({error.strerror})", "check the path") from error
+        with self.said(), self.open() as file:
+            data = file.read()
         if not data.strip():
-            raise self.error("an empty file", f"{wanted}, copy it again")
+            raise self.error("an empty file", f"wanted a {self.kind}, copy it again")
         return data
 
     def load_text(self) -> str:
         """What the file says, in UTF-8."""
         try:
-            return self.load_bytes().decode("utf-8-sig")
+            text = self.load_bytes().decode("utf-8-sig")
         except UnicodeDecodeError:
-            raise self.error("not a text", f"wanted a {self.kind}") from None
+            text = "\0"
+        if "\0" in text:
+            raise self.error("not a text in UTF-8", f"wanted a {self.kind}")
+        return text
 
     def load_json(self) -> Any:
         """What the file, JSON, holds."""
@@ -93,8 +160,8 @@ class Reading:
         value, where = self.object(value, what or "its content"), f"{what}." if what else ""
         return [check(self, value.get(key), where + key) for key, check in checks.items()]
 
-    def number(self, value: Any, what: str) -> float:
-        """A finite number; bool is none, though Python thinks so."""
+    def number(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
+        """A number from -``most`` to ``most``; bool is none, though Python thinks so."""
         try:
             if isinstance(value, bool) or (isinstance(value, str) and not self.numbers_as_text):
                 raise TypeError
@@ -103,15 +170,16 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted a number") from None
         except OverflowError:  # a whole number beyond 1e308
             found = math.inf
-        if not math.isfinite(found):
-            raise self.error(f"{what} is {str(value)[:40]}", "wanted a finite number")
+        if not abs(found) <= most:  # nor nan
+            wanted = f"wanted a finite number, of at most {most:g}"
+            raise self.error(f"{what} is {kind_of(value)}", wanted)
         return found
 
-    def positive(self, value: Any, what: str) -> float:
-        """A finite number above 0."""
-        found = self.number(value, what)
-        if not found > 0.0:
-            raise self.error(f"{what} is {value}", "wanted a number above 0")
+    def positive(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
+        """A number above 0 and up to ``most``."""
+        found = self.number(value, what, most)
+        if not found >= 1.0 / LARGEST_NUMBER:
+            raise self.error(f"{what} is {kind_of(value)}", "wanted a number above 0")
         return found
 
     def numbers(self, value: Any, what: str, length: int = 3) -> list[float]:
@@ -132,9 +200,15 @@ class Reading:
 
     def flat_numbers(self, value: Any, what: str) -> list[float]:
         """The numbers of a list, of lists in it, or of OpenCV's ``{rows, cols, data}``."""
-        value = value.get("data") if isinstance(value, dict) else value
+        value, shape = (value.get("data"), value) if isinstance(value, dict) else (value, {})
         if not isinstance(value, list):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a list of numbers")
+        rows, columns = (self.size(shape.get(key), f"{what}.{key}") for key in ("rows", "cols"))
+        if rows and columns and rows * columns != len(value):
+            found = f"{what} has {len(value)} numbers in {rows} rows of {columns}"
+            raise self.error(found, "wanted as many as it says")
+        if not re.fullmatch(OPENCV_TYPE, str(shape.get("dt", "d"))):
+            raise self.error(f"{what}.dt is {kind_of(shape['dt'])}", "wanted a type such as d")
         rows = [item if isinstance(item, list) else [item] for item in value]
         return [self.number(item, what) for row in rows for item in row]
 
@@ -149,22 +223,22 @@ class Reading:
             raise self.error(f"{what} is {text.strip()[:60]!r}", "wanted numbers") from None
 
     def text(self, value: Any, what: str) -> str | None:
-        """The value, a text or None."""
+        """The value, a text or None; made ``printable``."""
         if value is not None and not isinstance(value, str):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a text")
-        return value
+        return None if value is None else printable(value)
 
     def texts(self, value: Any, what: str) -> tuple[str, ...]:
-        """The value, a list of texts."""
+        """The value, a list of texts; made ``printable``."""
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a list of texts")
-        return tuple(value)
+        return tuple(map(printable, value))
 
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
         if value is None:
             return None
-        found = self.positive(value, what)
+        found = self.positive(value, what, LARGEST_PX)
         if found != int(found):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a whole number above 0")
         return int(found)
@@ -176,12 +250,28 @@ def kind_of(value: Any) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, dict):
         return "an object"
-    return "missing" if value is None else repr(value)[:60]
+    if value is None:
+        return "missing"
+    try:
+        return printable(repr(value), LONGEST_QUOTE)
+    except ValueError:  # Python writes no whole number of so many digits
+        return "a number of thousands of digits"
 
 
 def read_json(path: Path) -> Any:
     """What a JSON file holds; raises PoseFileError where it cannot be read, or is none."""
     return Reading(path).load_json()
+
+
+def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
+    """The camera, whose numbers a picture can hold; raises the reading's error where it cannot."""
+    below, above = 1.0 / LARGEST_PX, LARGEST_PX
+    for name in ("fx", "fy", "cx", "cy"):
+        found = getattr(camera, name, 1.0)  # a parallel camera has a scale instead of fx and fy
+        least = below if name.startswith("f") else -above
+        if not least <= found <= above:
+            raise reading.error(f"{name} is {found:.6g} px", f"wanted {least:g} to {above:g}")
+    return camera
 
 
 def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:

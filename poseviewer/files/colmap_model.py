@@ -7,8 +7,9 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.checks import Reading
@@ -31,6 +32,10 @@ MODELS = (
 """Camera models by their number in binary files, and how many parameters each has."""
 POINT_BYTES = 24
 """Of an image's point: x, y, and the number of its point in space."""
+LARGEST_FILE = 100_000_000_000
+"""Bytes: the points of all images are in it; they are skipped, a record or a line at a time."""
+LONGEST_LINE = 100_000_000
+"""Bytes: those of a million points."""
 WANTED = "wanted a file of a COLMAP model"
 LONGEST_NAME = 4096
 """Of an image, in bytes: paths are no longer."""
@@ -78,20 +83,17 @@ def image_rows(reading: Reading) -> Iterator[list[str]]:
             next(lines, None)  # its points
 
 
-def _records(reading: Reading) -> Iterator[BinaryIO]:
+def _records(reading: Reading) -> Iterator[IO[bytes]]:
     """The open file, once for each record that a binary file says it has."""
-    try:
-        with reading.path.open("rb") as file:
-            (count,) = _unpack(reading, file, "<Q")
-            for _ in range(count):  # a file that has fewer is cut short: the next read says so
-                yield file
-            if file.tell() > os.fstat(file.fileno()).st_size:  # points were skipped
-                raise _cut_short(reading)
-    except OSError as error:
-        raise _unreadable(reading, error) from error
+    with replace(reading, largest=LARGEST_FILE).open() as file:
+        (count,) = _unpack(reading, file, "<Q")
+        for _ in range(count):  # a file that has fewer is cut short: the next read says so
+            yield file
+        if file.tell() > os.fstat(file.fileno()).st_size:  # points were skipped
+            raise _cut_short(reading)
 
 
-def _unpack(reading: Reading, file: BinaryIO, form: str) -> tuple[Any, ...]:
+def _unpack(reading: Reading, file: IO[bytes], form: str) -> tuple[Any, ...]:
     size = struct.calcsize(form)
     data = file.read(size)
     if len(data) < size:
@@ -99,7 +101,7 @@ def _unpack(reading: Reading, file: BinaryIO, form: str) -> tuple[Any, ...]:
     return struct.unpack(form, data)
 
 
-def _name(reading: Reading, file: BinaryIO) -> str:
+def _name(reading: Reading, file: IO[bytes]) -> str:
     """Up to the next zero byte."""
     start = file.tell()
     data, zero, _ = file.read(LONGEST_NAME).partition(b"\0")
@@ -111,24 +113,15 @@ def _name(reading: Reading, file: BinaryIO) -> str:
 
 def _lines(reading: Reading) -> Iterator[str]:
     """The lines that are no comments, empty ones included: they stand for images without points."""
-    try:
-        with reading.path.open(encoding="utf-8") as file:
-            yield from (line.strip() for line in file if not line.startswith("#"))
-    except UnicodeDecodeError:
-        raise reading.error("not a text", WANTED) from None
-    except OSError as error:
-        raise _unreadable(reading, error) from error
-
-
-def _unreadable(reading: Reading, error: OSError) -> PoseViewerError:
-    match error:
-        case FileNotFoundError():
-            found = f"no such file in {reading.path.parent}"
-        case IsADirectoryError():
-            found = "is a folder"
-        case _:
-            found = f"cannot be read ({error.strerror})"
-    return reading.error(found, WANTED)
+    with replace(reading, largest=LARGEST_FILE).open() as file:
+        while line := file.readline(LONGEST_LINE):
+            if len(line) == LONGEST_LINE or b"\0" in line:
+                raise reading.error("not a text", WANTED)
+            if not line.startswith(b"#"):
+                try:
+                    yield line.decode().strip()
+                except UnicodeDecodeError:
+                    raise reading.error("not a text in UTF-8", WANTED) from None
 
 
 def _cut_short(reading: Reading) -> PoseViewerError:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, kind_of
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 from poseviewer.vehicle.parts import find_wheels
@@ -34,16 +34,21 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
     if not path.exists():
         return find_wheels(mesh)
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
+    with reading.said():
+        return _keypoints_in(reading, mesh)
+
+
+def _keypoints_in(reading: Reading, mesh: Mesh) -> VehicleKeypoints:
     data = reading.load_object()
     if data.get("format", FORMAT) != FORMAT:
         raise reading.error(f"not a {KIND}", f"wanted format {FORMAT!r}")
     version = data.get("version", VERSION)
     if version is True or version != VERSION:
-        raise reading.error(f"version is {version!r}", f"this poseviewer reads {VERSION}")
+        raise reading.error(f"version is {kind_of(version)}", f"this poseviewer reads {VERSION}")
     unit = data.get("unit")
     if unit is not None and mesh.unit is not None and unit != mesh.unit:
         raise reading.error(
-            f"lengths in {unit!r}, the model's are in {mesh.unit!r}",
+            f"lengths in {kind_of(unit)}, the model's are in {mesh.unit!r}",
             "give them in the model's unit",
         )
     return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))

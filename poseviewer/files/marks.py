@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.checks import LARGEST_NUMBER, LARGEST_PX, Reading
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.ellipses import Ellipse
@@ -24,6 +24,8 @@ from poseviewer.vehicle.wheel_pose import Wheels
 
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
+PHOTO = (*PAIR[3:], *ELLIPSE[:4])
+"""Of these, what is in px of the photo."""
 WHEELS = ("rear", "front")
 LARGEST_FILE = 1_000_000
 """Bytes; a thousand pairs have fewer."""
@@ -51,9 +53,10 @@ def load_pairs(path: str | Path) -> PointPairs:
         QuickStartError: there is no such file, or it holds something else.
     """
     reading = _reading(path)
-    text = reading.load_text()
-    rows = _json_rows(reading) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
-    numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
+    with reading.said():
+        text = reading.load_text()
+        rows = _json_rows(reading) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
+        numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(table[:, :3], points_from_integer_centres(table[:, 3:]))
 
@@ -66,9 +69,14 @@ def load_wheels(text: str) -> Wheels:
     Raises:
         QuickStartError: it is neither.
     """
-    reading, wheels = _reading("--wheels"), [w.split(",") for w in text.split(";") if w.strip()]
+    reading = _reading("--wheels" if ";" in text else text)
+    with reading.said():
+        return _wheels_in(reading, text)
+
+
+def _wheels_in(reading: Reading, text: str) -> Wheels:
+    wheels = [wheel.split(",") for wheel in text.split(";") if wheel.strip()]
     if ";" not in text:
-        reading = _reading(text)
         data = reading.load_json()
         wheels = [data.get(wheel) if isinstance(data, dict) else None for wheel in WHEELS]
     elif len(wheels) != len(WHEELS):
@@ -87,7 +95,7 @@ def load_wheels(text: str) -> Wheels:
 
 
 def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], QuickStartError, "list of marks", LARGEST_FILE)
+    return Reading(Path(path), [], QuickStartError, "list of marks", LARGEST_FILE, True)
 
 
 def _json_rows(reading: Reading) -> Iterable[tuple[str, Sequence[Any]]]:
@@ -123,11 +131,10 @@ def _number(value: Any) -> float | None:
 
 
 def _numbers(reading: Reading, where: str, row: Sequence[Any], names: Sequence[str]) -> list[float]:
-    wanted = f"wanted {len(names)} numbers, {', '.join(names)}"
     if len(row) != len(names):
+        wanted = f"wanted {len(names)} numbers, {', '.join(names)}"
         raise reading.error(f"{where} has {len(row)} values", wanted)
-    numbers = [_number(value) for value in row]
-    for number, value, name in zip(numbers, row, names, strict=True):
-        if number is None or not math.isfinite(number):
-            raise reading.error(f"{where}: {name} is {kind_of(value)}", wanted)
-    return [number for number in numbers if number is not None]
+    return [
+        reading.number(value, f"{where}: {name}", LARGEST_PX if name in PHOTO else LARGEST_NUMBER)
+        for value, name in zip(row, names, strict=True)
+    ]

@@ -6,6 +6,8 @@ import hashlib
 import json
 import struct
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import astuple, replace
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
-from poseviewer.errors import CalibrationFileError, PhotoFileError
+from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading
 from poseviewer.files.pose import PoseRecord, distortion_as_json
@@ -29,12 +31,14 @@ from poseviewer.geometry.photo import Photo
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Of files that photos come in."""
 MAX_MEGAPIXELS = 100.0
+LARGEST_PIXEL, LARGEST_REST = 16, 100_000_000
+"""Bytes of a pixel of four 32-bit floats, and of all else in a photo's file: previews, maps."""
 LARGEST_FILE = 2_000_000_000
-"""Bytes: 100 megapixels of three 32-bit floats have 1.2e9."""
+"""Bytes: 100 megapixels of such pixels have 1.6e9."""
+HEIC_START = 12
+"""Bytes, which say the kind of file."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Of the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
-HEIC_ERRORS = (ValueError, RuntimeError, OSError, EOFError, SyntaxError)
-"""What libheif raises on damaged files."""
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_END = len(PNG_SIGNATURE) + 25
 """After IHDR, which comes first and has 13 bytes of content."""
@@ -56,8 +60,13 @@ def load_photo(path: str | Path) -> Photo:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
     """
     reading = _reading(path)
-    data = reading.load_bytes()
-    if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
+    with reading.said(), quiet_libraries():
+        return _photo_in(reading)
+
+
+def _photo_in(reading: Reading) -> Photo:
+    data = _load_picture(reading)
+    if _is_heic(data):
         pixels, focal = _decode_heic(reading, data)
     else:
         orientation, focal = _inspect(reading, data)
@@ -72,7 +81,7 @@ def load_photo(path: str | Path) -> Photo:
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
     sha256 = hashlib.sha256(data).hexdigest()
-    return Photo(pixels, reading.path.name, sha256, focal, tuple(notes))
+    return Photo(pixels, printable(reading.path.name), sha256, focal, tuple(notes))
 
 
 def is_stored_turned(path: str | Path) -> bool:
@@ -82,7 +91,8 @@ def is_stored_turned(path: str | Path) -> bool:
         PhotoFileError: it cannot be read.
     """
     reading = _reading(path)
-    return _inspect(reading, reading.load_bytes())[0] != 1
+    with reading.said():
+        return _inspect(reading, _load_picture(reading))[0] != 1
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -91,11 +101,12 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
     """
     if Path(path).suffix.lower() in (".heic", ".heif"):
         return True
+    reading = _reading(path)
     try:
-        with quiet_libraries(), Image.open(path) as image:
+        with reading.said(), reading.open() as file, quiet_libraries(), Image.open(file) as image:
             exif = image.getexif()
             tags = {*exif, *exif.get_ifd(ExifTags.IFD.Exif)}
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+    except PhotoFileError:
         return False
     return bool(tags & {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength})
 
@@ -124,21 +135,32 @@ def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
 
 
-def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
-    """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file.
-
-    Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
+def _load_picture(reading: Reading) -> bytes:
+    """The file's bytes; not read where the first of them are of no picture, or its size is none
+    that a photo can have.
     """
-    # Pillow warns of large pictures and of odd metadata; the size is judged here instead.
+    with reading.open() as file:
+        if not _is_heic(file.read(HEIC_START)):
+            file.seek(0)
+            with _pictures_said(reading), Image.open(file) as image:
+                _refuse_size(reading, *image.size)
+                most = LARGEST_REST + LARGEST_PIXEL * image.width * image.height
+                reading = replace(reading, largest=min(reading.largest, most))
+    return reading.load_bytes()
+
+
+def _is_heic(data: bytes) -> bool:
+    return data[4:8] == b"ftyp" and data[8:HEIC_START] in HEIC_BRANDS
+
+
+@contextmanager
+def _pictures_said(reading: Reading) -> Iterator[None]:
+    """What Pillow raises inside, as errors that name the file; nothing of what it warns of: sizes
+    are judged here instead.
+    """
     with quiet_libraries():
         try:
-            with Image.open(BytesIO(data)) as image:
-                _refuse_size(reading, *image.size)
-                exif = image.getexif()
-                # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
-                turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
-                focal = focal_35mm(exif, image.width, image.height)
-                image.load()
+            yield
         except UnidentifiedImageError:
             wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
             raise reading.error("not a picture that can be read", wanted) from None
@@ -148,6 +170,20 @@ def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
         except (OSError, SyntaxError, ValueError, EOFError) as error:
             found = f"the picture is damaged or cut short ({str(error)[:80]})"
             raise reading.error(found, "copy it again") from error
+
+
+def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
+    """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file.
+
+    Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
+    """
+    with _pictures_said(reading), Image.open(BytesIO(data)) as image:
+        _refuse_size(reading, *image.size)
+        exif = image.getexif()
+        # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
+        turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
+        focal = focal_35mm(exif, image.width, image.height)
+        image.load()
     return turned if turned in range(1, 9) else 1, focal
 
 
@@ -206,7 +242,9 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
         width, height = picture.size
         _refuse_size(reading, width, height)
         pixels = np.array(picture)
-    except HEIC_ERRORS as error:
+    except PhotoFileError:
+        raise
+    except Exception as error:  # libheif raises anything on damaged files
         words = " ".join(str(error).split())[:80]
         found = f"the HEIC photo is damaged or cut short ({words})"
         raise reading.error(found, "copy again") from error

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import Reading, checked_rotation, kind_of
+from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
@@ -123,7 +123,8 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
         PoseFileError: there is no such file, or it does not hold a pose.
     """
     reading = Reading(Path(path))
-    return record_from_json(reading, reading.load_json(), width, height)
+    with reading.said():
+        return record_from_json(reading, reading.load_json(), width, height)
 
 
 def recorded_size(path: Path) -> tuple[int, int]:
@@ -146,11 +147,12 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
     """
     data = reading.object(data, "its content")
     if data.get("format", FORMAT) != FORMAT:
-        raise reading.error(f"format is {data['format']!r}", f"wanted {FORMAT!r}")
+        raise reading.error(f"format is {kind_of(data['format'])}", f"wanted {FORMAT!r}")
     version = data.get("version", VERSION)
     if version is True or version != VERSION:
         raise reading.error(
-            f"version is {version!r}", f"this poseviewer reads version {VERSION}, try a newer one"
+            f"version is {kind_of(version)}",
+            f"this poseviewer reads version {VERSION}, try a newer one",
         )
 
     def optional(key: str, read: Callable[[Reading, Any, str], Any]) -> Any:
@@ -205,7 +207,7 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
         raise PoseFileError(
             f"{path.name}: the pose holds what JSON cannot ({error}); nothing was written."
         ) from error
-    write_whole(path, (text + "\n").encode(), PoseFileError)
+    write_whole(path, (text + "\n").encode(errors="replace"), PoseFileError)
 
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:
@@ -285,7 +287,7 @@ def _camera(
     kind, above_0, others = CAMERAS[projection]
     checks = dict.fromkeys(above_0, Reading.positive) | dict.fromkeys(others, Reading.number)
     found = kind(*reading.fields(value, what, **checks), width, height)
-    return camera_from_integer_centres(found)
+    return camera_from_integer_centres(checked_camera(reading, found))
 
 
 def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:

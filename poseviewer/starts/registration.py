@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.errors import PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.masks import load_mask, mask_beside
@@ -87,8 +87,8 @@ def load_model(path: str | Path) -> LoadedModel:
     Raises:
         PoseViewerError: one of them cannot be used.
     """
-    mesh = load_mesh(path)
-    return LoadedModel(mesh, Path(path).name, sha256_of(path), load_keypoints(path, mesh))
+    mesh, name = load_mesh(path), printable(Path(path).name)
+    return LoadedModel(mesh, name, sha256_of(path), load_keypoints(path, mesh))
 
 
 def load_registration(

@@ -15,14 +15,21 @@ import pytest
 from assets.source.api_reference import CONTENT, api_as_markdown
 from assets.source.notebook import CELLS, CODE
 from assets.source.rooms import PICTURE, rooms_as_svg
+from poseviewer import errors
+from poseviewer.batch import table
 from poseviewer.cli import main as cli
+from poseviewer.files import cameras, checks, colmap_model, file_set, marks, photo
+from poseviewer.files.mesh import load as mesh
+from poseviewer.files.mesh import parts
+from poseviewer.files.state import uploads
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "several", "which_model",
          "export", "library", "settings", "files")  # fmt: skip
-BACKGROUND = ("method", "results", "architecture", "experiments", "api", "formats")
+BACKGROUND = ("method", "results", "architecture", "experiments", "api", "formats",
+              "limits")  # fmt: skip
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 LARGEST_BYTES = 2_000_000
 
@@ -45,6 +52,31 @@ def test_links_and_pictures_are_there(page: Path):
         assert path.is_file(), target
         if anchor:
             assert anchor in anchors_of(path), target
+
+
+def test_the_page_of_limits_has_those_of_the_code():
+    text = (DOCS / "limits.md").read_text(encoding="utf-8")
+    for limit in (
+        f"{photo.MAX_MEGAPIXELS:.0f} megapixels; {photo.LARGEST_FILE / 1e9:.0f} GB",
+        f"{photo.LARGEST_REST / 1e6:.0f} MB more",
+        f"{mesh.LARGEST_FILE / 1e9:.0f} GB; {parts.MAX_FACES:,} faces",
+        f"{parts.MAX_PARTS:,} parts",
+        f"{parts.MOST_TEXELS / 1e6:.0f} megapixels each, and {parts.MOST_TEXTURES:,} of them",
+        f"material file | {parts.LARGEST_MATERIALS / 1e6:.0f} MB",
+        f"session | {checks.LARGEST_FILE / 1e6:.0f} MB",
+        f"{cameras.LARGEST_FILE / 1e6:.0f} MB; as YAML or XML {cameras.MOST_LINES:,} lines",
+        f"brackets {cameras.DEEPEST_TEXT} deep; lists of more than {cameras.MOST_ENTRIES} numbers",
+        f"{colmap_model.LARGEST_FILE / 1e9:.0f} GB, a line of "
+        f"{colmap_model.LONGEST_LINE / 1e6:.0f} MB",
+        f"wheels | {marks.LARGEST_FILE / 1e6:.0f} MB",
+        f"jobs | {table.LARGEST_TABLE / 1e6:.0f} MB",
+        f"uploaded | {uploads.LARGEST_UPLOAD / 1e6:.0f} MB; a zip unpacks to "
+        f"{uploads.LARGEST_UNPACKED / 1e9:.0f} GB and {file_set.MOST_FILES:,} files",
+        f"{checks.LARGEST_PX:.0e} px".replace("e+0", "e"),
+        f"up to {checks.LARGEST_NUMBER:g}; what".replace("e+", "e"),
+        f"{errors.LONGEST_MESSAGE:,} characters",
+    ):
+        assert limit in text, limit
 
 
 def anchors_of(page: Path) -> set[str]:

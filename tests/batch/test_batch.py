@@ -233,11 +233,11 @@ def test_a_broken_result_is_done_again(scene, tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no column 'photo'"),
+        (b"", "an empty file"),
         (b"photo,model,start\n", "no rows"),
         (b"photo,model\na,b\n", "no column 'start'"),
-        (b"\xff\xfe\x00p\x00", "not UTF-8"),
-        (b'photo,model,start\n"' + b"x" * 200_000 + b'",b,c\n', "not a CSV file"),
+        (b"\xff\xfe\x00p\x00", "not a text in UTF-8"),
+        (b'photo,model,start\n"' + b"x" * 200_000 + b'",b,c\n', "not a readable table of jobs"),
     ],
     ids=["empty", "no rows", "no start", "binary", "huge field"],
 )

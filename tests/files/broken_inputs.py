@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import zlib
 from collections.abc import Callable
@@ -38,6 +39,13 @@ def make_broken_inputs(folder: Path) -> list[BrokenInput]:
             path = folder / f"{kind}-{name.replace(' ', '-')}{suffix}"
             if data is FOLDER:
                 path.mkdir()
+            elif data is PIPE:
+                os.mkfifo(path)
+            elif data is DEVICE:
+                path.symlink_to("/dev/zero")
+            elif data is HOLE:
+                with path.open("wb") as file:
+                    file.truncate(HOLE_SIZE)
             elif data is not None:
                 path.write_bytes(data if isinstance(data, bytes) else data.encode())
             made.append(BrokenInput(name, kind, path))
@@ -45,6 +53,13 @@ def make_broken_inputs(folder: Path) -> list[BrokenInput]:
 
 
 FOLDER = b"<make a folder>"
+PIPE = b"<make a pipe that nobody writes to>"
+DEVICE = b"<make a link to a device without end>"
+HOLE = b"<make a file without content that seems to be huge>"
+HOLE_SIZE = 3_000_000_000
+ODD = {"pipe": PIPE, "device": DEVICE, "hole": HOLE}
+if not hasattr(os, "mkfifo"):
+    ODD = {"hole": HOLE}
 Contents = dict[str, tuple[str, bytes | str | None]]
 
 CUBE_OBJ = (
@@ -64,7 +79,9 @@ def _models() -> Contents:
     glb, ply, stl = (_exported(box, kind) for kind in ("glb", "ply", "stl"))
     text_ply, off = _exported(box, "ply", encoding="ascii"), _exported(box, "off")
     head = PLY_HEAD.format
-    return {
+    endings = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3ds")
+    odd = {f"{what} {e[1:]}": (e, data) for what, data in ODD.items() for e in endings}
+    return odd | {
         "missing obj": (".obj", None),
         "missing glb": (".glb", None),
         "folder obj": (".obj", FOLDER),
@@ -93,9 +110,14 @@ def _models() -> Contents:
         "text as gltf": (".gltf", "Dear all,\n"),
         "gltf without meshes": (".gltf", '{"asset": {"version": "2.0"}}'),
         "gltf list": (".gltf", "[1, 2]"),
-        "gltf with a missing buffer": (".gltf", _gltf_with_missing_buffer()),
+        "gltf with a missing buffer": (".gltf", small_gltf("not-there.bin")),
         "point cloud obj": (".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
         "point cloud ply": (".ply", head(format="ascii", vertices=3, faces=0) + TRIANGLE),
+        "off of too few lines": (".off", "OFF\n4 1 0\n" + TRIANGLE + "3 0 1 2\n"),
+        "off of too many lines": (".off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 2\n3 0 1 2\n"),
+        "off of a short face": (".off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1\n"),
+        "gltf of flat positions": (".gltf", small_gltf(type="VEC2")),
+        "gltf table beyond its buffer": (".gltf", small_gltf(count=6_000_000)),
         "zero faces off": (".off", "OFF\n3 0 0\n" + TRIANGLE),
         "zero faces stl": (".stl", bytes(84)),
         "flat stl": (".stl", bytes(80) + struct.pack("<I", 1) + bytes(50)),
@@ -150,13 +172,17 @@ def _nan_stl() -> bytes:
     return bytes(80) + struct.pack("<I", 1) + numbers.tobytes() + bytes(2)
 
 
-def _gltf_with_missing_buffer() -> str:
+def small_gltf(uri: str = "data:;base64," + "AACAPwAA" * 9, **table: object) -> str:
+    """A glTF file of one triangle in a buffer of 54 bytes, at the ``uri``; ``table``: what is
+    another in its accessor.
+    """
+    accessor = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
     return json.dumps(
         {
             "asset": {"version": "2.0"},
-            "buffers": [{"uri": "not-there.bin", "byteLength": 36}],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}],
-            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+            "buffers": [{"uri": uri, "byteLength": 54}],
+            "bufferViews": [{"buffer": 0, "byteLength": 54}],
+            "accessors": [accessor | table],
             "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
             "nodes": [{"mesh": 0}],
             "scenes": [{"nodes": [0]}],
@@ -181,6 +207,7 @@ def _photos(folder: Path) -> Contents:
         "just too large tiff": (".tiff", _tiff_header(10_001, 10_000)),
         "just too large png": (".png", png_header(10_001, 10_000)),
         "png of no width": (".png", png_header(0, 10)),
+        **{f"{what} {e[1:]}": (e, odd) for what, odd in ODD.items() for e in (".jpg", ".heic")},
     }
     for suffix in (".jpg", ".png", ".tiff", ".webp", ".bmp"):
         path = folder / f"whole{suffix}"
@@ -270,6 +297,21 @@ def _poses() -> Contents:
         "camera as list": changed(lambda pose: pose.update(camera=[500, 500, 39.5, 31.5])),
         "no camera_from_model": changed(lambda pose: pose.pop("camera_from_model")),
         "parallel without scale": changed(lambda pose: pose.update(projection="parallel")),
+        **{what: (".json", data) for what, data in ODD.items()},
+        "fx beyond any lens": camera(fx=1e9),
+        "huge fy": camera(fy=1e308),
+        "tiny fx": camera(fx=1e-300),
+        "cy beyond any picture": camera(cy=1e12),
+        "huge scale": changed(
+            lambda pose: pose.update(
+                projection="parallel", camera={"scale": 1e308, "cx": 1, "cy": 1}
+            )
+        ),
+        "huge translation": changed(
+            lambda pose: pose["camera_from_model"].update(translation=[0, 1e300, 5])
+        ),
+        "very long projection": changed(lambda pose: pose.update(projection="x" * 100_000)),
+        "number of 5000 digits": (".json", text.replace("39.5", "1" + "0" * 5000)),
         "negative fx": camera(fx=-500.0),
         "zero fy": camera(fy=0),
         "fx as text": camera(fx="500"),

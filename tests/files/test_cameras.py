@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import cv2
@@ -175,6 +176,14 @@ def test_an_exact_crop_and_scaling_are_taken(tmp_path):
         load_calibration(Calibration(path, crop=(800, 0, 800, 600)), "p.png", 800, 600)
 
 
+MATRIX_TEXT = """%YAML:1.0
+---
+camera_matrix:
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 9., 0., 4., 0., 9., 3., 0., 0., 1. ]
+"""
 BROKEN = {
     "missing.yml": (None, "no such file"),
     "empty.yml": ("", "empty"),
@@ -203,6 +212,17 @@ BROKEN = {
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
     "few.txt": ("1 PINHOLE 640 480 1 1 1\n", "3 parameters"),
     "negative.txt": ("1 PINHOLE 640 480 -1 1 1 1\n", "above 0"),
+    "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),
+    "far.txt": ("1 PINHOLE 640 480 1e9 1 1 1\n", "fx is 1e+09 px"),
+    "far.json": ({"K": [[1e308, 0, 4], [0, 9, 3], [0, 0, 1]]}, "at most 1e+30"),
+    "dt.yml": (MATRIX_TEXT.replace("dt: d", "dt: q"), "dt is 'q'"),
+    "rows.yml": (MATRIX_TEXT.replace("rows: 3", "rows: -3"), "rows is -3"),
+    "count.yml": (MATRIX_TEXT.replace("rows: 3", "rows: 2"), "9 numbers in 2 rows of 3"),
+    "nul.yml": (MATRIX_TEXT + "\0", "not a text"),
+    "keys.yml": (
+        "%YAML:1.0\n---\n" + "".join(f"k{i}: 1\n" for i in range(30_000)),
+        "more than 20,000",
+    ),
     "cameras.bin": (b"\x01\x00", ".bin"),
 }
 
@@ -223,6 +243,20 @@ def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
     assert message.endswith(".")
     assert "\n" not in message
     assert capfd.readouterr().err == ""
+
+
+def test_a_matrix_of_plain_yaml_is_read(tmp_path):
+    (found,) = load_cameras(write(tmp_path / "c.yml", MATRIX_TEXT))
+    assert (found.camera.fx, found.camera.cx) == (9.0, 4.5)
+
+
+def test_what_a_calibration_holds_besides_is_passed_over(tmp_path):
+    text = MATRIX_TEXT + 'image_points:\n   rows: 1\n   cols: 9000\n   dt: "2f"\n   data: [ '
+    text += ", ".join(["1."] * 18_000) + " ]\n" + "".join(f"n{i}: {i}\n" for i in range(3000))
+    start = time.process_time()
+    (found,) = load_cameras(write(tmp_path / "c.yml", text))
+    assert found.camera.fx == 9.0
+    assert time.process_time() - start < 2.0
 
 
 def test_a_folder_is_no_calibration(tmp_path):

@@ -208,7 +208,9 @@ def test_files_too_large_for_any_photo_are_not_read(tmp_path: Path) -> None:
     path = tmp_path / "large.png"
     with path.open("wb") as file:
         file.truncate(2_000_000_001)  # a hole, which takes no place
-    with pytest.raises(PhotoFileError, match=r"^large\.png: 2,000,000,001 bytes, more than any"):
+    with pytest.raises(
+        PhotoFileError, match=r"^large\.png: 2,000,000,001 bytes; poseviewer takes a photo"
+    ):
         load_photo(path)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, PoseViewerError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, checked_camera
 from poseviewer.files.photo import SAME, load_photo, photo_text, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.writing import sha256_of, write_whole
@@ -288,6 +288,7 @@ def make_record(
     undistorted photo.
     """
     undistortion = None
+    pose = replace(pose, camera=checked_camera(reading, pose.camera))
     if lens is not None and isinstance(pose.camera, Perspective):
         undistortion = Undistortion.of(lens, pose.camera)
         pose = replace(pose, camera=undistortion.camera)

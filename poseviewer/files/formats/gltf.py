@@ -40,7 +40,7 @@ from poseviewer.files.formats.conversion import (
     write_new,
 )
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
-from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
+from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
@@ -299,8 +299,8 @@ def read_gltf(path: Path, request: Request) -> PoseRecord:
 
     The scene's world is taken for the model's frame.
     """
-    reading = Reading(path)
-    document = reading.object(_load_document(reading, path), "its content")
+    reading = Reading(path, kind="glTF file", largest=LARGEST_FILE)
+    document = reading.object(_load_document(reading), "its content")
     try:
         nodes = document.get("nodes", [])
         indices = [i for i, node in enumerate(nodes) if "camera" in node]
@@ -321,9 +321,9 @@ def read_gltf(path: Path, request: Request) -> PoseRecord:
     return make_record(reading, pose, unit=request.unit or "m")
 
 
-def _load_document(reading: Reading, path: Path) -> Any:
+def _load_document(reading: Reading) -> Any:
     try:
-        with path.open("rb") as file:
+        with reading.open() as file:
             head = file.read(20)
             if head[:4] == b"glTF" and len(head) == 20:
                 length = struct.unpack("<I", head[12:16])[0]

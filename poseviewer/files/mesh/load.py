@@ -12,16 +12,21 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.errors import MeshFileError
+from poseviewer.errors import MeshFileError, printable
+from poseviewer.files.checks import Reading
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.obj import read_obj
+from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import (
+    MAX_PARTS,
     Part,
-    load_texture,
+    load_textures,
     no_faces,
+    noted,
     refuse_if_huge,
     refuse_many_words,
     texture_from_image,
+    texture_side,
 )
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
@@ -33,13 +38,19 @@ if TYPE_CHECKING:
 
 Read = tuple[list[Part], list[str]]
 
-LARGEST_FILE = 4_000_000_000
-"""Bytes: 200 for each face of the largest model."""
+LARGEST_FILE = 2_000_000_000
+"""Bytes: 100 for each face of the largest model; the reader takes a small multiple of it."""
 STL_HEADER, STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file: before the triangles, and for each."""
 STL_SHORTEST_FACET = 60
 """Bytes of a facet in a text STL file, at the least."""
 GLTF = (".glb", ".gltf")
+GLB_START, GLB_CHUNK = 12, 8
+"""Bytes of the headers of a GLB file and of each of its chunks; the first chunk is JSON."""
+GLB_HEADER = GLB_START + GLB_CHUNK
+GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+GLTF_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""Bytes of a number, by OpenGL's numbers of types."""
 GLTF_TRIANGLES = 4
 """glTF's mode for a list of triangles; strips and fans have nearly a face for each corner."""
 
@@ -54,53 +65,17 @@ def load_mesh(path: str | Path) -> Mesh:
     Raises:
         MeshFileError: there is no such file, or it cannot be used as a surface mesh.
     """
-    path = Path(path)
+    path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()
-    reader = _reader_for(path)
-    try:
-        with quiet_libraries():
-            parts, notes = reader(path)
-    except MeshFileError:
-        raise
-    except OSError as error:
-        raise MeshFileError(
-            f"{path.name}: cannot be read ({error.strerror or error}); check the file."
-        ) from error
-    except MemoryError as error:
-        raise MeshFileError(f"{path.name}: too large for this machine's memory.") from error
-    except Exception as error:  # third-party parsers raise anything on damaged files
-        raise MeshFileError(
-            f"{path.name}: not a readable {ending[1:].upper()} file ({_first_line(error)}); is it "
-            "whole? Export it again."
-        ) from error
-    return as_mesh(path.name, parts, notes, ending in GLTF)
-
-
-def _reader_for(path: Path) -> Callable[[Path], Read]:
-    """The reader for a path that has been looked at: a file, not empty, of a known kind."""
-    known = ", ".join(READERS)
-    if path.is_dir():
-        raise MeshFileError(f"{path.name or path}: is a folder; wanted a model file ({known}).")
-    if not path.is_file():
-        raise MeshFileError(f"{path.name}: no such file in {path.parent}; check the path.")
-    reader, size = READERS.get(path.suffix.lower()), path.stat().st_size
-    if reader is None:
-        raise MeshFileError(
-            f"{path.name}: unknown kind of model file {path.suffix!r}; wanted one of {known}."
-        )
-    if size == 0:
-        raise MeshFileError(f"{path.name}: an empty file; wanted a model, copy or export it again.")
-    if size > LARGEST_FILE:
-        raise MeshFileError(
-            f"{path.name}: {size:,} bytes; poseviewer takes up to {LARGEST_FILE:,}, "
-            "simplify the model first."
-        )
-    return reader
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0][:120] if lines else type(error).__name__
+    kind = f"{ending[1:].upper()} file" if ending in READERS else f"model file ({known})"
+    reading = Reading(path, [], MeshFileError, kind, LARGEST_FILE)
+    with reading.said(), quiet_libraries():
+        reading.look()
+        if ending not in READERS:
+            found = f"unknown kind of model file {path.suffix!r}"
+            raise reading.error(found, f"wanted one of {known}")
+        parts, notes = READERS[ending](path)
+        return as_mesh(printable(path.name), parts, notes, ending in GLTF)
 
 
 def _read_3ds(path: Path) -> Read:
@@ -116,6 +91,8 @@ def _read_3ds(path: Path) -> Read:
     parts: list[Part] = []
     notes: list[str] = []
     shown = 0
+    names = [_picture_3ds(material) for material in scene.materials]
+    textures = load_textures(path.parent, filter(None, names), notes)
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
     root: Any = scene.root_node
     stack = [(root, np.eye(4))]
@@ -125,19 +102,24 @@ def _read_3ds(path: Path) -> Read:
         for mesh in (scene.meshes[index] for index in node.mesh_indices):
             shown += len(mesh.indices) // 3
             refuse_if_huge(path.name, shown)  # nodes may show one mesh again and again
-            part = _assimp_part(path, node.name, mesh, scene.materials[mesh.material_index], notes)
-            parts.append(part.moved(matrix))
+            refuse_if_huge(path.name, len(parts), "parts", MAX_PARTS)
+            material = scene.materials[mesh.material_index]
+            texture = textures.get(_picture_3ds(material) or "")
+            parts.append(_assimp_part(node.name, mesh, material, texture).moved(matrix))
     return parts, notes
 
 
-def _assimp_part(path: Path, name: str, mesh: Any, material: Any, notes: list[str]) -> Part:
+def _picture_3ds(material: Any) -> str | None:
+    names = material.get("TEXTURES", {}).get(1)
+    return names[0] if names else None
+
+
+def _assimp_part(name: str, mesh: Any, material: Any, texture: NDArray | None) -> Part:
     vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
     faces = np.array(mesh.indices, dtype=np.int64).reshape(-1, 3)
-    names, texture, uvs = material.get("TEXTURES", {}).get(1), None, None
-    if names and mesh.texcoords:
-        texture = load_texture(path.parent, names[0], notes)
-        if texture is not None:
-            uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
+    texture, uvs = texture if mesh.texcoords else None, None
+    if texture is not None:
+        uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
     diffuse = material.get("COLOR_DIFFUSE")
     colours = None if diffuse is None or texture is not None else np.asarray(diffuse)[:3]
     return Part(name, vertices, faces, None, colours, uvs, texture)
@@ -164,23 +146,6 @@ def _read_stl(path: Path) -> Read:
     else:
         refuse_if_huge(path.name, count)
     return _read_scene(path)
-
-
-def _read_off(path: Path) -> Read:
-    with path.open("rb") as file:
-        words = b" ".join(line.split(b"#")[0] for line in file.read(4096).splitlines()).split()
-    if not words or words[0] not in (b"OFF", b"COFF"):
-        raise MeshFileError(f"{path.name}: no OFF header; is it an OFF file? Export it again.")
-    for word, what in zip(words[1:3], ("vertices", "faces"), strict=False):
-        if word.isdigit():
-            refuse_if_huge(path.name, int(word), what)
-    try:
-        return _read_scene(path)
-    except (ValueError, IndexError) as error:
-        raise MeshFileError(
-            f"{path.name}: its lines do not fit its header ({_first_line(error)}); it is damaged "
-            "or cut short, export it again."
-        ) from error
 
 
 def _read_gltf(path: Path) -> Read:
@@ -210,18 +175,25 @@ def gltf_header(path: Path) -> Any:
     Raises:
         MeshFileError, ValueError: it is not one, or cut short.
     """
-    data = path.read_bytes()
-    if path.suffix.lower() == ".gltf":
-        return json.loads(data)
-    if len(data) < 20 or data[:4] != b"glTF":
-        raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
-    length, json_length = struct.unpack("<II", data[8:16])
-    if length > len(data):
-        raise MeshFileError(
-            f"{path.name}: {len(data):,} bytes of {length:,}; it is cut short, "
-            "copy or export it again."
-        )
-    return json.loads(data[20 : 20 + json_length])
+    with path.open("rb") as file:
+        if path.suffix.lower() == ".gltf":
+            return json.loads(file.read())
+        head, size = file.read(GLB_HEADER), path.stat().st_size
+        if len(head) < GLB_HEADER or head[:4] != b"glTF":
+            raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
+        (length,) = struct.unpack("<I", head[8:12])
+        at, need = GLB_START, length
+        while at + GLB_CHUNK <= size:  # of every chunk, its length
+            file.seek(at)
+            at += GLB_CHUNK + struct.unpack("<I", file.read(4))[0]
+            need = max(need, at)
+        if need > size:
+            raise MeshFileError(
+                f"{path.name}: {size:,} bytes of {need:,}; it is cut short, "
+                "copy or export it again."
+            )
+        file.seek(GLB_HEADER)
+        return json.loads(file.read(struct.unpack("<I", head[12:16])[0]))
 
 
 def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
@@ -232,22 +204,46 @@ def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
 
 
 def _refuse_huge_gltf(name: str, header: dict[str, Any]) -> None:
-    """A mesh counts as often as nodes show it, and a table without bytes in the file is made of
-    zeros: both make much of little.
+    """Tables may lie over each other in the file, and those without bytes in it are made of zeros;
+    a mesh counts as often as nodes show it: all of these make much of little.
     """
-    tables, faces = header.get("accessors", []), []
+    tables, nodes = header.get("accessors", []), header.get("nodes", [])
+    faces, vertices, parts = [], [], 0
     for mesh in header.get("meshes", []):
         faces.append(0)
+        vertices.append(0)
         for primitive in mesh.get("primitives", []):
-            table = primitive.get("indices", primitive.get("attributes", {}).get("POSITION"))
-            corners = 0 if table is None else tables[table]["count"]
+            at = primitive.get("attributes", {}).get("POSITION")
+            points = 0 if at is None else tables[at]["count"]
+            corners = tables[primitive["indices"]]["count"] if "indices" in primitive else points
             triangles = primitive.get("mode", GLTF_TRIANGLES) == GLTF_TRIANGLES
             faces[-1] += corners // 3 if triangles else corners
-    shown = [node["mesh"] for node in header.get("nodes", []) if "mesh" in node]
+            vertices[-1] += points
+            parts += 1
+    shown = [node["mesh"] for node in nodes if "mesh" in node]
     refuse_if_huge(name, sum(faces[mesh] for mesh in shown))
+    refuse_if_huge(name, max(sum(vertices), sum(vertices[mesh] for mesh in shown)), "vertices")
+    refuse_if_huge(name, max(len(nodes), parts), "parts", MAX_PARTS)
     refuse_if_huge(name, max((a["count"] for a in tables), default=0) // 3, "triples of numbers")
     empty = sum(a["count"] for a in tables if "bufferView" not in a)
     refuse_if_huge(name, empty // 3, "triples of zeros")
+    if sum(_bytes_of_table(name, header, table) for table in tables) > LARGEST_FILE:
+        raise MeshFileError(f"{name}: its tables make much of little; export it again.")
+
+
+def _bytes_of_table(name: str, header: dict[str, Any], table: dict[str, Any]) -> int:
+    """What a table takes in memory; it is refused where it ends behind the bytes that it names."""
+    row = GLTF_COLUMNS[table["type"]] * GLTF_SIZES[table["componentType"]]
+    count = table["count"]
+    if "bufferView" in table and count:
+        view = header["bufferViews"][table["bufferView"]]
+        end = table.get("byteOffset", 0) + (count - 1) * view.get("byteStride", row) + row
+        if end > view["byteLength"]:
+            raise MeshFileError(
+                f"{name}: a table of {count:,} rows needs {end:,} bytes and has "
+                f"{view['byteLength']:,}; it is damaged, export it again."
+            )
+    return row * count
 
 
 def _read_scene(path: Path, linear: bool = False) -> Read:
@@ -264,33 +260,68 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
 
     beside = Beside(str(path))
     scene = trimesh.load_scene(path, resolver=beside, process=False, maintain_order=True)
-    parts: list[Part] = []
+    places, parents = {scene.graph.base_frame: np.eye(4)}, scene.graph.transforms.parents
+    edges = scene.graph.transforms.edge_data
+
+    def place(node: str) -> NDArray:
+        """World from node; each is looked for once, that long chains take no square of time."""
+        above: dict[str, None] = {}
+        while node not in places:
+            if node in above:
+                raise ValueError("a node is above itself")
+            above[node] = None
+            node = parents[node]
+        matrix = places[node]
+        for below in reversed(above):
+            matrix = places[below] = matrix @ edges[node, below].get("matrix", np.eye(4))
+            node = below
+        return matrix
+
+    shown = []
     notes: list[str] = []
-    images: dict[int, NDArray | None] = {}
     for node in scene.graph.nodes_geometry:
-        matrix, geometry_name = scene.graph[node]
-        geometry: Any = scene.geometry[geometry_name]
+        geometry: Any = scene.geometry[scene.graph.transforms.node_data[node]["geometry"]]
+        shown.append((node, place(node), geometry))
+    pictures = _textures_of([geometry for _, _, geometry in shown], notes)
+    parts: list[Part] = []
+    for node, matrix, geometry in shown:
         if not isinstance(geometry, trimesh.Trimesh):
             parts += no_faces(np.asarray(geometry.vertices)[:, :3])
             continue
         name = ""
         if path.suffix.lower() in GLTF:
             # trimesh adds a random suffix where a node's mesh has several primitives.
-            parent = scene.graph.transforms.parents.get(node)
+            parent = parents.get(node)
             name = parent if parent is not None and node.startswith(f"{parent}_") else node
-        part = _trimesh_part(name, geometry, linear, images, notes)
-        parts.append(part.moved(np.asarray(matrix)))
+        parts.append(_trimesh_part(name, geometry, linear, pictures).moved(matrix))
     return parts, notes
 
 
+def _textures_of(geometries: list[Any], notes: list[str]) -> dict[int, NDArray]:
+    """The pictures of all geometries by their ids, each decoded once; trimesh need not keep them
+    decoded as well.
+    """
+    images = {id(image): image for image in map(_picture_of, geometries) if image is not None}
+    side = texture_side([image.size for image in images.values()], notes)
+    found = {}
+    for key, image in images.items():
+        with noted("a picture", notes):
+            found[key] = texture_from_image(image, side)
+            image.close()
+    return found
+
+
+def _picture_of(geometry: Any) -> Any:
+    """Of its colour; None where it has none that can be laid on it."""
+    visual = getattr(geometry, "visual", None)
+    if getattr(visual, "kind", None) != "texture" or visual.uv is None:
+        return None
+    return getattr(visual.material, "baseColorTexture", None)
+
+
 def _trimesh_part(
-    name: str,
-    geometry: trimesh.Trimesh,
-    linear: bool,
-    images: dict[int, NDArray | None],
-    notes: list[str],
+    name: str, geometry: trimesh.Trimesh, linear: bool, pictures: dict[int, NDArray]
 ) -> Part:
-    """``images``: textures by their pictures' ids, each decoded once for all the parts."""
     visual: Any = geometry.visual
     colours, texture, uvs = None, None, None
     if visual.kind == "vertex":
@@ -303,15 +334,9 @@ def _trimesh_part(
             extra = np.asarray(extra)[:, :3]
             top = np.iinfo(extra.dtype).max if extra.dtype.kind in "iu" else 1.0
             colours = colours * (extra / top)
-        image = getattr(visual.material, "baseColorTexture", None)
-        if image is not None and visual.uv is not None:
-            if id(image) not in images:
-                images[id(image)] = None
-                try:
-                    images[id(image)] = texture_from_image(image)
-                except OSError as error:
-                    notes.append(f"Texture left out: {_first_line(error)}.")
-            texture, uvs = images[id(image)], visual.uv
+        image = _picture_of(geometry)
+        if image is not None:
+            texture, uvs = pictures.get(id(image)), visual.uv
     if colours is not None and linear:
         colours = srgb_from_linear(colours)
     # Asking for vertex_normals would compute them; only the cache tells whether the file had some.
@@ -334,7 +359,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".obj": read_obj,
     ".ply": read_ply,
     ".stl": _read_stl,
-    ".off": _read_off,
+    ".off": read_off,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
     ".3ds": _read_3ds,

@@ -17,14 +17,17 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.parts import (
     MAX_FACES,
+    MAX_PARTS,
     Part,
     colours_from_numbers,
     fan_corners,
-    load_texture,
+    load_textures,
+    material_text,
     no_faces,
     numbers_from_text,
     refuse_if_huge,
     refuse_many_words,
+    split_by,
 )
 
 SHORTEST_FACE = len("f 1 2 3\n")
@@ -62,8 +65,8 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
     _refuse_many_corners(path.name, lines.f)
     vertices, colours = _read_vertices(path.name, lines.v)
-    uvs = _read_table(path.name, "vt", lines.vt, 2)
-    normals = _read_table(path.name, "vn", lines.vn, 3)
+    uvs = read_table(path.name, "vt", lines.vt, 2)
+    normals = read_table(path.name, "vn", lines.vn, 3)
     notes: list[str] = []
     counts, corners = _read_faces(path.name, lines.f)
     triangles = fan_corners(path.name, counts)
@@ -77,13 +80,14 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
     materials = _read_materials(path, lines.libraries, notes)
     which, keys = _part_of_face(lines)
-    part_of_triangle = np.repeat(which, np.maximum(counts - 2, 0))
+    refuse_if_huge(path.name, len(keys), "parts", MAX_PARTS)
+    of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     parts = []
     missing = sorted({m for _, m in keys if m and m not in materials})
     if missing and materials:
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
-    for i, (name, material) in enumerate(keys):
-        used = corners[triangles[part_of_triangle == i]]
+    for (name, material), own in zip(keys, of_part, strict=True):
+        used = corners[triangles[own]]
         if len(used):
             found = materials.get(material, Material())
             parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
@@ -140,7 +144,7 @@ def _absolute(face: str, lines: _Lines) -> str:
         return face  # not a number: refused where the faces are read
 
 
-def _read_table(name: str, kind: str, lines: list[str], columns: int) -> NDArray:
+def read_table(name: str, kind: str, lines: list[str], columns: int) -> NDArray:
     """(N, columns) of the first numbers of each line; further ones are dropped."""
     if not lines:
         return np.zeros((0, columns))
@@ -171,9 +175,9 @@ def _read_vertices(name: str, lines: list[str]) -> tuple[NDArray, NDArray | None
     """Vertices (V, 3), and colours (V, 3) where every vertex line has them behind its place."""
     has_colours = bool(lines) and len(lines[0].split()) >= 6
     if has_colours and all(len(line.split()) >= 6 for line in lines):
-        table = _read_table(name, "v", lines, 6)
+        table = read_table(name, "v", lines, 6)
         return table[:, :3], colours_from_numbers(table[:, 3:])
-    return _read_table(name, "v", lines, 3), None
+    return read_table(name, "v", lines, 3), None
 
 
 def _read_faces(name: str, lines: list[str]) -> tuple[NDArray, NDArray]:
@@ -283,32 +287,30 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
         if found is None:
             notes.append(f"Material file left out: {bare_name(library)} is not there.")
             continue
-        text = found.read_text(encoding="utf-8", errors="replace")
-        materials.update(_parse_mtl(text, found.parent, notes))
+        materials.update(_parse_mtl(found, notes))
     return materials
 
 
-def _parse_mtl(text: str, folder: Path, notes: list[str]) -> dict[str, Material]:
-    materials: dict[str, Material] = {}
-    textures: dict[str, NDArray | None] = {}
+def _parse_mtl(path: Path, notes: list[str]) -> dict[str, Material]:
+    """A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it."""
+    colours: dict[str, NDArray | None] = {}
+    files: dict[str, str] = {}
     name = None
-    for line in text.splitlines():
+    for line in material_text(path).splitlines():
         word, _, rest = line.strip().partition(" ")
         rest, word = rest.strip(), word.lower()
         if word == "newmtl":
             name = rest
-            materials[name] = Material()
+            colours[name] = None
+            files.pop(name, None)
         elif name is None or not rest:
             continue
         elif word == "kd":
-            materials[name] = Material(_diffuse(rest), materials[name].texture)
+            colours[name] = _diffuse(rest)
         elif word == "map_kd":
-            file = without_options(rest)
-            if file not in textures:
-                textures[file] = load_texture(folder, file, notes)
-            # A texture replaces Kd, as in Blender: many exporters write Kd 0 beside it.
-            materials[name] = Material(materials[name].diffuse, textures[file])
-    return materials
+            files[name] = without_options(rest)
+    textures = load_textures(path.parent, files.values(), notes)
+    return {n: Material(colour, textures.get(files.get(n, ""))) for n, colour in colours.items()}
 
 
 def _diffuse(text: str) -> NDArray | None:

@@ -4,7 +4,8 @@ the limits on them, since small files can promise huge models.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,14 +14,22 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.checks import Reading
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.quiet import quiet_libraries
 
 MAX_FACES = 20_000_000
 CHUNK = 1 << 24
 """Bytes of a file looked at in one piece."""
+MAX_PARTS = 50_000
+"""Each is cut out and mended by itself: so many take half a minute."""
 LARGEST_SIDE = 8192
 """px of a texture; longer ones are shrunk."""
+MOST_TEXELS = 100_000_000
+"""Of all textures of a model, and of one before it is shrunk: more than any photo shows of it."""
+MOST_TEXTURES = 2000
+LARGEST_MATERIALS = 50_000_000
+"""Bytes of a material file: a hundred thousand materials have fewer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,27 +66,43 @@ class Part:
         vertices = self.vertices @ linear.T + matrix[:3, 3]
         return replace(self, vertices=vertices, faces=faces, normals=normals)
 
+    def of_faces(self, which: NDArray) -> Part:
+        """Those of its faces, with their vertices alone."""
+        used, faces = np.unique(np.asarray(self.faces)[which], return_inverse=True)
+        colours = self.colours
+        return replace(
+            self,
+            vertices=self.vertices[used],
+            faces=faces.reshape(-1, 3),
+            normals=None if self.normals is None else self.normals[used],
+            colours=colours if colours is None or colours.ndim == 1 else colours[used],
+            uvs=None if self.uvs is None else self.uvs[used],
+        )
+
 
 def no_faces(vertices: NDArray) -> list[Part]:
     """A cloud of points (V, 3), to be refused with its size."""
     return [Part("", vertices, np.zeros((0, 3), int))]
 
 
-def refuse_if_huge(name: str, count: int, what: str = "faces") -> None:
+def refuse_if_huge(name: str, count: int, what: str = "faces", most: int = MAX_FACES) -> None:
     """Raise MeshFileError when a file has or promises more than poseviewer takes."""
-    if count > MAX_FACES:
+    if count > most:
         raise MeshFileError(
-            f"{name}: {count:,} {what}; poseviewer takes up to {MAX_FACES:,}, "
-            "simplify the model first."
+            f"{name}: {count:,} {what}; poseviewer takes up to {most:,}, simplify the model first."
         )
 
 
 def refuse_many_words(path: Path, shortest: int, words: Mapping[bytes, str]) -> None:
-    """Raise MeshFileError where a text has too many of some words, by what they stand for.
+    """Raise MeshFileError where a text has too many of some words, by what they stand for, or is
+    none.
 
     Each word comes with at least ``shortest`` bytes, so that most files need not be looked at.
     """
     if path.stat().st_size > MAX_FACES * shortest:
+        with path.open("rb") as file:
+            if b"\0" in file.read(CHUNK):
+                raise MeshFileError(f"{path.name}: not a text; export it again.")
         for word, what in words.items():
             refuse_if_huge(path.name, count_of_word(path, word), what)
 
@@ -124,29 +149,81 @@ def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:
     return np.clip(np.nan_to_num(values) / scale, 0.0, 1.0)
 
 
-def load_texture(folder: Path, name: str, notes: list[str]) -> NDArray[np.uint8] | None:
-    """The picture ``name`` of a model in ``folder`` as RGB (h, w, 3); None, and a note, where there
-    is none that can be read.
+def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
+    """For each number below ``count``, where it stands in ``which`` (N,), in order."""
+    order = np.argsort(which, kind="stable")
+    return np.split(order, np.searchsorted(which[order], np.arange(1, count)))
+
+
+def material_text(path: Path) -> str:
+    """What a material file says; raises MeshFileError where it cannot be one."""
+    reading = Reading(path, [], MeshFileError, "material file", LARGEST_MATERIALS)
+    with reading.said(), reading.open() as file:
+        return file.read().decode("utf-8", "replace")
+
+
+def load_textures(
+    folder: Path, names: Iterable[str], notes: list[str]
+) -> dict[str, NDArray[np.uint8]]:
+    """The pictures that a model in ``folder`` names, as RGB (h, w, 3), by their names; without
+    those that are not there or cannot be read, of which a note is made.
     """
-    path = find_named(folder, name)
-    if path is None:
-        notes.append(f"Texture left out: {bare_name(name)} is not there.")
-        return None
+    names = list(dict.fromkeys(names))
+    if len(names) > MOST_TEXTURES:
+        notes.append(f"Textures left out: all but {MOST_TEXTURES:,} of {len(names):,}.")
+    paths: dict[str, Path] = {}
+    for name in names[:MOST_TEXTURES]:
+        path = find_named(folder, name)
+        if path is None:
+            notes.append(f"Texture left out: {bare_name(name)} is not there.")
+        else:
+            paths[name] = path.resolve()
+    sizes: dict[Path, tuple[int, int]] = {}
+    for path in paths.values():
+        with noted(path.name, notes), Image.open(path) as image:
+            sizes[path] = image.size
+    side = texture_side(sizes.values(), notes)
+    found: dict[Path, NDArray[np.uint8]] = {}
+    for path in sizes:
+        with noted(path.name, notes), Image.open(path) as image:
+            found[path] = texture_from_image(image, side)
+    return {name: found[path] for name, path in paths.items() if path in found}
+
+
+@contextmanager
+def noted(name: str, notes: list[str]) -> Iterator[None]:
+    """What goes wrong with a picture inside becomes a note: a model without it is still one."""
     try:
-        with quiet_libraries(), Image.open(path) as image:
-            return texture_from_image(image)
+        with quiet_libraries():
+            yield
     except Image.DecompressionBombError:
-        notes.append(f"Texture left out: {path.name} has too many pixels.")
+        notes.append(f"Texture left out: {name} has too many pixels.")
     except OSError as error:
         notes.append(f"Texture left out: {error}.")
-    return None
 
 
-def texture_from_image(image: Image.Image) -> NDArray[np.uint8]:
-    """RGB (h, w, 3) of a picture; raises OSError where it is damaged or has too many pixels."""
+def texture_side(sizes: Iterable[tuple[int, int]], notes: list[str]) -> int:
+    """The longest side, px, to which textures of these sizes are shrunk, that they do not have too
+    many pixels together; a note is made of it.
+    """
+    shapes = np.array([size for size in sizes if max(size) > 0], dtype=float).reshape(-1, 2)
+    side, areas, longest = LARGEST_SIDE, shapes.prod(axis=1), shapes.max(axis=1, initial=1.0)
+    while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MOST_TEXELS:
+        side = side * 4 // 5
+    if side < LARGEST_SIDE:
+        notes.append(f"Textures shrunk to {side} px: together they are very large.")
+    return side
+
+
+def texture_from_image(image: Image.Image, side: int = LARGEST_SIDE) -> NDArray[np.uint8]:
+    """RGB (h, w, 3) of a picture, at most ``side`` px long; raises OSError where it is damaged,
+    Pillow's own error where it has too many pixels.
+    """
+    if image.width * image.height > MOST_TEXELS:
+        raise Image.DecompressionBombError
     try:
-        if max(image.size) > LARGEST_SIDE:
-            image.thumbnail((LARGEST_SIDE, LARGEST_SIDE))
+        if max(image.size) > side:
+            image.thumbnail((side, side))
         return np.asarray(image.convert("RGB"))
     except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error

@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import (
+    MAX_PARTS,
     Part,
     colours_from_numbers,
     fan_corners,
-    load_texture,
+    load_textures,
     no_faces,
     numbers_from_text,
     refuse_if_huge,
+    split_by,
 )
 
 TYPES = {
@@ -33,6 +35,8 @@ TYPES = {
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+LONGEST_HEADER = 1_000_000
+"""Bytes."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 Lists = tuple[NDArray[np.int64], NDArray]
@@ -58,8 +62,10 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     Raises:
         MeshFileError: not a PLY file, cut short, or without the columns that a surface needs.
     """
-    data = path.read_bytes()
-    elements, encoding, textures, at = read_header(path.name, data)
+    with path.open("rb") as file:
+        data = file.read(LONGEST_HEADER)
+        elements, encoding, textures, at = read_header(path.name, data)
+        data += file.read()
     for element in elements:
         what = {"vertex": "vertices", "face": "faces"}.get(element.name, "rows")
         refuse_if_huge(path.name, element.count, what)
@@ -229,9 +235,9 @@ def _parts(
     texcoord: Lists | None = face.get("texcoord")
     per_corner = texcoord is not None and np.array_equal(texcoord[0], 2 * polygons[0])
     triangles = np.maximum(polygons[0] - 2, 0)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        return [Part("", vertices, faces)], []  # refused by whoever checks the indices
     if face_colours is not None or per_corner:
-        if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-            return [Part("", vertices, faces)], []  # refused by whoever checks the indices
         # What belongs to faces is given to corners, each a vertex of its own.
         source, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
         vertices = vertices[source]
@@ -245,12 +251,16 @@ def _parts(
     part = Part("", vertices, faces, normals, colours, uvs)
     if not textures or uvs is None:
         return [part], []
-    which, numbers = np.zeros(len(faces), dtype=int), face.get("texnumber")
-    if numbers is not None and len(textures) > 1:
-        which = np.repeat(numbers, triangles).astype(int)
-    parts, notes = [], []
-    for i in np.unique(which):
-        name = textures[i] if 0 <= i < len(textures) else "?"
-        texture = load_texture(path.parent, name, notes)
-        parts.append(replace(part, faces=faces[which == i], texture=texture))
+    refuse_if_huge(path.name, len(textures), "textures", MAX_PARTS)
+    notes: list[str] = []
+    pictures = load_textures(path.parent, textures, notes)
+    numbers = face.get("texnumber")
+    if numbers is None or len(textures) == 1:
+        return [replace(part, texture=pictures.get(textures[0]))], notes
+    which = np.repeat(numbers, triangles).astype(np.int64)
+    which[(which < 0) | (which >= len(textures))] = len(textures)
+    parts = []
+    for name, own in zip([*textures, "?"], split_by(which, len(textures) + 1), strict=True):
+        if len(own):
+            parts.append(replace(part.of_faces(own), texture=pictures.get(name)))
     return parts, notes

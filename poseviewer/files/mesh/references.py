@@ -11,12 +11,11 @@ from urllib.parse import unquote
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import gltf_header
 from poseviewer.files.mesh.obj import without_options
-from poseviewer.files.mesh.ply import read_header
+from poseviewer.files.mesh.parts import material_text
+from poseviewer.files.mesh.ply import LONGEST_HEADER, read_header
 
 PICTURE_WORDS = ("bump", "disp", "decal", "norm", "refl")
 """Of an MTL file, beside all that begin with ``map_``."""
-LONGEST_HEADER = 1_000_000
-"""Bytes of a PLY header."""
 MTLLIB = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 PICTURE_3DS = re.compile(rb"\x00\xa3(.{4})([^\x00]{1,255})\x00", re.DOTALL)
 """The chunk 0xA300, the file name of a material's picture: its id, its length, the name."""
@@ -43,7 +42,7 @@ def _of_obj(path: Path) -> dict[str, bool]:
 
 def _of_mtl(path: Path) -> dict[str, bool]:
     names: dict[str, bool] = {}
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in material_text(path).splitlines():
         word, _, rest = line.strip().partition(" ")
         name, word = without_options(rest.strip()), word.lower()
         if name and (word.startswith("map_") or word in PICTURE_WORDS):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.errors import MeshFileError
+from poseviewer.errors import MeshFileError, printable
+from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
 from poseviewer.files.mesh.parts import Part, refuse_if_huge
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import (
@@ -19,12 +20,12 @@ from poseviewer.geometry.normals import (
 
 GREY = 0.8
 """Reflectance where a file says nothing about colour."""
-LARGEST_COORDINATE = 1e30
-"""Beyond it, products of coordinates leave the range of floating-point numbers."""
 LEAST_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
+LONGEST_NOTE = 300
+"""Characters."""
 NO_NORMALS = np.zeros((0, 3))
 
 
@@ -64,8 +65,9 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) 
         MeshFileError: no triangles, or coordinates or indices that cannot be.
     """
     _check(name, parts)
-    parts = [part for part in parts if len(part.faces)]
-    textures, surface = _merge(parts, list(dict.fromkeys(notes)))
+    parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]
+    notes = [printable(note, LONGEST_NOTE) for note in dict.fromkeys(notes)]
+    textures, surface = _merge(parts, notes)
     _drop_useless_faces(name, surface)
     if len(surface.normals):
         _turn_to_normals(surface)
@@ -99,6 +101,11 @@ def _check(name: str, parts: list[Part]) -> None:
         )
     refuse_if_huge(name, sum(len(part.faces) for part in parts))
     for part in parts:
+        if np.shape(part.vertices)[1:] != (3,):
+            raise MeshFileError(
+                f"{name}: positions of {np.shape(part.vertices)[-1]} numbers; a vertex has 3, "
+                "export it again."
+            )
         bad = int(np.sum(~np.isfinite(part.vertices).all(axis=1)))
         if bad:
             raise MeshFileError(

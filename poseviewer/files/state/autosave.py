@@ -106,7 +106,8 @@ def load_autosave(path: Path) -> AutosavedSession:
     """
     reading = Reading(path, largest=LARGEST_FILE)
     try:
-        return _from_json(reading, reading.load_object())
+        with reading.said():
+            return _from_json(reading, reading.load_object())
     except PoseFileError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         raise AutosaveError(
@@ -170,8 +171,9 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
 
 
 def _path(reading: Reading, value: Any, what: str) -> Path | None:
-    text = reading.text(value, what)
-    return None if text is None else Path(text)
+    """A path may hold bytes that are no text, and is kept as it is."""
+    reading.text(value, what)
+    return None if value is None else Path(value)
 
 
 def _name(reading: Reading, value: Any, what: str) -> str:
@@ -180,7 +182,10 @@ def _name(reading: Reading, value: Any, what: str) -> str:
 
 def _paths(reading: Reading, value: Any, what: str) -> tuple[Path, ...]:
     """Sessions of earlier versions have none."""
-    return () if value is None else tuple(map(Path, reading.texts(value, what)))
+    if value is None:
+        return ()
+    reading.texts(value, what)
+    return tuple(map(Path, value))
 
 
 def _mask(reading: Reading, value: Any, what: str) -> Mask | None:

@@ -14,7 +14,8 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import IO, Literal
 
-from poseviewer.errors import FileSetError
+from poseviewer.errors import FileSetError, printable
+from poseviewer.files.checks import Reading
 from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
@@ -86,10 +87,8 @@ def keep_zip(folder: Path, path: Path) -> Path:
     Raises:
         FileSetError: as there, or the zip cannot be read.
     """
-    try:
-        return keep_set(folder, pack([(path.name, path.read_bytes())]))
-    except OSError as error:
-        raise FileSetError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+    reading = Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED)
+    return keep_set(folder, pack([(path.name, reading.load_bytes())]))
 
 
 def gathered(
@@ -164,12 +163,7 @@ def why_not_sent(name: str, trouble: Literal["unreadable", "empty"]) -> str:
 def display_name(name: str) -> str:
     """A name from a browser as text that is safe to show: one line, at most 80 characters."""
     last = re.split(r"[/\\]", name)[-1]
-    # No control, format (which can turn the reading direction) or lone surrogate characters.
-    shown = " ".join("".join(c if c.isprintable() else " " for c in last).split())
-    if len(shown) > LONGEST_NAME:
-        half = LONGEST_NAME // 2 - 1
-        shown = f"{shown[:half]}…{shown[-half:]}"
-    return shown or "unnamed"
+    return printable(last.strip(), LONGEST_NAME) or "unnamed"
 
 
 def _unpacked(data: bytes) -> list[tuple[str, bytes]]:
@@ -208,7 +202,9 @@ def _unzip(file: IO[bytes], name: str, place: Path) -> None:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with archive.open(entry) as source, path.open("wb") as target:
                     shutil.copyfileobj(source, target)
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, ValueError, RuntimeError) as error:
+    except (OSError, FileSetError):  # the disk's; a path that leads out
+        raise
+    except Exception as error:  # a damaged zip raises anything
         words = " ".join(str(error).split())[:80] or type(error).__name__
         raise FileSetError(
             f"{name}: not a zip that can be read ({words}); is it whole, and without a password? "

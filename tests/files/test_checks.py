@@ -1,0 +1,106 @@
+"""How files are opened, numbers taken, and errors worded, for all readers alike."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+
+import pytest
+
+from poseviewer.errors import (
+    LONGEST_MESSAGE,
+    PoseFileError,
+    PoseViewerError,
+    printable,
+    sentence_of,
+)
+from poseviewer.files.checks import LARGEST_PX, Reading, checked_camera, kind_of
+from poseviewer.geometry.camera import Parallel, Perspective
+
+NASTY = "a\x1b[2Jb\x07\u202ec\udce4\n d\x9b31m"
+
+
+def test_names_do_no_harm_to_a_terminal() -> None:
+    assert printable(NASTY) == "a?[2Jb??c? d?31m"
+    assert printable("Straße 道  x") == "Straße 道  x"
+    assert len(printable("x" * 5000, 80)) <= 80
+
+
+def test_every_error_is_one_bounded_line() -> None:
+    text = str(PoseViewerError(NASTY + "x" * 100_000))
+    assert text.isprintable()
+    assert len(text) <= LONGEST_MESSAGE
+    text.encode()
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (PoseFileError("p.json: an empty file; copy it again."), "p.json: an empty file"),
+        (MemoryError(), "not enough memory"),
+        (OSError(28, "No space left on device", "/x/\x1b"), "/x/?: No space left"),
+        (KeyError("x" * 100_000), "Something went wrong inside (KeyError: 'xxx"),
+    ],
+)
+def test_every_error_becomes_a_sentence(error: Exception, words: str) -> None:
+    text = sentence_of(error)
+    assert words in text
+    assert text.isprintable()
+    assert text.endswith(".")
+    assert len(text) < 500
+
+
+def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "poseviewer")
+    with (
+        pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file \(boom\); .*\.$"),
+        Reading(tmp_path / "p.json").said(),
+    ):
+        raise IndexError("boom")
+    assert "IndexError: boom" in caplog.text
+    assert caplog.records[0].exc_info
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such devices")
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/stdin", "/dev/null"])
+def test_devices_are_not_read(path: str) -> None:
+    with pytest.raises(PoseFileError, match=r"a pipe or a device|an empty file"):
+        Reading(Path(path)).load_bytes()
+
+
+def test_names_that_no_file_can_have(tmp_path: Path) -> None:
+    for name in ("x" * 100_000, "a\0b", "d\udce4.json"):
+        with pytest.raises(PoseFileError, match=r"no such file|cannot be read") as caught:
+            Reading(tmp_path / name).load_bytes()
+        assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    "value", [1e31, -1e308, 10**400, float("nan"), float("inf"), True, "1", None]
+)
+def test_numbers_out_of_range_are_refused(value: object) -> None:
+    with pytest.raises(PoseFileError, match=r"^p: x is "):
+        Reading(Path("p")).number(value, "x")
+
+
+def test_values_are_quoted_in_short() -> None:
+    for value in ("x" * 100_000, 10**5000, [1] * 100_000, {"a": 1}, NASTY):
+        assert len(kind_of(value)) < 100
+        assert kind_of(value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Perspective(2 * LARGEST_PX, 300.0, 80.0, 60.0, 160, 120),
+        Perspective(300.0, 1e-9, 80.0, 60.0, 160, 120),
+        Perspective(300.0, 300.0, -2 * LARGEST_PX, 60.0, 160, 120),
+        Parallel(1.0, 80.0, float("nan"), 160, 120),
+    ],
+)
+def test_cameras_of_no_picture_are_refused(camera: Perspective | Parallel) -> None:
+    with pytest.raises(PoseFileError, match=r"^p: (fx|fy|cx|cy) is .* px; wanted "):
+        checked_camera(Reading(Path("p")), camera)
