@@ -50,7 +50,7 @@ from poseviewer.app.workers.tasks import (
 from poseviewer.app.workers.together import run
 from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
 from poseviewer.confidence.identify import Identification
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, sentence_of
 from poseviewer.files.state.folder import keep_last_pose
 from poseviewer.geometry.camera import Pose
 
@@ -141,7 +141,9 @@ class App:
         self._start_jobs()
         state = self._review.state(self.session) if self._review is not None else None
         self._page.show(self.session, self._autosaver.where(self.session), state)
-        self._autosaver.tick(self.session)
+        trouble = self._autosaver.tick(self.session)
+        if trouble:
+            self._page.show_error(trouble)
 
     # --- requests --------------------------------------------------------------------------------
 
@@ -197,8 +199,6 @@ class App:
             self._page.show_error(self.session.error_message)
         if isinstance(command, c.CancelDrag) and self._review is None and self._tasks.drop():
             self._page.working("")
-        if isinstance(command, c.AcceptSearch):
-            self._autosaver.save_now(self.session)
         if self.session.document.registration.mesh is not before.document.registration.mesh:
             self._use_model()
 
@@ -226,15 +226,13 @@ class App:
             self._take_preparation(prepared)
         for command in self._searcher.take_as(c.SearchAdvanced, c.SearchFailed):
             self._command(command)
-            if not self._searcher.busy:
-                self._autosaver.save_now(self.session)
         for command in self._proposer.take_as(c.StartsProposed, c.ProposingFailed):
             self._command(command)
         for command in self._comparer.take_as(c.IdentificationAdvanced, c.IdentificationFailed):
             self._command(command)
         maps = self._mapper.take()
         if maps is not None and maps.error is not None:
-            self._page.maps_note(str(maps.error))
+            self._page.maps_note(sentence_of(maps.error))
         elif maps is not None and maps.item is not None:
             self._command(c.LandscapeAdvanced(maps.item))
         ended = self._tasks.collect()
@@ -248,7 +246,7 @@ class App:
         self._page.forget_strokes()
         review = self._review
         if error is not None:
-            self._page.show_error(str(error))
+            self._page.show_error(sentence_of(error))
             if review is not None:
                 review.gave_up()
         match result:
@@ -326,7 +324,7 @@ class App:
     def _take_preparation(self, update: JobUpdate[Preparation]) -> None:
         """Show how far it is; go on with what waits for it."""
         if update.error is not None:
-            sentence = f"{COMPILING_FAILED} ({update.error})."
+            sentence = f"{COMPILING_FAILED} ({sentence_of(update.error)})."
             self._command(c.PreparationAdvanced(Preparation(trouble=sentence)))
         elif update.finished:
             self._use_model()

@@ -17,19 +17,20 @@ import numpy as np
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Annotate, Request, Review, SavePose, Upload
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import PERIOD_S
 from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
-from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.errors import BatchError, PoseViewerError, sentence_of
 from poseviewer.files.masks import is_same_mask, mask_beside, save_pose_and_mask
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.starts.registration import load_model, load_registration
 
+PERIOD_S = 0.8
+"""How often a draft is kept: with the main loop's rest, a second is lost to a crash."""
 MODELS_KEPT = 4
 MOST_SKIPPED_SAID = 3
 
@@ -79,11 +80,12 @@ class Reviewer:
         """The draft that was opened is kept where it is."""
         self._kept = session.document
 
-    def tick(self, session: Session) -> None:
-        """Keep what is being mended every few seconds; bring table and report up to date."""
+    def tick(self, session: Session) -> str:
+        """Keep what is being mended every second; bring table and report up to date."""
         if time.monotonic() >= self._next:
             self.save_now(session)
         self._report()
+        return ""
 
     def save_now(self, session: Session) -> None:
         """Keep the pose at hand as a draft, where it is not the row's own."""
@@ -293,7 +295,7 @@ class Reviewer:
         """Write table and report anew, in a thread, when something has changed."""
         latest = self._reporter.take()
         if latest is not None and latest.finished:
-            self._trouble = "" if latest.error is None else str(latest.error)
+            self._trouble = "" if latest.error is None else sentence_of(latest.error)
         if self._stale and not self._reporter.busy:
             self._stale = False
             queue = self._queue

@@ -29,7 +29,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from poseviewer.app.below_viser.access import AccessPolicy, Asked
-from poseviewer.errors import SettingsError
+from poseviewer.errors import SettingsError, printable
 from poseviewer.files.state.folder import forget_token
 
 VISERS_OWN = "viser.infra._infra"
@@ -44,8 +44,24 @@ SECURITY_HEADERS = {
 }
 
 _log = logging.getLogger(__name__)
-# Without the traceback that every connection closed before its first line would print.
-_log.addFilter(lambda record: record.getMessage() != "opening handshake failed")
+
+
+def _in_a_line(record: logging.LogRecord) -> bool:
+    """Nothing of a connection that was closed before its first line; of one that sent what viser
+    cannot read, a line in place of a traceback.
+    """
+    if record.msg == "connection handler failed" and record.exc_info:
+        record.msg = f"a page sent what is no message, and was cut off ({_found(record)})"
+        record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
+    return record.getMessage() != "opening handshake failed"
+
+
+def _found(record: logging.LogRecord) -> str:
+    error = record.exc_info[1] if record.exc_info else None
+    return printable(f"{type(error).__name__}: {error}", 100)
+
+
+_log.addFilter(_in_a_line)
 
 Answer = Callable[[ServerConnection, Request], Response | None]
 

@@ -1,10 +1,12 @@
-"""Where the app writes: poses beside their photos, and the session every few seconds."""
+"""Where the app writes: poses beside their photos; and the session, as soon as something in it has
+changed, in a thread of its own.
+"""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +14,8 @@ from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.session import Session
-from poseviewer.errors import PoseViewerError
+from poseviewer.app.workers.worker import Worker
+from poseviewer.errors import PoseViewerError, sentence_of
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord, save_scene
@@ -26,18 +29,31 @@ from poseviewer.files.state.autosave import (
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.geometry.mask import Mask
 
-PERIOD_S = 5.0
+PERIOD_S = 0.5
+"""While something moves the session is written so often: with the write itself and the main loop's
+rest, less than a second is lost to a crash."""
+RETRY_S = 10.0
+"""A full disk is not mended in less."""
 
 
 class Autosaver:
-    """Keeps the session on disk, and finds what an earlier one left."""
+    """Keeps the session on disk, and finds what an earlier one left.
+
+    Its own file is touched in one thread alone, and each time whole or not at all; what was there
+    stays until then. The newest wish wins.
+    """
 
     def __init__(self, state: Path) -> None:
         self._folder = state / "sessions"
         self._uploads = state / "uploads"
+        self._writer: Worker[None] = Worker("autosave")
         self._saved: tuple[Document, tuple[CandidateModel, ...]] | None = None
-        self._next = time.monotonic() + PERIOD_S
+        """What is on disk, or on its way there."""
+        self._next = 0.0
+        self._moving = False
+        self._trouble = self._adopted = False
         self._file: Path | None = None
+        """Where it is; of use to the writer alone."""
         self._own: set[Path] = set()
         self._offer, self._offered = self._find()
 
@@ -56,21 +72,28 @@ class Autosaver:
 
     def adopt(self, session: Session) -> None:
         """The offer has been opened: keep it as this session's own."""
+        self._adopted = True
         self.save_now(session)
-        if self._saved == _kept_of(session):
-            self._discard_offered()
 
-    def tick(self, session: Session) -> None:
-        """Write the session, if it changed, every few seconds."""
+    def tick(self, session: Session) -> str:
+        """Write the session, if it changed: at once, and now and then while a hand or a search
+        moves the model. Gives why it cannot be written, once.
+        """
+        moving = session.before_drag is not None or session.searching
+        if moving is not self._moving or not (moving or self._trouble):
+            self._next = 0.0
+        self._moving = moving
         if time.monotonic() >= self._next:
             self.save_now(session)
+        return self._take_trouble()
 
     def save_now(self, session: Session) -> None:
         """Write the session, if it changed since."""
-        self._next = time.monotonic() + PERIOD_S
         document, models = _kept_of(session)
         if (document, models) == self._saved or not (session.unsaved or models):
             return
+        self._next = time.monotonic() + PERIOD_S
+        self._saved = document, models
         kept = replace(
             _as_picked(document, document.photo_path, session.unsaved),
             candidates=tuple(one.path.resolve() for one in models if one.path is not None),
@@ -78,17 +101,21 @@ class Autosaver:
                 _as_picked(one, document.photo_path, session.unsaved) for one in document.others
             ),
         )
-        try:
+
+        def write() -> Iterator[None]:
             self._file = save_autosave(self._folder, kept)
-            self._saved = document, models
-        except PoseViewerError:
-            self._next = time.monotonic() + 60.0  # a full disk will not be mended in seconds
+            if self._adopted:
+                self._discard_offered()
+            yield
+
+        self._writer.start(write)
 
     def close(self, session: Session) -> None:
         """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
         self.save_now(session)
-        if self._file is not None and not session.unsaved:
-            discard(self._file)
+        if not session.unsaved:
+            self._writer.start(self._forget)
+        self._writer.finish()
 
     def where(self, session: Session) -> str:
         """The pose file's name, as it is shown; its folder is told when it is written."""
@@ -109,9 +136,8 @@ class Autosaver:
                 beside.replace(beside.with_suffix(".png.bak"))
         save_pose_and_mask(path, record, compared_mask(session))
         self._own.add(path)
-        if self._file is not None:
-            discard(self._file)
-            self._saved = None
+        self._saved = None
+        self._writer.start(self._forget)
         return path
 
     def save_scene(self, session: Session, scene: SceneRecord, masks: Mapping[str, Mask]) -> Path:
@@ -141,6 +167,24 @@ class Autosaver:
         if not os.access(folder, os.W_OK) or folder.name in ("demo_files", "assets"):
             folder = Path.cwd()
         return folder / f"{path.stem}.pose.json"
+
+    def _forget(self) -> Iterator[None]:
+        if self._file is not None:
+            discard(self._file)
+        yield
+
+    def _take_trouble(self) -> str:
+        """Why the last write failed, where the one before did not."""
+        ended = self._writer.take()
+        if ended is None or not ended.finished:
+            return ""
+        known, self._trouble = self._trouble, ended.error is not None
+        if ended.error is None:
+            return ""
+        self._saved, self._next = None, time.monotonic() + RETRY_S
+        if known:
+            return ""
+        return f"{sentence_of(ended.error)} Until then a crash would lose what is not saved."
 
     def _discard_offered(self) -> None:
         if self._offered is not None:

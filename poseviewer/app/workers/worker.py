@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
+from poseviewer.errors import sentence_of
+
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
@@ -130,6 +132,12 @@ class Worker(Generic[T]):
             latest, self._latest = self._latest, None
             return latest
 
+    def finish(self) -> None:
+        """End the thread when what was started last is done."""
+        with self._change:
+            self._change.wait_for(lambda: not self._busy)
+        self.close()
+
     def close(self) -> None:
         """End the thread, after the item it is at."""
         with self._change:
@@ -178,6 +186,7 @@ class Worker(Generic[T]):
             self._latest = latest
             if latest.finished:
                 self._busy = False
+                self._change.notify_all()
         if self._notify is not None:
             self._notify()
         return True
@@ -211,7 +220,7 @@ class NumberedWorker(Worker[T]):
         if update is not None and update.item is not None:
             yield advanced(self._number, update.item)
         if update is not None and update.error is not None:
-            yield failed(self._number, str(update.error))
+            yield failed(self._number, sentence_of(update.error))
 
 
 def lower_priority() -> None:

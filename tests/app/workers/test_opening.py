@@ -123,6 +123,7 @@ def test_the_models_that_a_photo_may_show_come_back(scene: Scene, tmp_path: Path
     keeper = Autosaver(tmp_path / "state")
     session = Session(before.document, saved=before.document, candidates=before.candidates)
     keeper.save_now(session)
+    keeper.close(replace(session, saved=None))
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)
     assert kept.candidates == (scene.model.resolve(), other.resolve())
