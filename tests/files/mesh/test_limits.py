@@ -5,15 +5,20 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import time
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import LARGEST_FILE, load_mesh
-from poseviewer.files.mesh.parts import MAX_FACES, count_of_word
+from poseviewer.files.mesh.parts import MAX_FACES, MAX_PARTS, count_of_word
+from poseviewer.geometry.mesh import Mesh
 from tests.files.broken_inputs import PLY_HEAD, TRIANGLE, png_header
 
 LARGEST_PEAK = 100_000_000
@@ -118,8 +123,8 @@ def test_words_are_counted_across_pieces(tmp_path: Path, monkeypatch: pytest.Mon
         assert count_of_word(path, b"\n") == 3
 
 
-def gltf(nodes: int, triangles: int = 1000, **changes: object) -> str:
-    """A glTF file whose one mesh of ``triangles`` is shown by ``nodes`` nodes."""
+def gltf(shown: int, triangles: int = 1000, **changes: object) -> str:
+    """A glTF file whose one mesh of ``triangles`` is shown by ``shown`` nodes."""
     points = np.random.default_rng(0).random((triangles * 3, 3), np.float32).tobytes()
     uri = "data:application/octet-stream;base64," + base64.b64encode(points).decode()
     accessor = {"bufferView": 0, "componentType": 5126, "count": triangles * 3, "type": "VEC3"}
@@ -129,8 +134,8 @@ def gltf(nodes: int, triangles: int = 1000, **changes: object) -> str:
         "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
         "accessors": [accessor],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "nodes": [{"mesh": 0, "translation": [i, 0, 0]} for i in range(nodes)],
-        "scenes": [{"nodes": list(range(nodes))}],
+        "nodes": [{"mesh": 0, "translation": [i, 0, 0]} for i in range(shown)],
+        "scenes": [{"nodes": list(range(shown))}],
     }
     return json.dumps(header | changes)
 
@@ -195,3 +200,161 @@ def test_a_gltf_texture_that_unpacks_to_gigabytes(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < LARGEST_PEAK
     finally:
         tracemalloc.stop()
+
+
+def peak_of(path: Path) -> tuple[Mesh, int]:
+    """The model, and the most memory that reading it took, in bytes."""
+    tracemalloc.start()
+    try:
+        mesh = load_mesh(path)
+        return mesh, tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def write_pictures(folder: Path, count: int, side: int) -> list[str]:
+    picture = np.zeros((side, side, 3), np.uint8)
+    names = [f"t{number}.png" for number in range(count)]
+    for number, name in enumerate(names):
+        picture[0, 0] = number
+        Image.fromarray(picture).save(folder / name)
+    return names
+
+
+def texels(mesh: Mesh) -> int:
+    return sum(texture.shape[0] * texture.shape[1] for texture in mesh.textures)
+
+
+def textured_obj(folder: Path, names: list[str]) -> Path:
+    mtl = "".join(f"newmtl {name}\nmap_Kd {name}\n" for name in names)
+    (folder / "model.mtl").write_text(mtl)
+    lines = ["mtllib model.mtl", "vt 0 0", "vt 1 0", "vt 0 1"]
+    for i, name in enumerate(names):
+        lines += [f"v {i} 0 0", f"v {i + 1} 0 0", f"v {i} 1 0", f"usemtl {name}"]
+        lines += [f"f {3 * i + 1}/1 {3 * i + 2}/2 {3 * i + 3}/3"]
+    path = folder / "model.obj"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def textured_ply(folder: Path, names: list[str]) -> Path:
+    count, path = len(names), folder / "model.ply"
+    files = "".join(f"comment TextureFile {name}\n" for name in names)
+    head = PLY_HEAD.format(format="ascii", vertices=3 * count, faces=count)
+    head = head.replace("ply\n", f"ply\n{files}", 1)
+    head = head.replace("float z\n", "float z\nproperty float u\nproperty float v\n")
+    head = head.replace("end_header", "property int texnumber\nend_header")
+    rows = [f"{i} 0 0 0 0\n{i + 1} 0 0 1 0\n{i} 1 0 0 1" for i in range(count)]
+    rows += [f"3 {3 * i} {3 * i + 1} {3 * i + 2} {i}" for i in range(count)]
+    path.write_text(head + "\n".join(rows) + "\n")
+    return path
+
+
+def textured_glb(folder: Path, names: list[str]) -> Path:
+    scene = trimesh.Scene()
+    for number, name in enumerate(names):
+        box = trimesh.creation.box()
+        box.apply_translation([2.0 * number, 0, 0])
+        uv = np.random.default_rng(number).random((len(box.vertices), 2))
+        with Image.open(folder / name) as image:
+            box.visual = trimesh.visual.TextureVisuals(uv, image=image.copy())
+        scene.add_geometry(box)
+    path = folder / "model.glb"
+    path.write_bytes(bytes(scene.export(file_type="glb")))
+    return path
+
+
+@pytest.mark.parametrize("write", [textured_obj, textured_ply, textured_glb])
+def test_large_textures_are_shrunk_until_they_fit_together(
+    tmp_path: Path, write: Callable[[Path, list[str]], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path, write_pictures(tmp_path, 5, 40))
+    whole = load_mesh(path)
+    assert texels(whole) == 5 * 40 * 40
+    monkeypatch.setattr("poseviewer.files.mesh.parts.MOST_TEXELS", 3000)
+    shrunk = load_mesh(path)
+    assert len(shrunk.textures) == 5
+    assert 1000 < texels(shrunk) <= 3000
+    assert "Textures shrunk to" in " ".join(shrunk.notes)
+    np.testing.assert_array_equal(shrunk.faces, whole.faces)
+
+
+def test_small_textures_keep_their_size_beside_a_large_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [*write_pictures(tmp_path, 3, 10), "large.png", "huge.png"]
+    Image.new("RGB", (60, 60)).save(tmp_path / "large.png")
+    Image.new("RGB", (61, 60)).save(tmp_path / "huge.png")
+    monkeypatch.setattr("poseviewer.files.mesh.parts.MOST_TEXELS", 3600)
+    mesh = load_mesh(textured_obj(tmp_path, names))
+    sides = sorted(texture.shape[0] for texture in mesh.textures)
+    assert sides[:3] == [10, 10, 10]
+    assert 30 < sides[3] < 60
+    assert "huge.png has too many pixels" in " ".join(mesh.notes)
+
+
+def test_very_many_textures_take_no_square_of_memory(tmp_path: Path) -> None:
+    mesh, peak = peak_of(textured_ply(tmp_path, [f"{i}.png" for i in range(3000)]))
+    assert len(mesh.faces) == 3000
+    assert peak < LARGEST_PEAK  # the vertices alone, once for each texture, have 650 MB
+    assert "all but 2,000 of 3,000" in " ".join(mesh.notes)
+
+
+@pytest.mark.slow
+def test_very_many_groups_take_no_square_of_time(tmp_path: Path) -> None:
+    path = tmp_path / "model.obj"
+
+    def write(count: int) -> Path:
+        vertices = "".join(f"v {i} 0 0\nv {i} 1 0\n" for i in range(count + 1))
+        groups = "".join(f"g {i}\nf {2 * i + 1} {2 * i + 2} {2 * i + 3}\n" for i in range(count))
+        path.write_text(vertices + groups)
+        return path
+
+    start = time.process_time()
+    mesh = load_mesh(write(20_000))
+    assert time.process_time() - start < 15.0
+    assert len(mesh.part_names) == 20_000
+    with pytest.raises(MeshFileError, match="300,001 parts; poseviewer takes up to"):
+        load_mesh(write(300_000))
+
+
+def test_long_chains_of_nodes_are_followed_once(tmp_path: Path) -> None:
+    count, path = 1500, tmp_path / "model.gltf"
+    nodes = [{"mesh": 0, "translation": [1, 0, 0], "children": [i + 1]} for i in range(count)]
+    nodes[-1].pop("children")
+    path.write_text(gltf(1, 1, nodes=nodes, scenes=[{"nodes": [0]}]))
+    start = time.process_time()
+    mesh = load_mesh(path)
+    assert time.process_time() - start < 5.0
+    places = np.sort(mesh.vertices[mesh.faces].mean(axis=1)[:, 0])
+    assert len(places) == count
+    np.testing.assert_allclose(np.diff(places), 1.0, atol=1e-4)
+
+
+def test_gltf_nodes_too_many_or_above_themselves(tmp_path: Path) -> None:
+    path = tmp_path / "model.gltf"
+    path.write_text(gltf(1, 1, nodes=[{"mesh": 0}] * (MAX_PARTS + 1)))
+    assert f"{MAX_PARTS + 1:,} parts" in refusal(path)
+    nodes = [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0]}]
+    path.write_text(gltf(1, 1, nodes=nodes, scenes=[{"nodes": [0]}]))
+    assert "above itself" in refusal(path)
+
+
+def test_gltf_tables_beyond_their_bytes_or_over_each_other(tmp_path: Path) -> None:
+    table, path = json.loads(gltf(1))["accessors"][0], tmp_path / "model.gltf"
+    path.write_text(gltf(1, accessors=[table | {"count": 3001}]))
+    assert "a table of 3,001 rows needs 36,012 bytes and has 36,000" in refusal(path)
+    path.write_text(gltf(1, accessors=[table] * 60_000))
+    assert "make much of little" in refusal(path)
+    primitive = {"attributes": {"POSITION": 0}, "mode": 0}
+    path.write_text(gltf(1, meshes=[{"primitives": [primitive] * 10_000}]))
+    assert "30,000,000 " in refusal(path)
+
+
+def test_glb_chunks_beyond_the_file(tmp_path: Path) -> None:
+    path = textured_glb(tmp_path, write_pictures(tmp_path, 1, 4))
+    data = bytearray(path.read_bytes())
+    at = 20 + struct.unpack("<I", data[12:16])[0]
+    data[at : at + 4] = struct.pack("<I", 0xFFFFFFF0)
+    path.write_bytes(data)
+    assert "it is cut short" in refusal(path)
