@@ -67,14 +67,17 @@ class FreeBodyChart:
         """The chart of the poses of ``mesh`` about ``pose``.
 
         Raises:
-            SingularChartError: the model's centre is behind the camera.
+            SingularChartError: the model's centre is behind the camera, or no finite number.
             SettingsError: a focal length is to be found under parallel projection.
         """
         if free_focal and isinstance(pose.camera, Parallel):
             raise SettingsError(
                 "a parallel projection has no focal length to find; start from a perspective pose"
             )
-        if isinstance(pose.camera, Perspective) and _centre_depth(pose, mesh.centre) <= 0.0:
+        depth = _centre_depth(pose, mesh.centre)
+        if not math.isfinite(depth * mesh.diameter):
+            raise SingularChartError("the model's place or size is out of all proportion")
+        if isinstance(pose.camera, Perspective) and depth <= 0.0:
             raise SingularChartError(
                 "the model's centre is behind the camera; a start pose must show the model"
             )

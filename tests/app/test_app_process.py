@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import time
 import urllib.error
 import urllib.request
 from http.cookiejar import CookieJar
@@ -101,6 +102,39 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path, left: AutosavedSessio
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
         settle(page)
         assert not page.shown.modals
+
+
+def test_a_drag_right_before_a_search_is_kept_within_a_second(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.press(86.0, 60.0)
+        page.drag(80.3, 63.7)
+        page.release()
+        page.key("Space")
+        time.sleep(1.0)
+        app.kill()
+    left = kept(tmp_path)
+    assert left is not None
+    before = load_pose(scene.start, 160, 120)
+    assert not same_pose(left.pose.pose, before.pose)
+
+
+def test_a_folder_that_cannot_be_written_to_is_said_and_work_goes_on(
+    scene: Scene, tmp_path: Path
+) -> None:
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        sessions = tmp_path / "state" / "sessions"
+        sessions.write_text("in the way")  # a folder that is read only is none to root
+        page.key("ArrowLeft")
+        page.wait_until(lambda: any("a crash would lose" in text for _, text in page.shown.notices))
+        page.key("ArrowLeft")
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        sessions.unlink()
+        page.wait_until(lambda: kept(tmp_path))
+        assert sum("a crash would lose" in text for _, text in page.shown.notices) == 1
+        assert app.terminate() == 0
+    assert not [line for line in app.lines if "Traceback" in line]
 
 
 def test_restored_session_outlives_another_crash(

@@ -157,6 +157,7 @@ class Worker(Generic[T]):
                 ticket, make = self._job
                 self._job = None
             self._work(ticket, make)
+            del make  # it may hold what was uploaded
 
     def _work(self, ticket: int, make: Callable[[], Iterator[T]]) -> None:
         item: T | None = None
@@ -168,7 +169,7 @@ class Worker(Generic[T]):
                 self._wait_while_held(ticket)
         except Exception as raised:  # noqa: BLE001 - whatever it is, the user is to be told
             _log.debug("job %d of %s", ticket, self._thread.name, exc_info=raised)
-            error = raised
+            error = raised.with_traceback(None)  # its frames hold what was worked on
         self._publish(JobUpdate(ticket, item, error, finished=True))
 
     def _wait_while_held(self, ticket: int) -> None:

@@ -166,10 +166,12 @@ def display_name(name: str) -> str:
     return printable(last.strip(), LONGEST_NAME) or "unnamed"
 
 
-def _unpacked(data: bytes) -> list[tuple[str, bytes]]:
-    head, _, rest = data.partition(b"\n")
+def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
+    """Names and contents, which are not copied."""
+    end = data.find(b"\n")
+    rest = memoryview(data)[end + 1 :]
     try:
-        entries = [(str(name), int(size)) for name, size in json.loads(head)]
+        entries = [(str(name), int(size)) for name, size in json.loads(data[: max(end, 0)])]
     except (ValueError, TypeError, RecursionError):
         entries = []
     if not entries or any(size < 0 for _, size in entries):

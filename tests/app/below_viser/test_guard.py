@@ -319,3 +319,23 @@ def test_messages_are_sent_at_once() -> None:
         accepted, _ = listening.accept()
         with accepted:
             assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [b"", b"\xc1", b"\x93\x01\x02\x03", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", b"\x00"],
+    ids=["empty", "unused", "list", "deep", "unknown", "text", "number"],
+)
+def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(
+    local: GuardedServer, garbage: bytes | str, caplog: pytest.LogCaptureFixture
+) -> None:
+    port = local.policy.port
+    with connect(f"ws://127.0.0.1:{port}/", subprotocols=[PROTOCOL], max_size=None) as page:
+        page.send(garbage)
+        assert sum(1 for _ in page) < 1000  # what the server still sends, until it ends
+    assert websocket(local) == 101  # others are served
+    said = [record for record in caplog.records if "no message" in record.getMessage()]
+    assert len(said) == 1
+    assert all(record.exc_info is None for record in caplog.records)
+    assert said[0].getMessage().isprintable()
+    assert len(said[0].getMessage()) < 200
