@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of
+from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of, read_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
@@ -132,9 +132,9 @@ def recorded_size(path: Path) -> tuple[int, int]:
     will say what is wrong with them, or they are not said.
     """
     try:
-        photo = json.loads(path.read_bytes())["photo"]
+        photo = read_json(path)["photo"]
         width, height = photo["width"], photo["height"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (PoseFileError, KeyError, TypeError):
         return 1, 1
     return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
 

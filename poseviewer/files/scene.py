@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.checks import Reading, kind_of, read_json
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import same_undistortion
@@ -117,8 +117,8 @@ def is_scene(data: Any) -> bool:
 def is_scene_file(path: Path) -> bool:
     """Whether a file is JSON that says that it is a scene; what it is otherwise is not asked."""
     try:
-        return is_scene(json.loads(path.read_bytes()))
-    except (OSError, ValueError, RecursionError):
+        return is_scene(read_json(path))
+    except PoseFileError:
         return False
 
 
@@ -130,13 +130,19 @@ def load_scene(path: str | Path) -> SceneRecord:
             there; two objects have one id; a pose file is by another camera.
     """
     reading = Reading(Path(path), kind=KIND)
+    with reading.said():
+        return _scene_in(reading)
+
+
+def _scene_in(reading: Reading) -> SceneRecord:
     data = reading.load_object()
     if not is_scene(data):
         raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {FORMAT!r}")
     version = data.get("version", VERSION)
     if version is True or version != VERSION:
         raise reading.error(
-            f"version is {version!r}", f"this poseviewer reads version {VERSION}, try a newer one"
+            f"version is {kind_of(version)}",
+            f"this poseviewer reads version {VERSION}, try a newer one",
         )
     sizes = reading.fields(data.get("photo"), "photo", width=Reading.size, height=Reading.size)
     if None in sizes:
