@@ -18,6 +18,10 @@ from poseviewer.render.types import Renderer
 LEAST_SEEN = 0.35
 """Share of the model that must be seen for its pose to be told: with less, poses far off look right
 as well, and none of the trials has less."""
+HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.95
+"""Share of the model below which something hides it, and the probability from which its pose is
+then ``found``: what stood out is left out, and so the rest looks better than it did in the trials.
+"""
 LARGEST_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 
@@ -39,7 +43,8 @@ def judge(features: Features | None) -> Verdict:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
     probability = probability_of(features)
     is_lost = probability < LOST_BELOW
-    word: Word = "found" if probability >= FOUND_FROM else "lost" if is_lost else "doubtful"
+    found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
+    word: Word = "found" if probability >= found_from else "lost" if is_lost else "doubtful"
     return Verdict(word, probability, reasons_for(features), features)
 
 

@@ -91,3 +91,12 @@ def test_a_model_of_which_too_little_is_seen_is_lost(verdicts):
     assert hidden.word == "lost"
     assert any("Only 30%" in reason for reason in hidden.reasons)
     assert judge(replace(right, seen=0.5)).word == verdicts[0].word
+
+
+def test_a_model_in_part_hidden_must_be_more_probable_to_be_found(verdicts):
+    right = verdicts[0].features
+    shares = np.linspace(0.0, 1.0, 101)
+    whole = [replace(right, outline=share, seen=1.0) for share in shares]
+    between = [f for f in whole if judge(f).word == "found" and judge(f).probability < 0.95]
+    assert between
+    assert all(judge(replace(f, seen=0.6)).word == "doubtful" for f in between)
