@@ -24,13 +24,15 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose, save_pose
+from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import StartCamera, StartInputs
 from tests.app.browser import AppPage, open_browser
+from tests.app.groceries import make_groceries
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
@@ -264,6 +266,25 @@ def with_post(photo: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(cover * paint + (1.0 - cover) * photo), 0, 255).astype(np.uint8)
 
 
+def objects(folder: Path) -> None:
+    """Three boxes in one photo, each fitted among the others."""
+    shelf = make_groceries(folder / "shelf")
+    size = shelf.truths[0].camera.width, shelf.truths[0].camera.height
+    photo = PhotoReference("shelf.png", *size)
+    boxes = [
+        SceneObject(str(number), model, PoseRecord(pose, photo))
+        for number, (model, pose) in enumerate(zip(shelf.models, shelf.truths, strict=True), 1)
+    ]
+    scene = folder / "shelf" / "shelf.scene.json"
+    save_scene(scene, SceneRecord(shelf.photo, photo, shelf.truths[0].camera, tuple(boxes)))
+    with open_app(folder, WINDOW, scene, maps="away") as tab:
+        tab.open_step(3)
+        tab.page.get_by_role("button", name="Search all").click()
+        tab.page.get_by_role("button", name="Keep it").click()
+        settle(tab)
+        save_page("objects", tab)
+
+
 def save_page(name: str, tab: AppPage) -> None:
     """What a page shows, as it is, as JPEG."""
     shot_of(tab).save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
@@ -279,6 +300,7 @@ PICTURES = {
     "box": box,
     "methods": methods,
     "which_model": which_model,
+    "objects": objects,
     "hide": hide,
 }
 

@@ -139,7 +139,7 @@ class Mesh:
         return self.vertices[np.unique(self.faces[np.isin(self.face_part, wanted)])]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def hull_points(mesh: Mesh) -> FloatArray:
     """(k, 3): those vertices whose convex hull holds all others; found once for each model.
 
