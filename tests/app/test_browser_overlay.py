@@ -78,12 +78,18 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
         tab.page.evaluate("window.poseviewer.placeMaps('away')")
         for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})
-            tab.page.wait_for_timeout(1500)  # panels glide
-            tab.until(lambda: tab.view()["covered"] == 0)
+            tab.until(lambda: tab.view()["covered"] == 0 and is_at_rest(tab))
             for zoom in ZOOMS:
                 assert_coincident(tab, seen, zoom)
         assert tab.errors == []
         tab.page.close()
+
+
+def is_at_rest(tab: AppPage) -> bool:
+    """Whether no panel glides: for two seconds the photo stays where it is."""
+    before = tab.view()
+    tab.page.wait_for_timeout(2000)
+    return tab.view() == before
 
 
 def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:

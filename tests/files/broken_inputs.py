@@ -80,7 +80,7 @@ def _models() -> Contents:
     text_ply, off = _exported(box, "ply", encoding="ascii"), _exported(box, "off")
     head = PLY_HEAD.format
     endings = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3ds")
-    odd = {f"{what} {e[1:]}": (e, data) for what, data in ODD.items() for e in endings}
+    odd: Contents = {f"{what} {e[1:]}": (e, data) for what, data in ODD.items() for e in endings}
     return odd | {
         "missing obj": (".obj", None),
         "missing glb": (".glb", None),

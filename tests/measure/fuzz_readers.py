@@ -14,6 +14,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 import trimesh
 from PIL import ExifTags, Image
+from trimesh.visual import TextureVisuals
 
 from poseviewer.app.below_viser.client_script import _parsed
 from poseviewer.app.page.reports import request_of
@@ -89,7 +90,7 @@ def make_readers(folder: Path) -> dict[str, Reader]:
 
     def use_report(path: Path) -> None:
         report = _parsed(path.read_bytes().decode("utf-8", "replace"))
-        request = None if report is None else request_of(Report(1, report), session)
+        request = None if report is None else request_of(Report(report, 1), session)
         if isinstance(request, Command):
             update(session, request)
 
@@ -164,11 +165,11 @@ def _models() -> Mapping[str, Reader]:
     mtl = b"newmtl red\nKd 1 0 0\nmap_Kd -s 1 1 1 w.png\nnewmtl wood\nKd .5 .5 .5\n"
     png = _picture("PNG", np.full((4, 4, 3), 90, np.uint8))
     textured = trimesh.Trimesh(CUBE.vertices, CUBE.faces, process=False)
-    textured.visual = trimesh.visual.TextureVisuals(
+    textured.visual = TextureVisuals(
         np.random.default_rng(0).random((len(CUBE.vertices), 2)),
         image=Image.open(BytesIO(png)),
     )
-    glb = bytes(textured.export(file_type="glb"))
+    glb: Any = textured.export(file_type="glb")
     length = struct.unpack("<I", glb[12:16])[0]
     document, binary = json.loads(glb[20 : 20 + length]), glb[28 + length :]
     document["buffers"][0]["uri"] = "m.bin"

@@ -313,7 +313,7 @@ def _textures_of(geometries: list[Any], notes: list[str]) -> dict[int, NDArray]:
 
 def _picture_of(geometry: Any) -> Any:
     """Of its colour; None where it has none that can be laid on it."""
-    visual = getattr(geometry, "visual", None)
+    visual: Any = getattr(geometry, "visual", None)
     if getattr(visual, "kind", None) != "texture" or visual.uv is None:
         return None
     return getattr(visual.material, "baseColorTexture", None)

@@ -43,7 +43,8 @@ def test_a_stroke_is_painted_or_grown(shape: str, kind: type):
     content = {"kind": "stroke", "shape": shape, "points": points, "radius": 4.0, "erase": True}
     asked = request_of(Report(content, 0), make_session())
     assert isinstance(asked, kind)
-    stroke = asked.stroke  # pyright: ignore[reportAttributeAccessIssue]
+    assert isinstance(asked, h.Paint | h.Grow)
+    stroke = asked.stroke
     assert stroke.points.tolist() == [[1.0, 2.0], [30.0, 4.0], [30.0, 40.0]]
     assert stroke.erase
 

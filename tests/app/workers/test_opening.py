@@ -153,7 +153,7 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
     verdict = RecordedVerdict("found", 0.9)
     record = PoseRecord(session.document.pose, verdict=verdict)
     session = replace(session, document=replace(session.document, record=record))
-    Autosaver(tmp_path / "state").save_now(session)
+    Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)
     (opened,) = restore(kept)

@@ -9,11 +9,13 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from trimesh.visual import TextureVisuals
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import LARGEST_FILE, load_mesh
@@ -257,10 +259,11 @@ def textured_glb(folder: Path, names: list[str]) -> Path:
         box.apply_translation([2.0 * number, 0, 0])
         uv = np.random.default_rng(number).random((len(box.vertices), 2))
         with Image.open(folder / name) as image:
-            box.visual = trimesh.visual.TextureVisuals(uv, image=image.copy())
+            box.visual = TextureVisuals(uv, image=image.copy())
         scene.add_geometry(box)
     path = folder / "model.glb"
-    path.write_bytes(bytes(scene.export(file_type="glb")))
+    data: Any = scene.export(file_type="glb")
+    path.write_bytes(data)
     return path
 
 
