@@ -45,8 +45,16 @@ def page(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
 
 def choose(page: AppPage, label: str, option: str) -> None:
     """One of a dropdown's options."""
-    page.page.get_by_label(label, exact=True).click()
-    page.page.get_by_role("option", name=option, exact=True).click()
+    wanted = page.page.get_by_role("option", name=option, exact=True)
+
+    def is_open() -> bool:
+        """A list that the page closed again, as it was drawn anew, is opened again."""
+        page.page.get_by_label(label, exact=True).click()
+        page.page.wait_for_timeout(500)
+        return wanted.is_visible()
+
+    page.until(is_open)
+    wanted.click()
     page.page.evaluate("document.activeElement.blur()")
 
 
