@@ -254,7 +254,7 @@ def kind_of(value: Any) -> str:
         return "missing"
     try:
         return printable(repr(value), LONGEST_QUOTE)
-    except ValueError:  # Python writes no whole number of so many digits
+    except ValueError:  # Python writes no whole number of over 4300 digits
         return "a number of thousands of digits"
 
 

@@ -82,7 +82,7 @@ def _worst_with_edges(worst: int) -> float:
 
 def canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
     """(min(n, m),): the squared canonical correlations of F and M; or (min(colours, m),): of the
-    first so many channels of F alone.
+    leading channels of F alone.
     """
     n, mean, covariance = moments.photo_channels, moments.mean, moments.covariance
     if colours is None:

@@ -26,7 +26,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.types import Moments, PhotoAttributes
 
 PARTS = 3
-"""Light, classes, edges: the geometric mean of so many shares."""
+"""Light, classes, edges: shares whose geometric mean is taken."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ the vertices at the estimated and at the true pose, the least over the model's s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ from poseviewer.files.formats.bop_models import (
 )
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
+from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.study.plan import FreeBodyPlan
 from poseviewer.study.trials import Outcome, fit_from, open_model, open_photo
 
 MSSD_THRESHOLDS = np.arange(0.05, 0.501, 0.05)
@@ -65,24 +66,13 @@ class BopTrial(Outcome):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BopPlan:
+class BopPlan(FreeBodyPlan):
     """The study of fits from a table of estimates."""
 
-    out: Path
     bop: Path
     """The table of results."""
     dataset: Path | None = None
     """The folder of ``models`` and ``test``; None: the nearest above the table."""
-    method: Method = "default"
-    pixels: PixelsName | None = None
-    limits: Limits = field(default_factory=Limits)
-
-    @property
-    def settings(self) -> FitSettings:
-        """How all fits are made."""
-        return FitSettings(
-            self.method, "free-body", pixels=self.pixels or "near", limits=self.limits
-        )
 
     @property
     def folder(self) -> Path:

@@ -127,17 +127,10 @@ class StudyPlan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RealPlan:
-    """The study of a folder of real photos with fixed starts."""
+class FreeBodyPlan:
+    """What studies of fits from poses near the truth have in common."""
 
     out: Path
-    folder: Path
-    degrees: tuple[int, ...] = (5, 15)
-    cases: str = ""
-    """A pattern of their ids, see ``load_cases``; empty: all."""
-    draws: int = 5
-    among_others: bool = False
-    """Whether the true poses of the other cases of each photo are given."""
     method: Method = "default"
     pixels: PixelsName | None = None
     limits: Limits = field(default_factory=Limits)
@@ -148,6 +141,19 @@ class RealPlan:
         return FitSettings(
             self.method, "free-body", pixels=self.pixels or "near", limits=self.limits
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealPlan(FreeBodyPlan):
+    """The study of a folder of real photos with fixed starts."""
+
+    folder: Path
+    degrees: tuple[int, ...] = (5, 15)
+    cases: str = ""
+    """A pattern of their ids, see ``load_cases``; empty: all."""
+    draws: int = 5
+    among_others: bool = False
+    """Whether the true poses of the other cases of each photo are given."""
 
     def about(self) -> dict[str, Any]:
         """What all rows of a folder have in common.

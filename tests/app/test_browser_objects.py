@@ -15,7 +15,7 @@ from poseviewer.files.scene import load_scene
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
-from tests.app.browser import AppPage, keep_picture
+from tests.app.browser import AppPage, keep_picture, table_texts
 from tests.app.groceries import HEIGHT, SIZE, WIDTH, Groceries, make_groceries
 
 pytestmark = pytest.mark.slow
@@ -49,9 +49,7 @@ def rows(tab: AppPage) -> Locator:
 
 def cells(tab: AppPage) -> list[list[str]]:
     """Name and verdict of every object."""
-    return rows(tab).evaluate_all(
-        "rows => rows.map(r => [...r.cells].slice(1, 3).map(c => c.textContent))"
-    )
+    return table_texts(rows(tab), 1, 3)
 
 
 def picked(tab: AppPage) -> str:

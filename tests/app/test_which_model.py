@@ -16,7 +16,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
-from tests.app.browser import AppPage, keep_picture
+from tests.app.browser import AppPage, keep_picture, table_texts
 from tests.meshes import make_box
 from tests.scene import Scene, make_scene
 
@@ -62,9 +62,7 @@ def rows(tab: AppPage) -> Locator:
 
 def cells(tab: AppPage) -> list[list[str]]:
     """Rank, name, loss and margin of every row."""
-    return rows(tab).evaluate_all(
-        "rows => rows.map(r => [...r.cells].slice(0, 4).map(c => c.textContent))"
-    )
+    return table_texts(rows(tab), 0, 4)
 
 
 def add(tab: AppPage, path: Path) -> None:

@@ -288,7 +288,7 @@ const pen = {
 const SCRIBBLE = 3; // half its width, CSS px
 const STEP = 1.5; // CSS px between a stroke's points
 const NEAR = 9; // CSS px: a press so near to a polygon's first corner closes it
-const LASSO = 12; // a polygon with so many points from one drag is closed when the button goes up
+const LASSO = 12; // points of one drag from which on a polygon is closed when the button goes up
 
 function setPen(shape, erases) {
   if (shape !== pen.shape) pen.now = null;

@@ -22,7 +22,7 @@ MAX_FACES = 20_000_000
 CHUNK = 1 << 24
 """Bytes of a file looked at in one piece."""
 MAX_PARTS = 50_000
-"""Each is cut out and mended by itself: so many take half a minute."""
+"""Each is cut out and mended by itself: this number of them takes half a minute."""
 LARGEST_SIDE = 8192
 """px of a texture; longer ones are shrunk."""
 MOST_TEXELS = 100_000_000

@@ -59,7 +59,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
 
 def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> FloatArray:
     """(M, 2, 2): the pieces of segments (N, 2, 2), px of the photo, that run along what is ``seen``
-    (h, w), of a picture with so many ``samples`` along a photo pixel's side.
+    (h, w), of a picture with ``samples`` pixels along a photo pixel's side.
     """
     ends = lines * samples
     counts = np.maximum(np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / PIECE), 1.0)

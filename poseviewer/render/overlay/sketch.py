@@ -14,7 +14,7 @@ from poseviewer.render.overlay.window import model_window
 FEW_FACES = 4000
 """Models of no more are drawn as they are."""
 CELLS = 64
-"""Of larger ones, vertices in the same cell become one: so many cells along the diameter."""
+"""Of larger ones, vertices in the same cell become one: cells along the diameter."""
 SAMPLES = 60_000
 """Of the picture that the faces are filled in."""
 SHIFT = 4
