@@ -107,6 +107,7 @@ class App:
         for model in opened.objects:
             self._command(AddObject(model))
         self._page.tell_all(opened.warnings)
+        notify()  # the page is shown at once
 
     def run(self) -> None:
         """Serve until ``stop``."""

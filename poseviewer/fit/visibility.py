@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,7 +17,9 @@ from numpy.typing import NDArray
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.software.renderer import SoftwareRenderer
+
+if TYPE_CHECKING:  # numba takes a quarter of a second
+    from poseviewer.render.software.renderer import SoftwareRenderer
 
 DepthImage = NDArray[np.float32]
 """(height, width): z in the camera, in the models' unit; inf where there is nothing."""
@@ -114,6 +117,8 @@ def depth_image(model: PlacedModel) -> DepthImage:
 @lru_cache(maxsize=16)
 def _renderer(mesh: Mesh) -> SoftwareRenderer:
     """To be cloned: it may be asked for by several threads."""
+    from poseviewer.render.software.renderer import SoftwareRenderer
+
     return SoftwareRenderer(mesh)
 
 

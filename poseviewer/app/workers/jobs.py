@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from poseviewer.api import Case, make_case
 from poseviewer.app.state.candidates import Comparison
@@ -25,10 +26,11 @@ from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
-from poseviewer.render.software.compiled import compiling, kernels_are_compiled
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
+
+if TYPE_CHECKING:  # numba takes a quarter of a second
+    from poseviewer.render.software.renderer import SoftwareRenderer
 
 
 @lru_cache(maxsize=16)
@@ -46,6 +48,8 @@ def renderer_of(mesh: Mesh) -> SoftwareRenderer:
     """
     made = _made_for(mesh)
     if not made:
+        from poseviewer.render.software.renderer import SoftwareRenderer
+
         made.append(SoftwareRenderer(mesh))
     return made[0]
 
@@ -57,6 +61,8 @@ def has_renderer(mesh: Mesh) -> bool:
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
     """Make ready what draws and compares a model: the kernels, and its renderer."""
+    from poseviewer.render.software.compiled import compiling, kernels_are_compiled
+
     if not kernels_are_compiled():
         yield from map(Preparation, compiling())
     renderer_of(mesh)

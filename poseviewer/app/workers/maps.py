@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,9 @@ from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
-from poseviewer.render.software.renderer import SoftwareRenderer
+
+if TYPE_CHECKING:  # numba takes a quarter of a second
+    from poseviewer.render.software.renderer import SoftwareRenderer
 
 SIZE = 41
 

@@ -5,6 +5,7 @@ while the picked one is dragged.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,9 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import quick_silhouette, seen_lines
-from poseviewer.render.software.renderer import SoftwareRenderer
+
+if TYPE_CHECKING:  # numba takes a quarter of a second
+    from poseviewer.render.software.renderer import SoftwareRenderer
 
 MOST_SAMPLES = 400_000
 """Of the picture in which it is found what hides what."""

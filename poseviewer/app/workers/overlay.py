@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,10 @@ from poseviewer.render.overlay.contour import quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import Relight, View, draw_look, edge_layer, line_scale
 from poseviewer.render.overlay.sketch import Sketch
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage, PhotoAttributes
+
+if TYPE_CHECKING:  # numba takes a quarter of a second
+    from poseviewer.render.software.renderer import SoftwareRenderer
 
 LARGEST_PICTURE = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""

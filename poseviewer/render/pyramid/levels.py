@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -18,9 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose, level_pose, reduced_size
-from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.pyramid.simplified import simplify
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.structure import bounding_slices, make_structure
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
@@ -182,18 +178,7 @@ def reduced(renderer: Renderer, pixels: float) -> Renderer:
     """A renderer of the same model for a picture in which it covers ``pixels`` px."""
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
     faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
-    if isinstance(renderer, Reducible):
-        return renderer.reduced(faces)
-    if not isinstance(renderer, SoftwareRenderer):
-        return renderer
-    if len(renderer.mesh.faces) <= faces:
-        return renderer.clone()
-    return _simplified(renderer.mesh, faces, renderer.two_sided).clone()
-
-
-@lru_cache(maxsize=8)
-def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
-    return SoftwareRenderer(simplify(mesh, faces), two_sided)
+    return renderer.reduced(faces) if isinstance(renderer, Reducible) else renderer
 
 
 def _boxes(

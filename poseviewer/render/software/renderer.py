@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -15,6 +16,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
 from poseviewer.render.software.surface import make_surface
@@ -56,6 +58,12 @@ class SoftwareRenderer:
         other._textures, other._texel_areas = self._textures, self._texel_areas
         other._allocate()
         return other
+
+    def reduced(self, faces: int) -> SoftwareRenderer:
+        """A renderer of the model with at most this number of triangles, or of it as it is."""
+        if len(self.mesh.faces) <= faces:
+            return self.clone()
+        return _simplified(self.mesh, faces, self.two_sided).clone()
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre."""
@@ -270,3 +278,8 @@ def _camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
     else:
         numbers[12:] = camera.scale, camera.scale, camera.cx, camera.cy, 0.0
     return numbers
+
+
+@lru_cache(maxsize=8)
+def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
+    return SoftwareRenderer(simplify(mesh, faces), two_sided)
