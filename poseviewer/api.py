@@ -598,28 +598,32 @@ class SceneCase:
             progress = placing.progress
             if progress.status is Status.RUNNING:
                 progress = _stopped(progress, placing.problem, mesh, renderer, threads)
-            found[index] = FitResult(case, progress.pose, progress)
+            found[index] = FitResult(case.behind(progress.hidden), progress.pose, progress)
         return self._with(found)
 
     def _with(self, found: Mapping[int, FitResult]) -> SceneCase:
-        poses = [one.start for one in self.registrations]
-        results = list(self.results)
+        registrations, results = list(self.registrations), list(self.results)
         for index, result in found.items():
-            poses[index], results[index] = result.pose, result
-        registrations = among_others(
-            [replace(one, start=pose) for one, pose in zip(self.registrations, poses, strict=True)]
-        )
-        return replace(self, registrations=registrations, results=tuple(results))
+            mask = result.case.registration.mask
+            registrations[index] = replace(registrations[index], start=result.pose, mask=mask)
+            results[index] = result
+        return replace(self, registrations=among_others(registrations), results=tuple(results))
 
     def save(self, path: str | Path) -> None:
-        """Write the scene file with the poses as they are now, whole or not at all.
+        """Write the scene file with the poses as they are now, and beside it the masks of objects
+        in front of which a search found something; each file whole or not at all.
 
         Raises:
             PoseViewerError: the folder is missing or cannot be written to.
         """
         pairs = zip(self.scene.objects, self.results, strict=True)
-        records = [one.record if result is None else result.record for one, result in pairs]
-        save_scene(path, self.scene.with_records(records))
+        records, masks = [], {}
+        for one, result in pairs:
+            records.append(one.record if result is None else result.record)
+            mask = None if result is None else result.case.registration.mask
+            if mask is not None and result is not None and result.hidden is not None:
+                masks[one.id] = mask
+        save_scene(path, self.scene.with_records(records), masks)
 
     def picture(self, look: str = "outline", *, opacity: float = SOLID_OPACITY) -> Picture:
         """(height, width, 3) RGB: all objects over the photo as ``FitResult.picture`` draws one.

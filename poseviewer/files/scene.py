@@ -31,7 +31,7 @@ from poseviewer.files.pose import (
     record_from_json,
 )
 from poseviewer.files.writing import write_whole
-from poseviewer.geometry.camera import Camera
+from poseviewer.geometry.camera import Camera, Parallel
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mask import Mask
 
@@ -40,7 +40,7 @@ KIND = "scene file"
 OF_SCENE = ("projection", "camera", "distortion", "photo")
 """What a scene says once for the poses of all its objects."""
 OF_POSE = (
-    *("camera_from_model", "without", "chart", "loss", "unexplained", "verdict", "notes"),
+    *("camera_from_model", "without", "chart", "loss", "unexplained", "seen", "verdict", "notes"),
     "settings",
 )
 """What is written of each object's own."""
@@ -190,7 +190,7 @@ def save_scene(
             beside = path.with_name(f"{path.stem}.{number}.mask.png")
             write_whole(beside, mask_as_png(masks[one.id]), PhotoFileError)
             one = replace(one, mask=beside)
-        objects.append(_object_as_json(path, one))
+        objects.append(_object_as_json(path, one, scene.camera))
     reference = replace(scene.photo_reference, file=_relative(path, scene.photo))
     first = replace(scene.objects[0].record, photo=reference, undistortion=scene.undistortion)
     shared = record_as_json(first)
@@ -209,13 +209,15 @@ def save_scene(
     write_whole(path, (text + "\n").encode(), PoseFileError)
 
 
-def _object_as_json(path: Path, one: SceneObject) -> dict[str, Any]:
+def _object_as_json(path: Path, one: SceneObject, camera: Camera) -> dict[str, Any]:
     record = record_as_json(one.record)
     data: dict[str, Any] = {"id": one.id}
     if one.name:
         data["name"] = one.name
     data["model"] = {**record.get("model", {}), "file": _relative(path, one.model)}
     data["pose"] = {key: record[key] for key in OF_POSE if key in record}
+    if one.record.pose.camera != camera and isinstance(camera, Parallel):
+        data["pose"]["scale"] = record["camera"]["scale"]
     if one.mask is not None:
         data["mask"] = _relative(path, one.mask)
     return data
@@ -241,7 +243,10 @@ def _object(
         beside = None if record.mask is None else path.with_name(bare_name(record.mask))
         mask = mask or (None if beside is None else os.path.relpath(beside, reading.path.parent))
     else:
-        record = record_from_json(own, {**own.object(pose, "pose"), **shared}, *size)
+        said = {**own.object(pose, "pose"), **shared}
+        if isinstance(whole.pose.camera, Parallel) and "scale" in said:
+            said["camera"] = {**shared["camera"], "scale": said["scale"]}
+        record = record_from_json(own, said, *size)
     _require_camera(reading, object_id, record, whole.pose.camera, whole.undistortion)
     file = _file(reading, model.get("file"), f"{what}.model.file")
     mask = None if mask is None else _file(reading, mask, f"{what}.mask")
@@ -267,6 +272,8 @@ def _require_camera(
     undistortion: Undistortion | None,
 ) -> None:
     own = record.pose.camera
+    if isinstance(own, Parallel) and isinstance(camera, Parallel):
+        own = replace(own, scale=camera.scale)  # each is as large as the photo has it
     is_same = type(own) is type(camera) and np.allclose(astuple(own), astuple(camera), rtol=SAME)
     if not is_same or not same_undistortion(record.undistortion, undistortion):
         raise reading.error(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,31 +16,43 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture, table_texts
-from tests.app.groceries import HEIGHT, SIZE, WIDTH, Groceries, make_groceries
+from tests.app.groceries import Groceries, make_car_behind_post, make_groceries
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def groceries(tmp_path_factory: pytest.TempPathFactory) -> Groceries:
-    return make_groceries(tmp_path_factory.mktemp("groceries"))
+Made = tuple[AppPage, Groceries]
+
+
+def opened(browser: Browser, folder: Path, made: Groceries) -> Iterator[Made]:
+    """The page of an app with the photo and its first model, at its start."""
+    first = made.photo, made.models[0], "--pose", made.start
+    with AppProcess(folder, *first) as app:
+        tab = AppPage(browser, app.url)
+        tab.wait_for_text("at this pose")
+        yield tab, made
+        assert tab.errors == []
+        tab.page.close()
 
 
 @pytest.fixture
-def app(tmp_path: Path, groceries: Groceries) -> Iterator[AppProcess]:
-    with AppProcess(
-        tmp_path, groceries.photo, groceries.models[0], "--pose", groceries.start
-    ) as process:
-        yield process
+def three(browser: Browser, tmp_path: Path) -> Iterator[Made]:
+    yield from opened(browser, tmp_path, make_groceries(tmp_path))
 
 
 @pytest.fixture
-def page(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
-    tab = AppPage(browser, app.url)
-    tab.wait_for_text("at this pose")
-    yield tab
-    assert tab.errors == []
-    tab.page.close()
+def five(browser: Browser, tmp_path: Path) -> Iterator[Made]:
+    yield from opened(browser, tmp_path, make_groceries(tmp_path, five=True))
+
+
+@pytest.fixture
+def car_behind_post(browser: Browser, tmp_path: Path) -> Iterator[Made]:
+    yield from opened(browser, tmp_path, make_car_behind_post(tmp_path))
+
+
+def size_of(made: Groceries) -> tuple[int, int]:
+    camera = made.truths[0].camera
+    return camera.width, camera.height
 
 
 def rows(tab: AppPage) -> Locator:
@@ -69,19 +81,29 @@ def add_object(tab: AppPage, path: Path) -> None:
 
 def place(tab: AppPage, path: Path, truth: Pose) -> None:
     """Press where the object is, and make it about as large: as a person does."""
-    mesh = load_mesh(path)
+    mesh, size = load_mesh(path), (truth.camera.width, truth.camera.height)
     centre = truth.project(mesh.centre)
-    tab.page.mouse.click(*tab.on_screen(centre.tolist(), SIZE))
+    tab.page.mouse.click(*tab.on_screen(centre.tolist(), size))
     tab.until(lambda: dict(cells(tab))[path.name] == "not searched")
     seen = truth.project(mesh.vertices)
-    share = np.max(np.ptp(seen, axis=0) / (0.6 * np.array([WIDTH, HEIGHT])))
+    share = np.max(np.ptp(seen, axis=0) / (0.6 * np.array(size)))
     away = centre + np.array([60.0, 0.0])
     end = centre + share * 1.04 * (away - centre)
-    tab.drag(away.tolist(), end.tolist(), SIZE, keys=["Control"])
+    tab.drag(away.tolist(), end.tolist(), size, keys=["Control"])
 
 
-def press_on(tab: AppPage, point: Sequence[float]) -> None:
-    tab.page.mouse.click(*tab.on_screen(point, SIZE))
+def place_others(tab: AppPage, made: Groceries) -> None:
+    """Add all models but the first, and put them where they are."""
+    for path, truth in list(zip(made.models, made.truths, strict=True))[1:]:
+        add_object(tab, path)
+        assert dict(cells(tab))[path.name] == "not placed"
+        place(tab, path, truth)
+
+
+def press_on(tab: AppPage, made: Groceries, index: int) -> None:
+    """Press where an object's middle is in the photo."""
+    middle = made.truths[index].project(load_mesh(made.models[index]).centre)
+    tab.page.mouse.click(*tab.on_screen(middle.tolist(), size_of(made)))
 
 
 def search(tab: AppPage, button: str = "Search (space)") -> None:
@@ -91,53 +113,83 @@ def search(tab: AppPage, button: str = "Search (space)") -> None:
     tab.page.get_by_role("button", name="Keep it").wait_for()
 
 
+def saved_near(tab: AppPage, made: Groceries, percent: float) -> Path:
+    """Save; the scene file, which has all objects within so much of their sizes."""
+    tab.saved_pose(made.photo.with_suffix(".pose.json"))
+    scene = made.photo.with_suffix(".scene.json")
+    tab.until(scene.exists)
+    objects = load_scene(scene).objects
+    for one, model, truth in zip(objects, made.models, made.truths, strict=True):
+        assert pose_error(load_mesh(model), one.record.pose, truth).percent < percent, one.id
+        assert one.record.verdict is not None
+    return scene
+
+
+def opens_again(browser: Browser, folder: Path, scene: Path, words: list[list[str]]) -> None:
+    """A scene file opens with all objects and their verdicts, as they were."""
+    (folder / "again").mkdir()
+    with AppProcess(folder / "again", scene) as again:
+        tab = AppPage(browser, again.url)
+        tab.until(lambda: rows(tab).count() == len(words))
+        assert cells(tab) == words
+        tab.wait_for_text("at this pose")
+        keep_picture(tab, f"{scene.stem}_{len(words)}_again")
+        assert tab.errors == []
+        tab.page.close()
+
+
 def test_three_groceries_are_placed_fitted_saved_and_opened_again(
-    page: AppPage, app: AppProcess, browser: Browser, groceries: Groceries
+    three: Made, browser: Browser, tmp_path: Path
 ):
+    page, made = three
     assert rows(page).count() == 0
-    names = [path.name for path in groceries.models]
-    for path, truth in list(zip(groceries.models, groceries.truths, strict=True))[1:]:
-        add_object(page, path)
-        assert dict(cells(page))[path.name] == "not placed"
-        place(page, path, truth)
+    place_others(page, made)
     keep_picture(page, "objects_placed")
-    assert [name for name, _ in cells(page)] == names
+    assert [name for name, _ in cells(page)] == [path.name for path in made.models]
     # A press picks what is in front: the tea, where it hides the crackers.
-    meshes = [load_mesh(path) for path in groceries.models]
-    middles = [t.project(m.centre).tolist() for t, m in zip(groceries.truths, meshes, strict=True)]
-    press_on(page, middles[2])
+    press_on(page, made, 2)
     page.until(lambda: picked(page) == "sugar.ply")
-    press_on(page, middles[1])
+    press_on(page, made, 1)
     page.until(lambda: picked(page) == "tea.ply")
     search(page)
     page.until(lambda: dict(cells(page))["tea.ply"] == "found")
     search(page, "Search all")
     keep_picture(page, "objects_found")
     assert {word for _, word in cells(page)} == {"found"}
-    # What is locked or hidden stays so, and undo takes all of a search of all back at once.
+    # Undo takes all of a search of all back at once.
     page.page.keyboard.press("z")
     page.until(lambda: dict(cells(page))["crackers.ply"] == "not searched")
     page.page.keyboard.press("y")
     page.until(lambda: dict(cells(page))["crackers.ply"] == "found")
-    page.saved_pose(groceries.photo.with_name("shelf.pose.json"))
-    scene = groceries.photo.with_name("shelf.scene.json")
-    page.until(scene.exists)
-    record = load_scene(scene)
-    assert [one.record.verdict.word for one in record.objects if one.record.verdict] == 3 * [
-        "found"
-    ]
-    for one, mesh, truth in zip(record.objects, meshes, groceries.truths, strict=True):
-        assert pose_error(mesh, one.record.pose, truth).percent < 2.0
-    tea = load_pose(groceries.photo.with_name("shelf.pose.json"), WIDTH, HEIGHT)
+    scene = saved_near(page, made, 2.0)
+    tea = load_pose(made.photo.with_suffix(".pose.json"), *size_of(made))
     assert tea.model is not None
     assert tea.model.file == "tea.ply"
-    # The scene file opens all of them, where they were.
-    (app.folder / "again").mkdir()
-    with AppProcess(app.folder / "again", scene) as again:
-        tab = AppPage(browser, again.url)
-        tab.until(lambda: rows(tab).count() == 3)
-        assert cells(tab) == [[name, "found"] for name in names]
-        tab.wait_for_text("at this pose")
-        keep_picture(tab, "objects_again")
-        assert tab.errors == []
-        tab.page.close()
+    opens_again(browser, tmp_path, scene, cells(page))
+
+
+def test_five_objects_are_placed_fitted_saved_and_opened_again(
+    five: Made, browser: Browser, tmp_path: Path
+):
+    page, made = five
+    place_others(page, made)
+    search(page, "Search all")
+    keep_picture(page, "five_found")
+    words = [word for _, word in cells(page)]
+    assert words.count("found") >= 4
+    opens_again(browser, tmp_path, saved_near(page, made, 3.0), cells(page))
+
+
+def test_a_car_is_fitted_behind_a_post(car_behind_post: Made, browser: Browser, tmp_path: Path):
+    page, made = car_behind_post
+    place_others(page, made)
+    keep_picture(page, "post_placed")
+    search(page, "Search all")
+    keep_picture(page, "post_found")
+    # What is in front is picked where it is pressed, and hides the outline behind it.
+    press_on(page, made, 0)
+    page.until(lambda: picked(page) == "demo_car.glb")
+    press_on(page, made, 1)
+    page.until(lambda: picked(page) == "post.glb")
+    assert dict(cells(page))["demo_car.glb"] == "found"
+    opens_again(browser, tmp_path, saved_near(page, made, 2.0), cells(page))

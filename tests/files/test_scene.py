@@ -13,6 +13,7 @@ import pytest
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import ChartParameters, RecordedVerdict, save_pose
 from poseviewer.files.scene import load_scene, save_scene, scene_schema
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.starts.registration import load_scene_registrations
 from tests.several import IDS, STARTS, TRUTH, make_three
@@ -149,3 +150,32 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
     assert (tmp_path / "three.scene.1.mask.png").is_file()
     with pytest.raises(PoseViewerError, match="20x10 px, the photo 320x240"):
         load_scene_registrations(load_scene(path))
+
+
+def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_path):
+    scene = load_scene(path)
+    flat = Parallel(40.0, 160.5, 120.5, 320, 240)
+    cameras = (flat, replace(flat, scale=55.5), flat)
+    records = [
+        replace(one.record, pose=Pose(camera, one.record.pose.camera_from_model), seen=0.625)
+        for one, camera in zip(scene.objects, cameras, strict=True)
+    ]
+    save_scene(tmp_path / "flat.json", replace(scene.with_records(records), camera=flat))
+    data = json.loads((tmp_path / "flat.json").read_text())
+    jsonschema.validate(data, scene_schema())
+    assert [one["pose"].get("scale") for one in data["objects"]] == [None, 55.5, None]
+    again = load_scene(tmp_path / "flat.json")
+    assert [one.record.pose.camera for one in again.objects] == list(cameras)
+    assert [one.record.seen for one in again.objects] == [0.625] * 3
+    opened = load_scene_registrations(again)
+    assert [one.start.camera for one in opened] == list(cameras)
+    # Another centre is another camera.
+    aside = replace(records[1], pose=Pose(replace(flat, cx=9.0), records[1].pose.camera_from_model))
+    with pytest.raises(PoseViewerError, match="by another camera"):
+        save_scene(
+            tmp_path / "no.json",
+            replace(scene.with_records([records[0], aside, records[2]]), camera=flat),
+        )
+    changed(tmp_path / "flat.json", lambda data: data["objects"][1]["pose"].update(scale=-1))
+    with pytest.raises(PoseViewerError, match=r"objects\[1\].*scale"):
+        load_scene(tmp_path / "flat.json")

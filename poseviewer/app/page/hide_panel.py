@@ -54,7 +54,8 @@ class HidePanel:
         """Bring the controls to the session."""
         own, tool = session.document.registration, session.tool
         ended = None if session.searching else session.search
-        key = (own.mask, own.mesh, tool, session.erasing, ended)
+        end = session.document.searched
+        key = (own.mask, own.mesh, tool, session.erasing, ended, end)
         if self._shown == key:
             return
         self._shown, self._active = key, tool in h.HIDING

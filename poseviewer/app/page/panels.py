@@ -681,7 +681,7 @@ def search_text(session: Session) -> str:
 def verdict_text(session: Session) -> str:
     """The verdict on the search that led to the pose, and why (markdown); "": there is none."""
     found = session.document.searched
-    verdict = None if found is None else found.verdict
+    verdict = None if found is None else found.record.verdict
     if verdict is None:
         return ""
     note = focal_note(session)

@@ -176,7 +176,8 @@ class PhotoScene:
             hidden = None if mask is None else 1.0 - mask.weights
             self._tint("/hidden/painted", hidden, HIDDEN_COLOUR, opacity)
         ended = None if session.searching else session.search
-        if self._is_new("found", (ended, session.look.hidden, self._size)):
+        end = session.document.searched
+        if self._is_new("found", (ended, end, session.look.hidden, self._size)):
             found = None if session.look.hidden else found_hidden(session)
             shown = None if found is None else found.astype(np.float32)
             self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY)

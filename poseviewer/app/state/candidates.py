@@ -151,7 +151,7 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
         registration=with_mesh(own, model),
         pose=pose,
         pins=(),
-        record=None,
+        end=None,
         model_path=candidate.path,
         marks=Marks(box=document.marks.box),
     )

@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from poseviewer.api import FitResult
 from poseviewer.app.state.cameras import (
     camera_from_numbers,
     require_field_of_view,
@@ -22,7 +21,7 @@ from poseviewer.app.state.cameras import (
     with_projection,
 )
 from poseviewer.app.state.candidates import CandidateModel, Comparison, with_model
-from poseviewer.app.state.document import Document, SceneObject
+from poseviewer.app.state.document import Document, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import (
     PIN_REACH,
     ModelDrag,
@@ -603,11 +602,14 @@ def _shows_proposal(session: Session, asked: ProposedStarts) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StartSearch(Command):
-    """Search from the pose at hand."""
+    """Search from the pose at hand: among others, until what these hide no longer changes."""
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        return _searching(session, document.pose, (document.settings,))
+        # Others keep their place in the photo, not in space, while the focal length is sought.
+        among = bool(document.standing) and not document.settings.free_focal
+        objects = (document,) if among else ()
+        return _searching(session, document.pose, (document.settings,), objects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -652,7 +654,7 @@ def _searching(
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
     number, document = session.searches + 1, session.document
-    if document.locked and not objects:
+    if document.locked and objects in ((), (document,)):
         raise SettingsError(f"{document.label} is locked: {UNLOCK} to search")
     return replace(
         session,
@@ -676,13 +678,15 @@ class TakeEnd(Command):
         if not 0 <= self.index < len(session.ends):
             return session
         end, before = session.ends[self.index], session.document
-        document = replace(before, pose=end.update.progress.pose, settings=end.settings)
+        progress = end.update.progress
+        found = SearchEnd.of(end.update.case, progress)
+        document = replace(before, pose=progress.pose, settings=end.settings, end=found)
         start = end.update.case.registration.start
         taken = session.with_document(document)
         if end.settings.method != before.settings.method:
             taken = replace(taken, aside=before.settings)
-        found = Search(session.searches, before, start, (end.settings,), False, end.update)
-        return replace(taken, search=found, anchor=start)
+        ended = Search(session.searches, before, start, (end.settings,), False, end.update)
+        return replace(taken, search=ended, anchor=start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -727,15 +731,13 @@ class SearchAdvanced(WorkerUpdate):
         progress, ends = self.update.progress, self.update.ends
         together = self.update.together
         if together is not None:
-            document = session.document.with_poses(together.poses, together.records)
+            document = session.document.with_poses(together.poses, together.ends)
             found = replace(search, latest=self.update, running=not together.is_over)
             return replace(session, document=document, search=found)
         is_last = len(search.methods) == 1 or bool(ends)
         running = progress.status.name == "RUNNING" or not is_last
-        record = None
-        if not running:
-            record = FitResult(self.update.case, progress.pose, progress).record
-        document = replace(session.document, pose=progress.pose, record=record)
+        end = None if running else SearchEnd.of(self.update.case, progress)
+        document = replace(session.document, pose=progress.pose, end=end)
         found = replace(search, latest=self.update, running=running)
         return replace(session, document=document, search=found, ends=ends or session.ends)
 

@@ -8,17 +8,21 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from poseviewer.api import Case, FitResult
 from poseviewer.app.state.cameras import has_camera, with_camera
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.problem import choose_chart
+from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.vehicle.chart import VehicleChart
@@ -84,6 +88,21 @@ class Marks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SearchEnd:
+    """What a search found."""
+
+    record: PoseRecord
+    in_front: NDArray[np.bool_] | None = None
+    """(height, width) of the photo: what it took for something in front of the model."""
+
+    @classmethod
+    def of(cls, case: Case, progress: FitProgress) -> SearchEnd:
+        """Where a search of a case has ended."""
+        found = FitResult(case.behind(progress.hidden), progress.pose, progress)
+        return cls(found.record, found.hidden)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
     """A model in the photo, and all that is its own."""
 
@@ -104,8 +123,8 @@ class SceneObject:
     """Not drawn, and in front of nothing."""
     locked: bool = False
     """Left where it is in the photo by presses and searches."""
-    record: PoseRecord | None = None
-    """What the last search found; of use as long as its pose is the one at hand."""
+    end: SearchEnd | None = None
+    """Of the last search; of use as long as its pose is the one at hand."""
 
     @property
     def label(self) -> str:
@@ -113,9 +132,20 @@ class SceneObject:
         return self.name.strip() or self.registration.mesh_name
 
     @property
-    def searched(self) -> PoseRecord | None:
-        """What a search says of the pose at hand; None where none ended there."""
-        return self.record if self.record is not None and self.record.pose is self.pose else None
+    def searched(self) -> SearchEnd | None:
+        """The search that led to the pose at hand; None where none ended there."""
+        return self.end if self.end is not None and self.end.record.pose is self.pose else None
+
+    @property
+    def compared_mask(self) -> Mask | None:
+        """What counts of the photo at the pose at hand: also without what the search that led to it
+        took for something in front.
+        """
+        mask = self.registration.mask
+        if self.searched is None or self.searched.in_front is None:
+            return mask
+        seen = ~self.searched.in_front
+        return Mask.of(seen if mask is None else mask.weights * seen)
 
     @property
     def stands(self) -> bool:
@@ -133,7 +163,8 @@ class SceneObject:
         """In a word: how the search ended that led to the pose at hand."""
         if self.searched is None:
             return "not placed" if self.awaits_place else "not searched"
-        return self.searched.verdict.word if self.searched.verdict is not None else "searched"
+        verdict = self.searched.record.verdict
+        return verdict.word if verdict is not None else "searched"
 
     def seen_by(self, photo: Photo, camera: Camera) -> SceneObject:
         """The same in a photo that a camera took, where it was and as large; the same object where
@@ -149,7 +180,7 @@ class SceneObject:
         same_pixels = same_pixels and own.photo.undistortion is photo.undistortion
         mask = own.mask if same_pixels else None
         registration = replace(own, photo=photo, start=start, mask=mask)
-        return replace(self, registration=registration, pose=pose, record=None)
+        return replace(self, registration=registration, pose=pose, end=None)
 
     @property
     def chart(self) -> Chart:
@@ -261,13 +292,13 @@ class Document(SceneObject):
         others = (replace(o, **changes) if o.number == number else o for o in self.others)
         return replace(self, others=tuple(others))
 
-    def with_poses(self, poses: Mapping[int, Pose], records: Mapping[int, PoseRecord]) -> Document:
+    def with_poses(self, poses: Mapping[int, Pose], ends: Mapping[int, SearchEnd]) -> Document:
         """The same with its objects at other poses, by their numbers, and what was found there."""
 
         def at(one: T) -> T:
-            pose, record = poses.get(one.number, one.pose), records.get(one.number, one.record)
-            kept = pose is one.pose and record is one.record
-            return one if kept else replace(one, pose=pose, record=record)
+            pose, end = poses.get(one.number, one.pose), ends.get(one.number, one.end)
+            kept = pose is one.pose and end is one.end
+            return one if kept else replace(one, pose=pose, end=end)
 
         return at(replace(self, others=tuple(map(at, self.others))))
 

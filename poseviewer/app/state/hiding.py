@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.api import FitResult
 from poseviewer.app.state.commands import Command
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, SearchEnd
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -152,16 +152,23 @@ class TakeFound(Command):
     """What the search took for something in front is hidden from now on, to be corrected."""
 
     def __call__(self, session: Session) -> Session:
-        found = found_hidden(session)
-        return session if found is None else _painted(session, found, erase=False)
+        if found_hidden(session) is None:
+            return session
+        document = session.document
+        taken = with_mask(document, compared_mask(session))
+        if document.searched is not None:  # the same pixels were compared
+            taken = replace(taken, end=SearchEnd(document.searched.record))
+        return session.with_document(taken)
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
-    """(height, width): what the search whose end is at hand took for something in front."""
-    latest = session.own_search
+    """(height, width): what the search that led to the pose at hand took for something in front."""
+    ended, latest = session.document.searched, session.own_search
+    if ended is not None:
+        return ended.in_front
     if latest is None or session.searching:
         return None
-    return FitResult(latest.case, latest.progress.pose, latest.progress).hidden
+    return FitResult(latest.case, latest.progress.pose, latest.progress).hidden  # it was stopped
 
 
 def compared_mask(session: Session) -> Mask | None:
@@ -177,7 +184,7 @@ def compared_mask(session: Session) -> Mask | None:
 def with_mask(document: Document, mask: Mask | None) -> Document:
     """The document with another mask."""
     registration = replace(document.registration, mask=mask)
-    return replace(document, registration=registration, record=None)
+    return replace(document, registration=registration, end=None)
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
@@ -192,4 +199,4 @@ def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session
 
 def _with_mesh(document: Document, mesh: Mesh) -> Document:
     registration = replace(document.registration, mesh=mesh)
-    return replace(document, registration=registration, record=None)
+    return replace(document, registration=registration, end=None)

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from poseviewer.api import Case
 from poseviewer.app.state.candidates import Candidates
-from poseviewer.app.state.document import Document, History, SceneObject
+from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.figures.loss_maps import LossMaps
-from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
@@ -136,7 +135,7 @@ class Together:
     """Of the object that the update is of."""
     poses: Mapping[int, Pose]
     """Of all objects that are searched for, by their numbers."""
-    records: Mapping[int, PoseRecord]
+    ends: Mapping[int, SearchEnd]
     """What was found, by the numbers of the objects whose last search is over."""
     is_over: bool = False
 

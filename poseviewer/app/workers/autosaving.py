@@ -216,14 +216,15 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         model=_absolute(one.model_path),
         model_name=own.mesh_name,
         model_sha256=own.mesh_sha256,
-        pose=one.searched
-        or PoseRecord(one.pose, undistortion=photo.undistortion, without=own.mesh.left_out),
+        pose=PoseRecord(one.pose, undistortion=photo.undistortion, without=own.mesh.left_out)
+        if one.searched is None
+        else one.searched.record,
         start=PoseRecord(own.start, undistortion=photo.undistortion),
         settings=settings_as_json(one.settings),
         unsaved=unsaved,
         saved_at=time.time(),
         process=os.getpid(),
-        mask=own.mask,
+        mask=one.compared_mask,
         number=one.number,
         name=one.name,
         hidden=one.hidden,

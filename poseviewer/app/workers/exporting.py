@@ -36,9 +36,10 @@ def record_of(session: Session) -> PoseRecord:
     """All that the pose file of the session says."""
     document, latest, overlay = session.document, session.own_search, session.overlay
     if document.searched is not None:
-        return document.searched
+        return document.searched.record
     if latest is not None:
-        return FitResult(latest.case, document.pose, latest.progress).record
+        case = latest.case.behind(latest.progress.hidden)
+        return FitResult(case, document.pose, latest.progress).record
     known = overlay.unexplained if overlay is not None and overlay.loss_is_current else None
     if overlay is None or known is None or overlay.request.pose is not document.pose:
         return _plain_record(document)
@@ -60,10 +61,13 @@ def scene_of(session: Session) -> tuple[SceneRecord, dict[str, Mask]]:
     for one in document.objects:
         if one.model_path is None or document.photo_path is None:
             raise SettingsError(f"{one.label}: photo and models of a scene have to be files")
-        record = record_of(session) if one is document else one.searched or _plain_record(one)
+        record, mask = record_of(session), compared_mask(session)
+        if one is not document:
+            record = _plain_record(one) if one.searched is None else one.searched.record
+            mask = one.compared_mask
         objects.append(FiledObject(str(one.number), one.model_path, record, one.name.strip()))
-        if one.registration.mask is not None:
-            masks[str(one.number)] = one.registration.mask
+        if mask is not None:
+            masks[str(one.number)] = mask
     assert document.photo_path is not None  # it was just looked at
     reference = PhotoReference(photo.name, photo.width, photo.height, photo.sha256)
     camera, lens = document.pose.camera, photo.undistortion

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
-from poseviewer.app.state.document import Document, Marks, SceneObject
+from poseviewer.app.state.document import Document, Marks, SceneObject, SearchEnd
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import load_mask, mask_beside
@@ -158,7 +158,7 @@ def open_scene(path: Path) -> Opened:
             model_path=one.model,
             number=number,
             name=one.name or ("" if one.id.isdecimal() else one.id),
-            record=None if one.record.verdict is None else one.record,
+            end=None if one.record.verdict is None else SearchEnd(one.record),
         )
         for number, (one, registration) in enumerate(
             zip(scene.objects, registrations, strict=True), 1
@@ -250,7 +250,7 @@ def completed(now: Document, path: Path) -> Opened:
     model = replace(model, mesh=model.mesh.without(left_out))
     registration = with_mesh(now.registration, model)
     notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
-    return Opened(replace(now, registration=registration, model_path=path, record=None), notes)
+    return Opened(replace(now, registration=registration, model_path=path, end=None), notes)
 
 
 def open_model(now: Document, path: Path) -> Opened:
@@ -371,7 +371,7 @@ def _restored(one: T, kept: AutosavedSession, photo: Photo) -> T:
         name=kept.name,
         hidden=kept.hidden,
         locked=kept.locked,
-        record=None if kept.pose.verdict is None else kept.pose,
+        end=None if kept.pose.verdict is None else SearchEnd(kept.pose),
     )
 
 

@@ -18,7 +18,9 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attributes
+from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.unexplained import LossScale, Unexplained
+from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -53,6 +55,8 @@ class OverlayDrawer:
         self._note = ""
         self._shown_photo: object = None
         self._photo = np.zeros((0, 0, 3), np.uint8)
+        self._others: tuple[tuple[PlacedModel, ...], float] = ((), 1.0)
+        self._nearest = np.zeros((0, 0), np.float32)
 
     def draw(self, request: OverlayRequest) -> Iterator[Overlay]:
         """A quick drawing, the same with the loss, and, unless the model is moving, a fine one."""
@@ -144,7 +148,22 @@ class OverlayDrawer:
         mesh = request.registration.mesh
         view = View(self._photo, mesh, self._fine, pose, relight, request.opacity)
         place = (0.0, 0.0, float(photo.width), float(photo.height))
-        return self._overlay(request, None, draw_look(request.look, view), place)
+        picture = draw_look(request.look, view)
+        others = request.registration.others
+        if others:
+            behind = self._depth_of(others, factor) < depth_image(PlacedModel(mesh, pose))
+            picture = np.where(behind[..., None], self._photo, picture)
+        return self._overlay(request, None, picture, place)
+
+    def _depth_of(self, others: tuple[PlacedModel, ...], factor: float) -> DepthImage:
+        """Of what is nearest, where the photo is drawn ``factor`` as large; kept while the others
+        stay as they are.
+        """
+        if self._others != (others, factor):
+            placed = [PlacedModel(one.mesh, one.pose.scaled(factor)) for one in others]
+            self._others = others, factor
+            self._nearest = np.minimum.reduce([depth_image(one) for one in placed])
+        return self._nearest
 
 
 class SketchDrawer:

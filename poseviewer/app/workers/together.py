@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from poseviewer.api import Case, FitResult
-from poseviewer.app.state.document import Document, SceneObject
+from poseviewer.api import Case, make_case
+from poseviewer.app.state.document import Document, SceneObject, SearchEnd
 from poseviewer.app.state.session import Search, SearchUpdate, Together
 from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.confidence.model import judge_end
 from poseviewer.errors import SettingsError
-from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.together import ModelToPlace, search_together
@@ -19,7 +18,7 @@ from poseviewer.render.pool import processors
 
 
 def run(asked: Search) -> Iterator[SearchUpdate]:
-    """What the session asks for: a search for the picked object, or for several."""
+    """What the session asks for: a search for an object alone, or for some among others."""
     return search_all(asked.before, asked.objects) if asked.objects else run_search(asked)
 
 
@@ -42,7 +41,7 @@ def search_all(document: Document, objects: Sequence[SceneObject]) -> Iterator[S
     update: SearchUpdate | None = None
     improvements: tuple[FitProgress, ...] = ()
     restarts: tuple[FitProgress, ...] = ()
-    records: dict[int, PoseRecord] = {}
+    ends: dict[int, SearchEnd] = {}
     for now in search_together(models, judge_end, processors()):
         model, placing, number = models[now.index], now.placings[now.index], numbers[now.index]
         assert placing is not None  # it is the one under way
@@ -55,10 +54,12 @@ def search_all(document: Document, objects: Sequence[SceneObject]) -> Iterator[S
         if progress.restart > len(restarts):
             restarts = (*restarts, progress)
         if progress.status is not Status.RUNNING:
-            records = {**records, number: FitResult(case, progress.pose, progress).record}
-        together = Together(number, dict(zip(numbers, now.poses, strict=True)), records)
+            ends = {**ends, number: SearchEnd.of(case, progress)}
+        together = Together(number, dict(zip(numbers, now.poses, strict=True)), ends)
         update = SearchUpdate(case, progress, improvements, restarts, together=together)
         yield update
     if update is None or update.together is None:
+        for model in models:  # says why it cannot be compared, and what to do
+            make_case(model.registration, model.settings, model.renderer)
         raise SettingsError("the objects stand wholly behind others: bring one to the front")
     yield replace(update, together=replace(update.together, is_over=True))

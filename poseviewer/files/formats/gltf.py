@@ -107,6 +107,11 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: Request) -> Written
     for one, pose in zip(scene.objects, poses, strict=True):
         place = as_4x4(OPENGL_FROM_OPENCV @ pose.camera_from_model) * scale
         place[3, 3] = 1.0
+        own, camera = pose.camera, scene.camera
+        if isinstance(own, Parallel) and isinstance(camera, Parallel):
+            # As large in the picture by the one camera, and no farther.
+            place[:3, :3] *= own.scale / camera.scale
+            place[:2, 3] *= own.scale / camera.scale
         matrix = place.T.reshape(-1).tolist()
         nodes.append(file.add("nodes", name=one.label, mesh=index[one.model], matrix=matrix))
     # From the file's world, OpenGL's axes, to the camera's.

@@ -11,10 +11,16 @@ from poseviewer.api import make_case
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.objects import AddObject, PickObject
 from poseviewer.app.state.session import Search, SearchUpdate, Session
 from poseviewer.app.state.update import update
+from poseviewer.app.workers.autosaving import Autosaver
+from poseviewer.app.workers.exporting import record_of, scene_of
+from poseviewer.app.workers.opening import open_scene, restore
+from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
+from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
 from tests.app.state.documents import HEIGHT, PERSPECTIVE, WIDTH, after, make_photo, make_session
 from tests.meshes import make_two_boxes
@@ -190,3 +196,86 @@ def test_without_a_search_nothing_is_found():
     assert h.found_hidden(session) is None
     assert h.compared_mask(session) is None
     assert after(session, h.TakeFound()).document is session.document
+
+
+def ended_search(scene) -> Session:
+    """A session whose search has just ended, and took the photo's left half for something in
+    front.
+    """
+    registration = load_registration(scene.photo, scene.model, scene.start)
+    settings = FitSettings(limits=Limits(5))
+    document = Document(
+        registration,
+        registration.start,
+        settings,
+        model_path=scene.model,
+        photo_path=scene.photo,
+    )
+    session = after(Session(document), c.StartSearch())
+    case = make_case(registration, settings)
+    (*_, progress) = case.search()
+    hidden = np.zeros(case.problem.photo.weights.shape, bool)
+    hidden[:, : hidden.shape[1] // 2] = True
+    found = SearchUpdate(case, replace(progress, hidden=hidden), (progress,))
+    return after(session, c.SearchAdvanced(session.searches, found))
+
+
+def share_seen(session: Session, mask: Mask | None) -> float:
+    """Of the picked model, what a mask leaves."""
+    covered = SoftwareRenderer(session.document.registration.mesh).covers(session.document.pose)
+    return 1.0 if mask is None else float(np.mean(mask.weights[covered] > 0.0))
+
+
+def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
+    session = ended_search(scene)
+    for now in (
+        session,
+        after(session, c.AcceptSearch()),
+        after(session, h.TakeFound()),
+        after(session, c.AcceptSearch(), h.TakeFound()),
+        after(session, AddObject(), c.Nudge("move", 9.0), PickObject(1)),
+        after(session, h.TakeFound(), AddObject(), c.Nudge("move", 9.0), PickObject(1)),
+    ):
+        record, mask = record_of(now), h.compared_mask(now)
+        assert record.verdict is not None
+        assert record.seen is not None
+        assert 0.2 < record.seen < 0.8
+        assert record.seen == pytest.approx(share_seen(now, mask), abs=0.03)
+        assert now.document.verdict == record.verdict.word
+    # Painting asks for another search, and takes its word from the one before.
+    painted = after(session, c.AcceptSearch(), brush((150.0, 10.0)))
+    assert record_of(painted).seen is None
+    assert painted.document.verdict == "not searched"
+
+
+def test_each_object_keeps_what_is_hidden_of_it(scene, tmp_path):
+    found = after(ended_search(scene), c.AcceptSearch())
+    session = after(found, AddObject(), c.Nudge("move", 9.0), brush((80.0, 60.0), radius=9.0))
+    own, other = session.document.compared_mask, session.document.others[0].compared_mask
+    assert own is not None
+    assert other is not None
+    in_front = h.found_hidden(found)
+    assert in_front is not None
+    assert np.array_equal(other.weights == 0.0, in_front)
+
+    def same(one: Mask | None, another: Mask) -> bool:
+        return one is not None and np.array_equal(one.weights, another.weights)
+
+    back = after(session, PickObject(1))
+    assert same(h.compared_mask(back), other)
+    assert same(back.document.others[0].compared_mask, own)
+    assert same(h.compared_mask(after(back, PickObject(2))), own)
+    # After a crash, and in a scene file, whichever is picked.
+    for name, now in (("picked", session), ("other", back)):
+        state = tmp_path / name
+        autosaver = Autosaver(state)
+        autosaver.close(now)
+        (path,) = (state / "sessions").iterdir()
+        (opened,) = restore(load_autosave(path))
+        saved = open_scene(autosaver.save_scene(now, *scene_of(now)))
+        for document in (opened.document, saved.document):
+            first, second = document.objects
+            assert same(first.compared_mask, other)
+            assert same(second.compared_mask, own)
+            assert first.searched is not None
+            assert first.searched.record.seen == pytest.approx(record_of(back).seen)

@@ -10,6 +10,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.candidates import CandidateModel
+from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MOST_OBJECTS,
@@ -328,7 +329,7 @@ def test_a_verdict_is_of_the_pose_that_it_was_given_to():
     document = make_document()
     assert document.verdict == "not searched"
     record = PoseRecord(document.pose, verdict=RecordedVerdict("found", 0.9))
-    found = replace(document, record=record)
+    found = replace(document, end=SearchEnd(record))
     assert found.verdict == "found"
     session = after(Session(found), AddObject(BOX))
     assert session.document.others[0].verdict == "found"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.commands import Nudge
+from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
@@ -152,7 +153,7 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
         assert not session.error_message
     verdict = RecordedVerdict("found", 0.9)
     record = PoseRecord(session.document.pose, verdict=verdict)
-    session = replace(session, document=replace(session.document, record=record))
+    session = replace(session, document=replace(session.document, end=SearchEnd(record)))
     Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)
