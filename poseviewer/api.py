@@ -58,6 +58,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
@@ -360,6 +361,13 @@ class FitResult:
         return None if self.progress is None else self.progress.verdict
 
     @property
+    def covariance(self) -> PoseCovariance | None:
+        """How sure the pose is, if it is right; None for a pose that was not searched for, or is
+        lost.
+        """
+        return None if self.verdict is None else self.verdict.covariance
+
+    @property
     def hidden(self) -> NDArray[np.bool_] | None:
         """(height, width) of the photo: what the search took for something in front of the model,
         and beside it where its outline is hidden; None where there was nothing.
@@ -408,6 +416,7 @@ class FitResult:
             case.problem.scale.unexplained(loss),
             without=mesh.left_out,
             seen=None if self.progress is None else self.seen,
+            covariance=self.covariance,
         )
 
     def save(self, path: str | Path) -> None:

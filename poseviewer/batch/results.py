@@ -23,6 +23,8 @@ from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 ACCEPTED, MENDED = "accepted", "mended"
+STDS = ("depth_std", "sideways_std", "degrees_std", "px_std")
+"""Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
 FORMAT, VERSION = "poseviewer-batch", 1
 
 
@@ -68,6 +70,12 @@ class JobResult:
     """That the pose is right, in [0, 1]."""
     reasons: str = ""
     """Of the verdict, a sentence a line."""
+    depth_std: float | None = None
+    """Standard deviations of the pose, if it is right: of its depth, and sideways, in the model's
+    unit; in degrees; and in the photo, px (``PoseCovariance``). None where they are not known."""
+    sideways_std: float | None = None
+    degrees_std: float | None = None
+    px_std: float | None = None
     review: str = ""
     """What a person said of the pose: ``accepted``, or ``mended`` by hand and then accepted."""
     note: str = ""
@@ -111,7 +119,7 @@ def load_result(folder: Path, key: str) -> JobResult | None:
     try:
         data = dict(json.loads((folder / ROWS / f"{key}.json").read_bytes()))
         values: dict[str, Any] = {name: str(data.get(name, "")) for name in ("review", "note")}
-        values |= {name: data.get(name) for name in ("unexplained", "start_unexplained")}
+        values |= {name: data.get(name) for name in ("unexplained", "start_unexplained", *STDS)}
         values |= {f.name: data[f.name] for f in fields(JobResult) if f.name not in values}
         found = JobResult(**values)
     except (OSError, ValueError, KeyError, TypeError):

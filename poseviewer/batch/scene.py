@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from poseviewer.batch.annotations import annotate
 from poseviewer.batch.job import open_model
@@ -35,7 +37,14 @@ from poseviewer.files.formats.bop_masks import (
     save_annotation_files,
     save_masks,
 )
-from poseviewer.files.pose import PoseRecord, load_pose, recorded_size, save_pose
+from poseviewer.files.pose import (
+    PoseRecord,
+    covariance_as_json,
+    load_pose,
+    recorded_size,
+    save_pose,
+)
+from poseviewer.files.writing import write_whole
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
@@ -43,6 +52,8 @@ from poseviewer.starts.automatic import AUTOMATIC
 
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""
+UNCERTAINTY = "scene_gt_uncertainty.json"
+"""By images, a list in the order of ``scene_gt.json``: what a pose file has as ``uncertainty``."""
 FROM_SCENE = "gt"
 
 
@@ -162,8 +173,25 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
             found = BopObject(_number(MODEL_NAME, result.model), place)
             poses[_number(PHOTO_NAME, result.photo)].append(found)
     save_bop_images(folder, load_scene_file(Path(manifest.scene) / CAMERAS), dict(poses))
+    _save_uncertainty(folder, results)
     if manifest.together:
         _save_annotations(folder, manifest, results)
+
+
+def _save_uncertainty(folder: Path, results: Sequence[JobResult]) -> None:
+    """Write how sure the poses are beside them: ``scene_gt.json`` has no place for it, and its
+    readers do not look for more files.
+    """
+    images: dict[str, list[dict[str, Any] | None]] = defaultdict(list)
+    for result in sorted(results, key=lambda result: result.row):
+        if result.pose:
+            sure = load_pose(folder / result.pose, 1, 1).covariance
+            entry = None if sure is None else covariance_as_json(sure)
+            number = _number(MODEL_NAME, result.model)
+            image = str(_number(PHOTO_NAME, result.photo))
+            images[image].append(entry and {"obj_id": number, **entry})
+    text = json.dumps(images, indent=1)
+    write_whole(folder / UNCERTAINTY, (text + "\n").encode(), BatchError)
 
 
 def _save_annotations(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:

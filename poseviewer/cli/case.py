@@ -150,3 +150,6 @@ def print_end(found: FitResult) -> None:
         say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
         for reason in (*verdict.reasons, *found.notes):
             say(f"  {reason}")
+    if found.covariance is not None:
+        unit = found.case.registration.mesh.unit
+        say(f"how sure, as standard deviations: {found.covariance.words(unit)}")

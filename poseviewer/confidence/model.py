@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.reasons import reasons_for
+from poseviewer.confidence.uncertainty import find_covariance
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
@@ -34,7 +36,12 @@ def judge_end(
     if progress.status is not Status.NOTHING_SEEN:
         with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
             features = gather_features(problem, mesh, renderer, progress.pose, threads)
-    return judge(features)
+    verdict = judge(features)
+    if verdict.word == "lost" or features is None:
+        return verdict
+    pose, seen = progress.pose, features.seen
+    covariance = find_covariance(problem, mesh, renderer, pose, seen, threads)
+    return replace(verdict, covariance=covariance)
 
 
 def judge(features: Features | None) -> Verdict:

@@ -21,6 +21,7 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-pose", 1
@@ -103,6 +104,8 @@ class PoseRecord:
     """Names of the model's parts that are left out."""
     seen: float | None = None
     """The share of the model's pixels that count: that nothing else hides, as far as is known."""
+    covariance: PoseCovariance | None = None
+    """How sure the pose is, if it is right; in files under ``uncertainty``."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -174,6 +177,8 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("without", Reading.texts) or (),
         optional("seen", Reading.number),
     )
+    if data.get("uncertainty") is not None:
+        record = replace(record, covariance=_covariance(reading, data["uncertainty"], record.pose))
     made_for = record.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
         reading.warnings.append(
@@ -236,6 +241,8 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
             "reasons": list(verdict.reasons),
             "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
         }
+    if record.covariance is not None:
+        data["uncertainty"] = covariance_as_json(record.covariance)
     if record.mask is not None:
         data["mask"] = record.mask
     if record.without:
@@ -259,6 +266,20 @@ def camera_as_json(camera: Camera) -> dict[str, Any]:
     shifted = camera_as_integer_centres(camera)
     values = {name: float(getattr(shifted, name)) for name in (*above_0, *others)}
     return {"projection": projection, "camera": values}
+
+
+def covariance_as_json(covariance: PoseCovariance) -> dict[str, Any]:
+    """The covariance, and what it says of single quantities."""
+    deviations = {
+        name: getattr(covariance, name)
+        for name in ("depth", "sideways", "scale_percent", "degrees", "focal_px", "px")
+    }
+    return {
+        "covariance": covariance.matrix.tolist(),
+        "names": list(covariance.names),
+        "centre": covariance.centre.tolist(),
+        "deviations": {k: float(value) for k, value in deviations.items() if value is not None},
+    }
 
 
 def _reference_as_json(reference: PhotoReference | ModelReference | None) -> dict | None:
@@ -345,6 +366,19 @@ def _chart(reading: Reading, value: Any, what: str) -> ChartParameters:
     name, names = reading.fields(value, what, name=Reading.text, names=Reading.texts)
     numbers = reading.numbers(value.get("numbers"), f"{what}.numbers", len(names))
     return ChartParameters(name or "", names, tuple(numbers))
+
+
+def _covariance(reading: Reading, value: Any, pose: Pose) -> PoseCovariance:
+    value, what = reading.object(value, "uncertainty"), "uncertainty"
+    rows = value.get("covariance")
+    size = 7 if isinstance(rows, list) and len(rows) == 7 else 6
+    matrix = reading.matrix(rows, f"{what}.covariance", (size,), size)
+    if not np.all(np.diag(matrix) >= 0.0):
+        raise reading.error(f"{what}.covariance has a variance below 0", "wanted none")
+    centre = reading.numbers(value.get("centre"), f"{what}.centre")
+    deviations = reading.object(value.get("deviations", {}), f"{what}.deviations")
+    px = reading.number(deviations.get("px", 0.0), f"{what}.deviations.px")
+    return PoseCovariance(pose, np.array(centre), matrix, px)
 
 
 def _verdict(reading: Reading, value: Any, what: str) -> RecordedVerdict:

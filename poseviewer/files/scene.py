@@ -41,7 +41,7 @@ OF_SCENE = ("projection", "camera", "distortion", "photo")
 """What a scene says once for the poses of all its objects."""
 OF_POSE = (
     *("camera_from_model", "without", "chart", "loss", "unexplained", "seen", "verdict", "notes"),
-    "settings",
+    *("uncertainty", "settings"),
 )
 """What is written of each object's own."""
 NOWHERE = {"rotation": np.eye(3).tolist(), "translation": [0.0, 0.0, 0.0]}

@@ -70,18 +70,22 @@ class Probe:
         renderer: Renderer,
         pose: Pose,
         threads: int = 1,
+        chart: FreeBodyChart | None = None,
+        level: Level | None = None,
     ) -> None:
-        """``photo``: the ``compared_photo`` of problem and pose.
+        """``photo``: the ``compared_photo`` of problem and pose; ``chart``: about the pose, by
+        default with the focal length where that is free and the problem's chart calls it so;
+        ``level``: of the photo, by default the coarsest.
 
         Raises:
             PoseViewerError: the pose has no parameters in the problem's chart, or in any.
         """
         is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
         has_focal = not isinstance(pose.camera, Parallel)
-        self.chart = FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
+        self.chart = chart or FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
         self.motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         """(k, d): orthonormal, of the free-body chart about the pose."""
-        self.level: Level = coarsest_level(photo, renderer, self.chart.start, FEWEST_OF_STRUCTURE)
+        self.level = level or coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
         self._mesh, self._points = mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
 

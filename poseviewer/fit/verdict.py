@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from poseviewer.geometry.pose_covariance import PoseCovariance
 
 Word = Literal["found", "doubtful", "lost"]
 
@@ -67,6 +69,8 @@ class Verdict:
     """Sentences."""
     features: Features | None
     """None where there was nothing to see."""
+    covariance: PoseCovariance | None = field(default=None, compare=False)
+    """How sure the pose is, if it is right; None for a lost one, and where it cannot be told."""
 
     def __str__(self) -> str:
         return self.word

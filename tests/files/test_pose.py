@@ -27,6 +27,7 @@ from poseviewer.files.pose import (
 )
 from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 
 WIDTH, HEIGHT = 640, 480
@@ -85,6 +86,37 @@ def test_what_is_written_is_read_to_the_last_digit(
     assert read.warnings == ()
     save_pose(tmp_path / "again.json", read)
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
+
+
+@pytest.mark.parametrize(("camera", "size"), [(PERSPECTIVE, 6), (PERSPECTIVE, 7), (PARALLEL, 6)])
+def test_how_sure_it_is_survives_the_file_and_passes_the_schema(
+    tmp_path: Path, camera: Perspective | Parallel, size: int, validator: Any
+) -> None:
+    factor = np.random.default_rng(0).normal(size=(size, size))
+    sure = PoseCovariance(
+        Pose(camera, TRANSFORM), np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7
+    )
+    path = tmp_path / "pose.json"
+    save_pose(path, replace(full_record(camera), covariance=sure))
+    validator.validate(json.loads(path.read_text()))
+    read = load_pose(path, WIDTH, HEIGHT).covariance
+    assert read is not None
+    np.testing.assert_array_equal(read.matrix, sure.matrix)
+    assert read.words("mm") == sure.words("mm")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"covariance": np.eye(5).tolist()}, "wanted 6 rows"),
+        ({"covariance": (-np.eye(6)).tolist()}, "variance below 0"),
+        ({"covariance": np.eye(6).tolist(), "centre": None}, "uncertainty.centre"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(tmp_path: Path, wrong: Any, words: str) -> None:
+    data = {**plain(), "uncertainty": {"centre": [0, 0, 0], **wrong}}
+    with pytest.raises(PoseFileError, match=words):
+        load_pose(write(tmp_path / "pose.json", data), WIDTH, HEIGHT)
 
 
 @settings(max_examples=100, deadline=None)

@@ -1,0 +1,83 @@
+"""How sure the pose of a fit is: its covariance, from the loss about the end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
+
+import numpy as np
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.fit.probing import Probe, compared_photo
+from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.unexplained import LossScale
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
+from poseviewer.optimise import quadratic
+from poseviewer.optimise.quadratic import QuadraticOptions
+from poseviewer.render.pyramid.levels import lighter_level
+from poseviewer.render.types import Renderer
+
+MODELS = QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
+"""Of the loss about the end, in the free-body chart: from 5 % of the model's size at its rim down
+to where the loss has risen as far as the last models of a search look; always so many rounds."""
+SPREAD = 0.031
+"""Standard deviation of the truth about the end where the curvature, the unexplained share and the
+seen share are 1: calibrated by ``tests.measure.calibrate_uncertainty``."""
+SEEN_POWER = 2.0
+"""What hides the model is seldom known to the pixel, and draws the fit the farther the more of the
+model it hides."""
+
+
+def find_covariance(
+    problem: FitProblem,
+    mesh: Mesh,
+    renderer: Renderer,
+    pose: Pose,
+    seen: float,
+    threads: int = 1,
+) -> PoseCovariance | None:
+    """The covariance of the pose that a search ended in; the same on any number of ``threads``.
+
+    The curvature of the loss about the end says which way the pose is sure. How sure is calibrated:
+    what the loss is left of, gloss, surroundings, colours that differ, is no noise of known size.
+    It is a sum of logarithms of what is unexplained u, whose curvature is that of u divided by u:
+    so u comes in again. ``seen``: the share of the model that is, above 0.
+
+    None where there is none: poses beside it are in no photo, or the pose has no parameters.
+    """
+    is_focal_free = has_focal(problem.chart) and problem.free[-1]
+    with suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError):
+        free_focal = is_focal_free and not isinstance(pose.camera, Parallel)
+        chart = FreeBodyChart.near(mesh, pose, free_focal)
+        photo = compared_photo(problem, mesh, pose)
+        level = lighter_level(photo, renderer, pose)
+        with closing(Probe(problem, photo, mesh, renderer, pose, threads, chart, level)) as probe:
+            least, inverse = inverse_curvature(probe.losses, len(probe.motions))
+            unexplained = LossScale.of(photo).unexplained(least)
+            factor = SPREAD / (unexplained * seen**SEEN_POWER)
+            covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
+            return PoseCovariance.from_chart(mesh, pose, chart, covariance)
+    return None
+
+
+def inverse_curvature(
+    losses: Callable[[Sequence[FloatArray]], FloatArray], size: int
+) -> tuple[float, FloatArray]:
+    """The least of the losses about 0, and the inverse (k, k) of their second derivatives there;
+    ``losses`` takes points (``size``,).
+
+    Raises:
+        numpy.linalg.LinAlgError: losses are not finite there.
+    """
+    at, scale = np.zeros(size), np.eye(size)
+    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, MODELS)
+    if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
+        raise np.linalg.LinAlgError
+    # Along each of its axes a the model rises by the options' rise: a^T H a = 2 rise.
+    return last.value, last.axes @ last.axes.T / (2.0 * MODELS.rise)

@@ -1,0 +1,252 @@
+"""How sure a pose is: its covariance in its tangent space.
+
+A deviation d turns the model about a point of it, its centre, and then shifts it, both along the
+camera's axes (a perturbation from the left, rotation first)::
+
+    x_in_camera = exp(d_rotation) R (x - centre) + R centre + t + d_shift
+
+So turn and shift are told apart, wherever the model's own frame has its origin. Under parallel
+projection, which knows no depth, the logarithm of the scale stands for the third part of the shift;
+a free focal length adds its own logarithm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.charts import Chart
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mesh import Mesh, hull_points
+from poseviewer.geometry.transform import RigidTransform
+
+REGION = 0.9
+"""Share of the distribution within its region, an ellipsoid."""
+STEP = 1e-5
+"""Of a number, as a share of its scale, for derivatives by differences: far above rounding, far
+below any curvature."""
+LARGEST_LOGARITHM = 20.0
+"""Of scale and focal length; beyond it there is no photo."""
+FOCAL = ("log_focal", "width_per_focal")
+"""What charts call the number of a free focal length."""
+ROTATIONS = ("rotation_x", "rotation_y", "rotation_z")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCovariance:
+    """A normal distribution of poses about one."""
+
+    pose: Pose
+    centre: FloatArray
+    """(3,): the point that turns are about, in the model's frame."""
+    matrix: FloatArray
+    """(d, d), read-only, symmetric; d is 6, or 7 with the focal length. In rad, the model's unit,
+    and logarithms, in the order of ``names``; 0 where a number was held."""
+    px: float = 0.0
+    """Root mean square distance in the photo, over the distribution and the model's outer points,
+    from where the pose shows them."""
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=float)
+        size = len(matrix) if len(matrix) in (6, 7) else 6
+        object.__setattr__(self, "centre", frozen_array(self.centre, (3,)))
+        matrix = frozen_array(matrix, (size, size))
+        object.__setattr__(self, "matrix", frozen_array(0.5 * (matrix + matrix.T), (size, size)))
+
+    @classmethod
+    def from_chart(
+        cls, mesh: Mesh, pose: Pose, chart: Chart, covariance: FloatArray
+    ) -> PoseCovariance:
+        """From the covariance (n, n) of a chart's numbers at ``pose``, to first order.
+
+        Raises:
+            OutsideChartError, SingularChartError: the chart has no poses beside this one.
+        """
+        at = chart.from_pose(pose)
+        plain = cls(pose, mesh.centre, np.zeros((7, 7) if has_focal(chart) else (6, 6)))
+        jacobian = _derivatives(
+            lambda steps: plain.deviation(chart.to_pose(at + steps)), chart.scales(at)
+        )
+        found = replace(plain, matrix=jacobian @ covariance @ jacobian.T)
+        points = hull_points(mesh)
+        moved = _derivatives(lambda d: found.moved(d).project(points).ravel(), found.scales)
+        # The trace of J C J^T is the mean square distance of all points, each two rows of J.
+        square = np.einsum("pi,ij,pj->", moved, found.matrix, moved) / len(points)
+        return replace(found, px=math.sqrt(max(square, 0.0)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each number of a deviation is called."""
+        depth = "log_scale" if isinstance(self.pose.camera, Parallel) else "shift_z"
+        names = (*ROTATIONS, "shift_x", "shift_y", depth)
+        return (*names, "log_focal") if len(self.matrix) > 6 else names
+
+    @cached_property
+    def scales(self) -> FloatArray:
+        """(d,): comparable changes of the numbers: a radian, and shifts as large as the depth, or
+        as the photo is wide.
+        """
+        camera = self.pose.camera
+        if isinstance(camera, Parallel):
+            shift = camera.width / camera.scale
+            return np.array([1.0, 1.0, 1.0, shift, shift, 1.0])
+        depth = abs(float(self.pose.camera_from_model.apply(self.centre)[2]))
+        return np.array([1.0, 1.0, 1.0, depth, depth, depth, 1.0])[: len(self.matrix)]
+
+    def moved(self, deviation: FloatArray) -> Pose:
+        """The pose that is off by a ``deviation`` (d,)."""
+        camera, place = self.pose.camera, self.pose.camera_from_model
+        numbers = np.asarray(deviation, dtype=float)
+        rotation = Rotation.from_rotvec(numbers[:3]).as_matrix() @ place.rotation
+        middle = place.apply(self.centre) + np.array([numbers[3], numbers[4], 0.0])
+        logarithms = np.clip(numbers, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)
+        if isinstance(camera, Parallel):
+            camera = replace(camera, scale=camera.scale * math.exp(logarithms[5]))
+        else:
+            middle[2] += numbers[5]
+            if len(numbers) > 6:
+                zoom = math.exp(logarithms[6])
+                camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+        return Pose(camera, RigidTransform(rotation, middle - rotation @ self.centre))
+
+    def deviation(self, pose: Pose) -> FloatArray:
+        """(d,): how far a ``pose`` of the same projection is off."""
+        here, there = self.pose.camera_from_model, pose.camera_from_model
+        turn = Rotation.from_matrix(there.rotation @ here.rotation.T).as_rotvec()
+        shift = there.apply(self.centre) - here.apply(self.centre)
+        own, its = self.pose.camera, pose.camera
+        if isinstance(own, Parallel) and isinstance(its, Parallel):
+            return np.array([*turn, *shift[:2], math.log(its.scale / own.scale)])
+        if len(self.matrix) > 6 and isinstance(own, Perspective) and isinstance(its, Perspective):
+            return np.array([*turn, *shift, math.log(its.fx / own.fx)])
+        return np.array([*turn, *shift])
+
+    def in_chart(self, chart: Chart) -> FloatArray:
+        """(n, n): the covariance of a chart's numbers at the pose, to first order.
+
+        Raises:
+            OutsideChartError, SingularChartError: the pose, or one beside it, has none.
+        """
+        jacobian = _derivatives(lambda d: chart.from_pose(self.moved(d)), self.scales)
+        return jacobian @ self.matrix @ jacobian.T
+
+    def swung(self, mesh: Mesh, share: float) -> Pose:
+        """The pose at a ``share``, from -1 to 1, of the half axis of the region along which it is
+        least sure: by what is seen of it, as the free-body chart compares motions.
+
+        Raises:
+            OutsideChartError, SingularChartError: there is none so far off.
+        """
+        free_focal = len(self.matrix) > 6
+        chart = FreeBodyChart.near(mesh, self.pose, free_focal)
+        values, axes = np.linalg.eigh(self.in_chart(chart))
+        # Which of its two ends comes first is all the same, but must not change on the way.
+        axis = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
+        return chart.to_pose(share * self.reach * math.sqrt(max(values[-1], 0.0)) * axis)
+
+    @property
+    def degrees(self) -> float:
+        """Standard deviation of the turn about the axis that is least sure, degrees."""
+        return math.degrees(_largest(self.matrix[:3, :3]))
+
+    @property
+    def depth(self) -> float | None:
+        """Standard deviation of the centre along its line of sight, in the model's unit; None under
+        parallel projection.
+        """
+        if isinstance(self.pose.camera, Parallel):
+            return None
+        sight = self._line_of_sight
+        return math.sqrt(max(float(sight @ self.matrix[3:6, 3:6] @ sight), 0.0))
+
+    @property
+    def sideways(self) -> float:
+        """Standard deviation of the centre across its line of sight, the way that is least sure, in
+        the model's unit.
+        """
+        if isinstance(self.pose.camera, Parallel):
+            return _largest(self.matrix[3:5, 3:5])
+        sight = self._line_of_sight
+        across = np.eye(3) - np.outer(sight, sight)
+        return _largest(across @ self.matrix[3:6, 3:6] @ across)
+
+    @property
+    def scale_percent(self) -> float | None:
+        """Standard deviation of the scale of a parallel projection, %; None in perspective."""
+        is_parallel = isinstance(self.pose.camera, Parallel)
+        return 100.0 * math.sqrt(max(self.matrix[5, 5], 0.0)) if is_parallel else None
+
+    @property
+    def focal_px(self) -> float | None:
+        """Standard deviation of the focal length ``fx``, px; None where it was not looked for."""
+        camera = self.pose.camera
+        if len(self.matrix) < 7 or isinstance(camera, Parallel):
+            return None
+        return camera.fx * math.sqrt(max(self.matrix[6, 6], 0.0))
+
+    @property
+    def reach(self) -> float:
+        """How many standard deviations the ellipsoid of the ``REGION`` reaches, every way."""
+        return region_reach(np.linalg.matrix_rank(self.matrix / np.outer(self.scales, self.scales)))
+
+    @property
+    def _line_of_sight(self) -> FloatArray:
+        middle = self.pose.camera_from_model.apply(self.centre)
+        return middle / max(float(np.linalg.norm(middle)), 1e-300)
+
+    def words(self, unit: str | None = None) -> str:
+        """Such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, in the photo ±0.3 px``: one standard
+        deviation each. ``unit``: the model's, where it is known.
+        """
+        unit = f" {unit}" if unit else ""
+        if self.depth is not None:
+            first = f"depth ±{short(self.depth)}{unit}"
+        else:
+            first = f"scale ±{short(self.scale_percent or 0.0)} %"
+        rest = f"the rest ±{short(self.sideways)}{unit}, ±{short(self.degrees)}°"
+        focal = "" if self.focal_px is None else f", focal length ±{short(self.focal_px)} px"
+        return f"{first}, {rest}{focal}, in the photo ±{short(self.px)} px"
+
+
+def region_reach(size: int) -> float:
+    """How many standard deviations the ``REGION`` of ``size`` numbers together reaches."""
+    return math.sqrt(float(chi2.ppf(REGION, max(size, 1))))
+
+
+def ellipse(covariance: FloatArray, count: int = 48) -> FloatArray:
+    """(count, 2): the border of the ``REGION`` of two numbers, about 0, by their covariance."""
+    values, axes = np.linalg.eigh(covariance)
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    circle = region_reach(2) * np.column_stack([np.cos(angles), np.sin(angles)])
+    return (circle * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+
+
+def short(value: float) -> str:
+    """Two digits that count, without an exponent."""
+    value = float(f"{value:.1e}")
+    digits = 1 - math.floor(math.log10(value)) if 0.0 < value < math.inf else 0
+    return f"{value:.{max(digits, 0)}f}"
+
+
+def _largest(covariance: FloatArray) -> float:
+    """The greatest standard deviation over all directions."""
+    return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+
+
+def has_focal(chart: Chart) -> bool:
+    """Whether the focal length is a number of the chart."""
+    return chart.names[-1] in FOCAL
+
+
+def _derivatives(function: Callable[[FloatArray], FloatArray], scales: FloatArray) -> FloatArray:
+    """(n, d): of a function's values (n,) by its numbers (d,), at 0, by central differences."""
+    steps = np.diag(STEP * scales)
+    return np.array([(function(s) - function(-s)) / (2.0 * s.sum()) for s in steps]).T

@@ -1,0 +1,149 @@
+"""How sure a pose is: its covariance in its tangent space."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.pose_covariance import PoseCovariance, ellipse, region_reach, short
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.vehicle.chart import VehicleChart
+from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from tests.meshes import make_box
+
+MESH = make_box((3.0, 1.0, 1.5))
+PERSPECTIVE = Perspective(800.0, 810.0, 320.0, 240.0, 640, 480)
+PARALLEL = Parallel(60.0, 320.0, 240.0, 640, 480)
+
+ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+WHEELS = VehicleKeypoints(
+    *(SideKeypoints(z * ACROSS - ALONG, z * ACROSS + ALONG, z * ACROSS) for z in (0.7, -0.7))
+)
+
+
+def pose_by(camera: Perspective | Parallel) -> Pose:
+    return Pose(camera, RigidTransform.from_rotation_vector([0.4, 0.9, -0.2], [0.7, 0.3, 9.0]))
+
+
+def random_covariance(size: int, spread: float = 1e-3) -> np.ndarray:
+    factor = spread * np.random.default_rng(3).normal(size=(size, size))
+    return factor @ factor.T
+
+
+@pytest.mark.parametrize(("camera", "size"), [(PERSPECTIVE, 6), (PERSPECTIVE, 7), (PARALLEL, 6)])
+def test_deviation_undoes_moved(camera: Perspective | Parallel, size: int) -> None:
+    sure = PoseCovariance(pose_by(camera), np.array([0.5, 0.2, 0.1]), np.eye(size))
+    off = np.array([0.3, -0.2, 0.5, 0.4, -0.1, 0.2, 0.05])[:size]
+    np.testing.assert_allclose(sure.deviation(sure.moved(off)), off, atol=1e-12)
+
+
+def test_a_turn_leaves_the_centre_where_it_is() -> None:
+    centre = np.array([0.5, 0.2, 0.1])
+    sure = PoseCovariance(pose_by(PERSPECTIVE), centre, np.eye(6))
+    turned = sure.moved(np.array([0.3, -0.2, 0.5, 0.0, 0.0, 0.0]))
+    here, there = (pose.camera_from_model.apply(centre) for pose in (sure.pose, turned))
+    np.testing.assert_allclose(there, here, atol=1e-12)
+
+
+@pytest.mark.parametrize("free_focal", [False, True])
+def test_the_covariance_is_the_same_by_any_chart(free_focal: bool) -> None:
+    pose = pose_by(PERSPECTIVE)
+    chart = FreeBodyChart.near(MESH, pose, free_focal)
+    other_start = Pose(
+        PERSPECTIVE, RigidTransform.from_rotation_vector([0.5, 0.8, -0.1], [0.5, 0.2, 8.0])
+    )
+    other = FreeBodyChart.near(MESH, other_start, free_focal)
+    vehicle = VehicleChart.near(WHEELS, pose, free_focal)
+    sure = PoseCovariance.from_chart(MESH, pose, chart, random_covariance(7 if free_focal else 6))
+    for also in (other, vehicle):
+        again = PoseCovariance.from_chart(MESH, pose, also, sure.in_chart(also))
+        np.testing.assert_allclose(again.matrix, sure.matrix, rtol=1e-5, atol=1e-12)
+        assert again.px == pytest.approx(sure.px, rel=1e-5)
+
+
+def test_it_is_what_a_sample_of_poses_spreads_by() -> None:
+    pose = pose_by(PERSPECTIVE)
+    sure = PoseCovariance.from_chart(
+        MESH, pose, FreeBodyChart.near(MESH, pose), random_covariance(6)
+    )
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), sure.matrix, 4000)
+    poses = [sure.moved(draw) for draw in draws]
+    centres = np.array([one.camera_from_model.apply(MESH.centre) for one in poses])
+    sight = pose.camera_from_model.apply(MESH.centre)
+    along = centres @ (sight / np.linalg.norm(sight))
+    assert sure.depth == pytest.approx(along.std(), rel=0.05)
+    points = MESH.vertices
+    away = np.array([one.project(points) - pose.project(points) for one in poses])
+    assert sure.px == pytest.approx(math.sqrt((away**2).sum(axis=-1).mean()), rel=0.05)
+    assert sure.sideways > 0.0
+
+
+def test_the_ellipse_of_two_numbers_holds_nine_tenths_of_the_poses() -> None:
+    pose = pose_by(PERSPECTIVE)
+    sure = PoseCovariance.from_chart(
+        MESH, pose, FreeBodyChart.near(MESH, pose), random_covariance(6)
+    )
+    chart = VehicleChart.near(WHEELS, pose)
+    draws = np.random.default_rng(1).multivariate_normal(np.zeros(6), sure.matrix, 3000)
+    at = chart.from_pose(pose)
+    away = np.array([chart.from_pose(sure.moved(draw)) - at for draw in draws])
+    covariance = sure.in_chart(chart)
+    for pair in ([0, 1], [1, 4], [3, 5]):
+        block = covariance[np.ix_(pair, pair)]
+        border = ellipse(block)
+        reached = np.einsum("ni,ij,nj->n", border, np.linalg.inv(block), border)
+        np.testing.assert_allclose(reached, region_reach(2) ** 2)
+        inside = np.einsum("ni,ij,nj->n", away[:, pair], np.linalg.inv(block), away[:, pair])
+        assert np.mean(inside <= region_reach(2) ** 2) == pytest.approx(0.9, abs=0.02)
+
+
+def test_a_free_focal_length_makes_the_depth_less_sure() -> None:
+    pose = pose_by(PERSPECTIVE)
+    chart = FreeBodyChart.near(MESH, pose, free_focal=True)
+    free = PoseCovariance.from_chart(MESH, pose, chart, 1e-4 * np.eye(7))
+    held = PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), 1e-4 * np.eye(6))
+    assert free.depth is not None
+    assert held.depth is not None
+    assert free.depth > 2.0 * held.depth
+    assert free.focal_px == pytest.approx(8.0 * chart.focal_gain, rel=1e-3)
+    assert held.focal_px is None
+    assert "focal length ±" in free.words()
+
+
+def test_numbers_that_are_held_are_sure() -> None:
+    pose = pose_by(PERSPECTIVE)
+    only_turns = np.diag([1e-4, 1e-4, 1e-4, 0.0, 0.0, 0.0])
+    sure = PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), only_turns)
+    assert sure.degrees == pytest.approx(math.degrees(0.01))
+    assert sure.depth == pytest.approx(0.0, abs=1e-12)
+    assert sure.reach == region_reach(3)
+
+
+def test_a_parallel_projection_tells_its_scale() -> None:
+    pose = pose_by(PARALLEL)
+    sure = PoseCovariance.from_chart(
+        MESH, pose, FreeBodyChart.near(MESH, pose), np.diag([0, 0, 0, 0, 0, 4e-4])
+    )
+    assert sure.depth is None
+    assert sure.scale_percent == pytest.approx(2.0)
+    assert sure.words("m").startswith("scale ±2.0 %, the rest ±0")
+
+
+def test_the_matrix_is_read_only_and_of_six_or_seven_numbers() -> None:
+    sure = PoseCovariance(pose_by(PERSPECTIVE), np.zeros(3), np.eye(6))
+    with pytest.raises(ValueError, match="read-only"):
+        sure.matrix[0, 0] = 2.0
+    with pytest.raises(ValueError, match="shape"):
+        PoseCovariance(pose_by(PERSPECTIVE), np.zeros(3), np.eye(5))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(12.34, "12"), (0.0123, "0.012"), (0.4, "0.40"), (123.0, "120"), (0.0, "0"), (9.99, "10")],
+)
+def test_two_digits_count(value: float, text: str) -> None:
+    assert short(value) == text
