@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,6 +130,7 @@ class App:
         """Take what has come, start what is wanted, show what is new."""
         busy = self._searcher.busy or self._mapper.busy
         busy = busy or self._overlay.is_unfinished(self._is_moving())
+        busy = busy or (self.session.look.swings and self.session.covariance is not None)
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
             try:
                 self._handle(request)
@@ -287,7 +289,8 @@ class App:
     def _start_jobs(self) -> None:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
-        self._overlay.start(session, self._is_moving())
+        swung = session.swung_pose(time.monotonic()) if session.preparation is None else None
+        self._overlay.start(session, self._is_moving() or swung is not None, swung)
         self._others.start(session, self._is_moving())
         ready = session.preparation is None
         self._searcher.follow(session.search, run, ready)

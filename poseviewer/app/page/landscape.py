@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from poseviewer.app.page.landscape_grid import (
     candidates_within,
     landscape_grid,
     on_map,
+    region_on,
     short_trail,
 )
 from poseviewer.app.state import commands as c
@@ -183,11 +185,15 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
         pose = latest.case.problem.chart.from_pose(session.document.pose)
     except (PoseViewerError, OutsideChartError):
         pose = np.array(latest.parameters)
-    search = session.own_search
+    covariance, search = None, session.own_search
+    if session.covariance is not None:
+        with suppress(PoseViewerError, OutsideChartError):
+            covariance = session.covariance.in_chart(latest.case.problem.chart)
     if search is None or not _same_chart(search.case, latest.case):
-        return Markers(pose)
+        return Markers(pose, covariance=covariance)
     trail = np.array([step.parameters for step in search.improvements])
-    return Markers(pose, search.progress.candidates if session.searching else None, trail)
+    candidates = search.progress.candidates if session.searching else None
+    return Markers(pose, candidates, trail, covariance)
 
 
 def _same_chart(one: Case, other: Case) -> bool:
@@ -256,6 +262,9 @@ def contour_figure(
         line(low + np.vstack([hull, hull[:1]]) * (high - low), "", SIMPLEX_COLOUR)
         places = low + candidates_within(piece, markers.candidates) * (high - low)
         dots(places, "candidates", size=7, color=SIMPLEX_COLOUR, line=rim)
+    if markers.covariance is not None:
+        border = region_on(piece, markers)[:, [first, second]]
+        line(np.vstack([border, border[:1]]), "90 % region", POSE_COLOUR)
     pose = markers.pose[[[first, second]]]
     dots(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)
     least = slice_minimum(piece)

@@ -23,6 +23,7 @@ from PIL import Image
 from poseviewer.fit.landscape import Pair, Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.charts import short_name
+from poseviewer.geometry.pose_covariance import ellipse
 
 LEVELS = 128
 """Steps of colour: more cannot be told apart, and make every picture larger."""
@@ -55,6 +56,8 @@ class Markers:
     """(n, d): the points that the search compares now."""
     trail: FloatArray | None = None
     """(t, d): the poses that the search came through, the oldest first."""
+    covariance: FloatArray | None = None
+    """(d, d): how sure the current pose is."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen_array(self.pose, (-1,)))
@@ -166,6 +169,18 @@ def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
     return cv2.convexHull(corners)[:, 0].astype(float)
 
 
+def region_on(piece: Slice, markers: Markers) -> FloatArray:
+    """(n, d): parameters along the border of the region of both of the map's numbers, the others
+    as at the pose.
+    """
+    assert markers.covariance is not None
+    pair = [piece.first, piece.second]
+    border = ellipse(markers.covariance[np.ix_(pair, pair)])
+    parameters = np.tile(markers.pose, (len(border), 1))
+    parameters[:, pair] += border
+    return parameters
+
+
 def short_trail(trail: FloatArray) -> FloatArray:
     """(at most LONGEST_TRAIL, d): the trail (t, d) thinned evenly; its ends stay."""
     kept = np.linspace(0, len(trail) - 1, min(len(trail), LONGEST_TRAIL)).round().astype(int)
@@ -236,6 +251,9 @@ def _markers(piece: Slice, markers: Markers) -> str:
         parameters[[piece.first, piece.second]] = least.first_value, least.second_value
         x, y = _on_picture(on_map(piece, parameters))
         drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
+    if markers.covariance is not None:
+        points = _points(on_map(piece, region_on(piece, markers)))
+        drawn.append(f'<polygon class="pv-region" points="{points}"/>')
     u, v = on_map(piece, markers.pose)
     beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
     x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
@@ -269,6 +287,8 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
         corners = _DOTS.format("M43 55h0M57 55h0M52 44h0")
         hull = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
         entries["candidates"] = hull + corners
+    if markers.covariance is not None:
+        entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
     if markers.trail is not None:
         entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
     key = "".join(

@@ -57,6 +57,7 @@ PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near"
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
+SWING_HINT = "The outline swings through the region of 90 %, the way that is least sure"
 WAITING = '<div class="pv-wait"></div>'
 """A bar that moves: something is done, nobody knows how long."""
 FIT_TO_BOX = "Fit to box"
@@ -494,6 +495,10 @@ class JudgePanel:
         self._hidden = field(
             gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
         )
+        self._swing = field(
+            gui.add_checkbox("Swing", False, visible=False, hint=SWING_HINT),
+            lambda on: c.ChangeView(swings=on),
+        )
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
@@ -503,6 +508,7 @@ class JudgePanel:
         self._opacity.show(look.opacity, visible=look.name == "solid")
         self._wipe.show(look.wipe)
         self._hidden.show(look.hidden)
+        self._swing.show(look.swings, visible=session.covariance is not None)
 
 
 class SavePanel:
@@ -688,8 +694,17 @@ def verdict_text(session: Session) -> str:
     reasons = "\n".join(f"- {reason}" for reason in (*verdict.reasons, *filter(None, (note,))))
     return (
         f"**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
-        f"calibrated on and that looked like this one were right.\n\n{reasons}"
+        f"calibrated on and that looked like this one were right.{sure_text(session)}\n\n{reasons}"
     )
+
+
+def sure_text(session: Session) -> str:
+    """How sure the pose is (markdown), a paragraph; "" where that is not known."""
+    sure = session.covariance
+    if sure is None:
+        return ""
+    unit = session.document.registration.mesh.unit
+    return f"\n\n**How sure, if right:** {sure.words(unit)} (standard deviations)."
 
 
 def review_text(state: ReviewState) -> str:

@@ -163,7 +163,10 @@ class DragTo(DragCommand):
         require_in_sight(document)
         if session.before_drag is None:
             anchor = session.anchor or session.document.pose
-            session = replace(session, search=None, anchor=anchor, before_drag=session.document)
+            look = replace(session.look, swings=False)
+            session = replace(
+                session, search=None, anchor=anchor, before_drag=session.document, look=look
+            )
         return replace(session, document=document)
 
 
@@ -941,9 +944,10 @@ class ChangeView(DragCommand):
     rings: bool | None = None
     before: bool | None = None
     candidates: bool | None = None
+    swings: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "wipe", "hidden", "rings", "before", "candidates")
+        names = ("opacity", "wipe", "hidden", "rings", "before", "candidates", "swings")
         given = {"name": self.look, **{name: getattr(self, name) for name in names}}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(session, look=replace(session.look, **changes))

@@ -18,6 +18,7 @@ from poseviewer.api import Case
 from poseviewer.app.state.candidates import Candidates
 from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import Drag, radius_in_photo
+from poseviewer.errors import PoseViewerError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
@@ -27,9 +28,12 @@ from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery
 
+SWING_S = 4.0
+"""From one end of the region to the other and back: slow enough to look at one edge."""
 Whose = Literal["chosen", "default", "paper", "both"]
 
 
@@ -196,6 +200,8 @@ class Look:
     """Whether, after a search, the pose before it is shown."""
     candidates: bool = False
     """Whether the outlines of what a search compares are shown."""
+    swings: bool = False
+    """Whether the outline swings through the region that the pose is sure to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,6 +322,23 @@ class Session:
         if self.look.before and search is not None and not search.running:
             return search.before.pose
         return self.document.pose
+
+    @property
+    def covariance(self) -> PoseCovariance | None:
+        """How sure the pose at hand is; None where no search has said it."""
+        found = self.document.searched
+        return None if found is None else found.record.covariance
+
+    def swung_pose(self, seconds: float) -> Pose | None:
+        """The pose that the outline has swung to at a time; None where it does not swing."""
+        sure, held = self.covariance, self.drag is not None or self.searching
+        if not self.look.swings or sure is None or held or self.look.before:
+            return None
+        share = math.sin(2.0 * math.pi * seconds / SWING_S)
+        try:
+            return sure.swung(self.document.registration.mesh, share)
+        except (PoseViewerError, OutsideChartError):
+            return None
 
     @property
     def paths(self) -> frozenset[Path]:

@@ -210,21 +210,23 @@ class OverlayWorkers:
         """Whether the fine drawing of what is shown is still to be begun."""
         return self._moved_at > 0.0 and not moving and not self._quick.busy
 
-    def start(self, session: Session, moving: bool) -> None:
-        """Begin what is to be drawn by now."""
+    def start(self, session: Session, moving: bool, swung: Pose | None = None) -> None:
+        """Begin what is to be drawn by now; ``swung``: in place of the session's pose, as an
+        outline without a loss of its own.
+        """
         document, look = session.document, session.look
         request = OverlayRequest(
             document.registration,
             document.settings,
-            session.shown_pose,
+            swung or session.shown_pose,
             session.anchor or document.pose,
-            look.name,
+            look.name if swung is None else "outline",
             look.opacity,
             session.search.latest if session.search and session.shows_candidates else None,
         )
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (
-            self._loss_asked or self._loss.busy or session.searching
+            self._loss_asked or self._loss.busy or session.searching or swung is not None
         )
         if self._drawn is None or not _same_picture(request, self._drawn):
             if may_find_loss and self._drawn is not None:
@@ -238,6 +240,7 @@ class OverlayWorkers:
             self._drawn, self._moved_at, self._loss_asked = request, time.monotonic(), False
             draw = self._drawers[0].draw if self._drawers else self._sketcher.draw
             self._fine.stop()
+            self._loss_asked = swung is not None
             self._quick.start(lambda: islice(draw(replace(request, moving=True)), 1))
             return
         if may_find_loss:

@@ -23,6 +23,7 @@ from poseviewer.app.page.landscape_grid import (
 )
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.fit.landscape import Slice, slice_minimum
+from poseviewer.geometry.pose_covariance import region_reach
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 CENTRE = np.array([0.3, 0.6, -0.2, 0.1, 0.5, 0.0])
@@ -130,6 +131,28 @@ def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
         (dots,) = [trace for trace in traces_of(figure) if trace.get("name") == "candidates"]
         np.testing.assert_allclose(dots["x"], corners[:, 0])
         np.testing.assert_allclose(dots["y"], corners[:, 1])
+
+
+def test_every_map_shows_the_region_that_the_pose_is_sure_to():
+    factor = 0.01 * np.random.default_rng(0).normal(size=(6, 6))
+    covariance, slices = factor @ factor.T, make_slices(9)
+    markers = Markers(CENTRE, covariance=covariance)
+    page = html.fromstring(landscape_grid(slices, NAMES, markers, GridOptions()))
+    cells = page.xpath("//div[@class='pv-cell']")
+    for piece, cell in zip(slices, cells, strict=True):
+        (border,) = cell.xpath(".//polygon[@class='pv-region']/@points")
+        shown = np.array([place.split(",") for place in border.split()], float) / 100.0
+        x, y = piece.first_values, piece.second_values
+        u, v = shown[:, 0], 1.0 - shown[:, 1]
+        away = np.stack([x[0] + u * (x[-1] - x[0]), y[0] + v * (y[-1] - y[0])], axis=1)
+        pair = [piece.first, piece.second]
+        away -= CENTRE[pair]
+        inverse = np.linalg.inv(covariance[np.ix_(pair, pair)])
+        reached = np.einsum("ni,ij,nj->n", away, inverse, away)
+        np.testing.assert_allclose(reached, region_reach(2) ** 2, rtol=0.05)
+    assert "90 % region" in page.xpath("//div[@class='pv-key']")[0].text_content()
+    figure = contour_figure(slices[0], NAMES, markers, np.ones(6), CENTRE)
+    assert [trace for trace in traces_of(figure) if trace.get("name") == "90 % region"]
 
 
 def test_the_maps_say_whose_loss_they_show():
