@@ -75,6 +75,7 @@ from poseviewer.starts.registration import (
     load_registration,
     load_scene_registrations,
     load_with_start,
+    with_symmetry,
 )
 
 __all__ = [
@@ -104,6 +105,7 @@ def load(
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
     mask: str | Path | Mask | None = None,
+    symmetry: str | Path | None = None,
     renderer: Renderer | None = None,
     watch: Callable[[], object] = lambda: None,
     **changes: Any,
@@ -125,6 +127,8 @@ def load(
             degrees.
         mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
             weights (height, width) from 0, hidden, to 1. Default: that of the pose file.
+        symmetry: a file that says what maps the model onto itself; ``"find"``: looked for on its
+            surface; ``"none"``. Default: the file beside the model, or of its BOP data set.
         watch: for ``"auto"``: called after every evaluation; what it raises ends the search.
         renderer: one of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
@@ -151,6 +155,8 @@ def load(
         find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
         unplaced = model if isinstance(model, LoadedModel) else Path(model)
         registration = load_with_start(Path(photo), unplaced, find, *more)
+    if symmetry is not None:
+        registration = with_symmetry(registration, symmetry)
     own = model.mesh if isinstance(model, LoadedModel) else None
     if registration.mesh.left_out and registration.mesh is not own:
         renderer = None  # it draws the parts that are left out
@@ -417,6 +423,7 @@ class FitResult:
             without=mesh.left_out,
             seen=None if self.progress is None else self.seen,
             covariance=self.covariance,
+            symmetry=case.registration.symmetry,
         )
 
     def save(self, path: str | Path) -> None:

@@ -13,6 +13,7 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.meshes import make_bumpy
@@ -33,10 +34,15 @@ class Scene:
 def make_scene(folder: Path) -> Scene:
     """Write the scene's files. The photo is ours, smoothed and noisy: for testing commands, not
     for judging fits (those are tested on photos of another hand)."""
-    scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
     ball = make_bumpy(3)
     # One pigment of varying strength: grey reflectance explains its colour photo.
     mesh = replace(ball, colours=ball.colours[:, :1] * np.array([1.0, 0.8, 0.6], np.float32))
+    return make_scene_of(mesh, folder)
+
+
+def make_scene_of(mesh: Mesh, folder: Path) -> Scene:
+    """The same of another mesh."""
+    scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
     shape = trimesh.Trimesh(
         mesh.vertices,
         mesh.faces,

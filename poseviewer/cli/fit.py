@@ -43,6 +43,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--overlay OVERLAY.png", "draw the pose found", Path)
     add_look(parser, "of the overlay")
     add_settings(parser)
+    said = "what maps the model onto itself (a file beside it); find: look on its surface"
+    option(parser, "--symmetry FILE|find|none", said)
     search = add_search(parser)
     for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):
         add_fields(search, of, options)

@@ -88,6 +88,8 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
 def _print_model(path: Path) -> None:
     from poseviewer.files.keypoints import load_keypoints
     from poseviewer.files.mesh.load import load_mesh
+    from poseviewer.files.symmetry import load_symmetry
+    from poseviewer.geometry.surface_symmetry import find_symmetry
 
     mesh = load_mesh(path)
     keypoints = load_keypoints(path, mesh)
@@ -100,6 +102,8 @@ def _print_model(path: Path) -> None:
     reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
     if mesh.textures:
         reflectance = f"{len(mesh.textures)} texture(s)"
+    given = load_symmetry(path, mesh)
+    symmetry = f"{given.words} (from a file)" if not given.is_none else find_symmetry(mesh).text
     _print(
         model=path.name,
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
@@ -108,6 +112,7 @@ def _print_model(path: Path) -> None:
         unit=mesh.unit or "not said in the file",
         reflectance=reflectance,
         wheels=wheels,
+        symmetry=symmetry,
         note=mesh.notes,
     )
 
@@ -167,6 +172,7 @@ def _print_pose(path: Path) -> None:
         sure=() if record.covariance is None else record.covariance.words(_unit(record)),
         mask=record.mask or (),
         without=record.without,
+        symmetry=record.symmetry.words or (),
         note=record.warnings,
     )
 

@@ -30,6 +30,7 @@ from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import was_taken_by_a_camera
 from poseviewer.files.scene import is_scene_file
+from poseviewer.files.symmetry import symmetry_path
 from poseviewer.geometry.transform import RigidTransform
 
 Kind = Literal["photo", "model", "pose"]
@@ -249,11 +250,11 @@ def model_files(
                 scattered = scattered or found is not beside
                 if found.suffix.lower() == ".mtl":
                     waiting.append(found)
-    own = keypoints_path(path)
-    found = (given or {}).get(own.name) or (own if own.is_file() else _alike(own.name, by_name))
-    if found is not None:
-        named[own.name] = found
-        scattered = scattered or found != own
+    for own in (keypoints_path(path), symmetry_path(path)):
+        found = (given or {}).get(own.name) or (own if own.is_file() else _alike(own.name, by_name))
+        if found is not None:
+            named[own.name] = found
+            scattered = scattered or found != own
     return ModelFiles(path, named, tuple(dict.fromkeys(missing)), scattered)
 
 

@@ -17,11 +17,13 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of, read_json
+from poseviewer.files.symmetry import symmetry_as_json, symmetry_from_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-pose", 1
@@ -106,6 +108,8 @@ class PoseRecord:
     """The share of the model's pixels that count: that nothing else hides, as far as is known."""
     covariance: PoseCovariance | None = None
     """How sure the pose is, if it is right; in files under ``uncertainty``."""
+    symmetry: Symmetry = field(default=NO_SYMMETRY, compare=False)
+    """The model's; in files, the pose is the canonical one of those that are equal."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -176,6 +180,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("mask", Reading.text),
         optional("without", Reading.texts) or (),
         optional("seen", Reading.number),
+        symmetry=optional("symmetry", symmetry_from_json) or NO_SYMMETRY,
     )
     if data.get("uncertainty") is not None:
         record = replace(record, covariance=_covariance(reading, data["uncertainty"], record.pose))
@@ -217,13 +222,14 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:
     """What a pose file says, as JSON has it."""
-    transform = record.pose.camera_from_model
+    pose = record.symmetry.canonical(record.pose)
+    transform = pose.camera_from_model
     data: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
         "photo": _reference_as_json(record.photo),
         "model": _reference_as_json(record.model),
-        **camera_as_json(record.pose.camera),
+        **camera_as_json(pose.camera),
         "camera_from_model": {
             "rotation": transform.rotation.tolist(),
             "translation": transform.translation.tolist(),
@@ -242,7 +248,7 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
             "evidence": {name: value for name, value in features.items() if math.isfinite(value)},
         }
     if record.covariance is not None:
-        data["uncertainty"] = covariance_as_json(record.covariance)
+        data["uncertainty"] = covariance_as_json(record.covariance.about(pose))
     if record.mask is not None:
         data["mask"] = record.mask
     if record.without:
@@ -253,7 +259,9 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         data["notes"] = list(record.notes)
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
-    if (chart := record.chart) is not None:
+    if not record.symmetry.is_none:
+        data["symmetry"] = symmetry_as_json(record.symmetry)
+    if (chart := record.chart) is not None and pose is record.pose:
         numbers = [float(number) for number in chart.parameters]
         data["chart"] = {"name": chart.name, "names": list(chart.names), "numbers": numbers}
     return {key: value for key, value in data.items() if value is not None}

@@ -24,6 +24,8 @@ from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
+from poseviewer.geometry.symmetry import Symmetry
+from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
@@ -83,8 +85,11 @@ class Probe:
         is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
         has_focal = not isinstance(pose.camera, Parallel)
         self.chart = chart or FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
-        self.motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
-        """(k, d): orthonormal, of the free-body chart about the pose."""
+        motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
+        self.motions = _without_equal(motions, self.chart, problem.symmetry)
+        """(k, d): orthonormal, of the free-body chart about the pose; none that leads along equal
+        ones."""
+        self._symmetry = problem.symmetry
         self.level = level or coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
         self._mesh, self._points = mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
@@ -137,11 +142,15 @@ class Probe:
         return steps[kept]
 
     def distance(self, one: FloatArray, other: FloatArray) -> float:
-        """Mean distance of the model's outer points in the photo, as a share of its diagonal."""
+        """Mean distance of the model's outer points in the photo, as a share of its diagonal; of
+        equal poses the nearest.
+        """
         try:
-            here, there = (self.pose(step).project(self._points) for step in (one, other))
+            pose = self.pose(one)
+            equal = self._symmetry.nearest_pose(self.pose(other), pose)
         except OutsideChartError:
             return 1.0
+        here, there = (place.project(self._points) for place in (pose, equal))
         diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
@@ -200,6 +209,22 @@ def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyCha
         return np.eye(size)
     basis, _ = np.linalg.qr(np.array(motions).T)
     return basis.T
+
+
+def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:
+    """Those of the motions (k, d) that are left without the turns of continuous symmetries, where
+    there are some.
+    """
+    place, equal = chart.start.camera_from_model, []
+    for axis in symmetry.free_axes:
+        turn = symmetry.about(rotation_about(*(SMALL_STEP * axis)))
+        pose = replace(chart.start, camera_from_model=place @ turn)
+        equal.append(chart.from_pose(pose) / SMALL_STEP)
+    if not equal:
+        return motions
+    along, sizes, _ = np.linalg.svd(motions @ np.array(equal).T)
+    rest = along[:, np.count_nonzero(sizes > FREE_SHARE) :].T @ motions
+    return rest if len(rest) else motions
 
 
 def _motion(

@@ -24,6 +24,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
@@ -59,6 +60,8 @@ class FitProblem:
     """A finer pyramid level, without structure, on which a search is refined. None: there is none.
     """
     strategy: Strategy = Strategy.FIRST
+    symmetry: Symmetry = NO_SYMMETRY
+    """The model's: poses that differ by it are one."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free parameters."""
 
@@ -156,6 +159,7 @@ def make_problem(registration: Registration, settings: FitSettings) -> tuple[Fit
         settings.seed,
         settings.method,
         smaller(plain, fine_factor) if is_coarser else None,
+        symmetry=registration.symmetry,
     )
     return problem, note
 

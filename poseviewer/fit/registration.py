@@ -9,6 +9,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 
@@ -21,6 +22,8 @@ class LoadedModel:
     """The file's name, without its folder."""
     sha256: str
     keypoints: VehicleKeypoints | None
+    whole_symmetry: Symmetry = NO_SYMMETRY
+    """What maps it, with all its parts, onto itself, as far as a file says it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +52,8 @@ class Registration:
     others: tuple[PlacedModel, ...] = ()
     """The other objects of the photo, by the same camera and in the same unit: pixels where one of
     them stands in front of this model do not count."""
+    whole_symmetry: Symmetry = NO_SYMMETRY
+    """What maps the model, with all its parts, onto itself."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where the mask is of another size than the photo."""
@@ -58,6 +63,11 @@ class Registration:
                 f"the mask has {mask.width}x{mask.height} px, the photo {photo.name} has "
                 f"{photo.width}x{photo.height} px; make the mask in the photo's size."
             )
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """What maps the model as it is compared onto itself: poses that differ by it are one."""
+        return NO_SYMMETRY if self.mesh.left_out else self.whole_symmetry
 
     def compares_same(self, other: Registration) -> bool:
         """Whether both compare the same model with the same pixels."""

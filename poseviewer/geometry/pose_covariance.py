@@ -82,6 +82,15 @@ class PoseCovariance:
         square = np.einsum("pi,ij,pj->", moved, found.matrix, moved) / len(points)
         return replace(found, px=math.sqrt(max(square, 0.0)))
 
+    def about(self, equal: Pose) -> PoseCovariance:
+        """The same distribution about an equal pose of a symmetric model: turns stay about the same
+        point in space.
+        """
+        if equal is self.pose:
+            return self
+        centre = self.pose.camera_from_model.apply(self.centre)
+        return replace(self, pose=equal, centre=equal.camera_from_model.inverse().apply(centre))
+
     @property
     def names(self) -> tuple[str, ...]:
         """What each number of a deviation is called."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import rotation_angle
 
 
@@ -25,8 +26,13 @@ class PoseError:
     the depth, so it says little here."""
 
 
-def pose_error(mesh: Mesh, estimate: Pose, truth: Pose) -> PoseError:
-    """Errors over all vertices. Vertices behind a camera count as infinitely far."""
+def pose_error(
+    mesh: Mesh, estimate: Pose, truth: Pose, symmetry: Symmetry = NO_SYMMETRY
+) -> PoseError:
+    """Errors over all vertices, of the one of the poses equal to the estimate whose rotation is
+    nearest to the true one. Vertices behind a camera count as infinitely far.
+    """
+    estimate = symmetry.nearest_pose(estimate, truth)
     vertices = np.unique(mesh.vertices, axis=0)
     there = truth.project(vertices)
     distance = np.linalg.norm(estimate.project(vertices) - there, axis=1)

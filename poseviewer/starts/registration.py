@@ -21,12 +21,15 @@ from poseviewer.files.photo import (
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene import SceneRecord
+from poseviewer.files.symmetry import FIND, NONE, load_symmetry, read_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.surface_symmetry import find_symmetry
+from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 
@@ -82,13 +85,14 @@ FindStart = Callable[[StartInputs], Start]
 
 
 def load_model(path: str | Path) -> LoadedModel:
-    """A model and its key points.
+    """A model, its key points and its symmetry.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     mesh, name = load_mesh(path), printable(Path(path).name)
-    return LoadedModel(mesh, name, sha256_of(path), load_keypoints(path, mesh))
+    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    return LoadedModel(mesh, name, sha256_of(path), keypoints, symmetry)
 
 
 def load_registration(
@@ -180,6 +184,23 @@ def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
     return load_mask(mask, photo.width, photo.height)
 
 
+def with_symmetry(own: Registration, which: str | Path) -> Registration:
+    """The same with the symmetry of a file, with the one that its mesh is found to have, or with
+    none.
+
+    Raises:
+        PoseViewerError: the file cannot be used, or the model has no such symmetry.
+    """
+    if which == NONE:
+        return replace(own, whole_symmetry=NO_SYMMETRY)
+    if which != FIND:
+        symmetry = read_symmetry(Path(which), own.mesh.whole, own.mesh_name)
+        return replace(own, whole_symmetry=symmetry)
+    found = find_symmetry(own.mesh.whole)
+    note = f"{own.mesh_name}: {found.text}."
+    return replace(own, whole_symmetry=found.symmetry, warnings=(*own.warnings, note))
+
+
 def load_scene_registrations(scene: SceneRecord) -> tuple[Registration, ...]:
     """One for each object of a scene, in its order: from its pose, among the others at theirs.
 
@@ -251,4 +272,5 @@ def _registration(
         start,
         warnings,
         mask=mask,
+        whole_symmetry=model.whole_symmetry,
     )

@@ -30,6 +30,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.symmetry import Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.study.plan import FreeBodyPlan
 from poseviewer.study.trials import Outcome, fit_from, open_model, open_photo
@@ -139,7 +140,8 @@ class BopTask:
         (model, renderer), photo = open_model(self.mesh), open_photo(self.photo)
         camera = replace(self.camera, width=photo.width, height=photo.height)
         start, truth = Pose(camera, self.estimate.place), Pose(camera, self.truth)
-        registration = Registration(photo, model.mesh, model.name, "", None, start, ())
+        named = (photo, model.mesh, model.name, "", None, start, ())
+        registration = Registration(*named, whole_symmetry=self.model.symmetry)
         outcome = fit_from(registration, self.settings, renderer, truth)
         end = start
         if outcome["end"]:
@@ -147,7 +149,7 @@ class BopTask:
             end = chart.to_pose(np.array(outcome["end"].split(), float))
         scores = {}
         for name, pose in (("start", start), ("end", end)):
-            found = symmetric_distances(model.mesh.vertices, pose, truth, self.model.symmetries)
+            found = symmetric_distances(model.mesh.vertices, pose, truth, self.model.symmetry)
             scores[f"mssd_{name}"], scores[f"mspd_{name}"] = found
         return BopTrial(
             **self.identity, diameter=self.model.diameter, width=photo.width, **scores, **outcome
@@ -155,15 +157,15 @@ class BopTask:
 
 
 def symmetric_distances(
-    vertices: FloatArray, pose: Pose, truth: Pose, symmetries: Sequence[RigidTransform]
+    vertices: FloatArray, pose: Pose, truth: Pose, symmetry: Symmetry
 ) -> tuple[float, float]:
     """MSSD and MSPD of a pose: in the model's unit, and in px; infinite where the pose has vertices
     behind the camera.
     """
     place, seen = pose.camera_from_model.apply(vertices), pose.project(vertices)
     in_space = in_picture = np.inf
-    for symmetry in symmetries:
-        same = symmetry.apply(vertices)
+    for motion in symmetry.transforms():
+        same = motion.apply(vertices)
         off = np.linalg.norm(place - truth.camera_from_model.apply(same), axis=1).max()
         in_space = min(in_space, float(off))
         off = np.linalg.norm(seen - truth.project(same), axis=1).max()

@@ -206,7 +206,7 @@ class RealTask:
         start = Pose(self.case.truth.camera, self.start.camera_from_model)
         named = (open_photo(self.case.photo), model.mesh, model.name, "", None, start, ())
         others = tuple(PlacedModel(open_model(one.mesh)[0].mesh, one.truth) for one in self.others)
-        return Registration(*named, others=others), renderer
+        return Registration(*named, others=others, whole_symmetry=model.whole_symmetry), renderer
 
     def run(self) -> RealTrial:
         """Fit from the start. The free-body chart is used throughout: starts are off in rotation
@@ -292,7 +292,7 @@ def fit_from(
             "evidence": features_as_text(None if verdict is None else verdict.features),
         }
     for name, pose in poses.items():
-        error = pose_error(registration.mesh, pose, truth)
+        error = pose_error(registration.mesh, pose, truth, registration.symmetry)
         outcome[f"error_percent_{name}"] = error.percent
         outcome[f"error_px_{name}"] = error.reprojection_px
         outcome[f"rotation_deg_{name}"] = float(error.rotation_deg)

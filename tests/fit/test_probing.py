@@ -20,13 +20,14 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh, principal_axes
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.symmetry import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from tests.meshes import make_mesh
 from tests.opengl import require_opengl
 
-AXIS = np.array([0.0, 0.0, 1.0])
+ACROSS, _, AXIS = np.eye(3)
 
 
 def make_can() -> Mesh:
@@ -47,22 +48,25 @@ TRUTH = Pose(
 )
 
 
+ROUND = Symmetry.from_turns(CAN.centre, [Turn(AXIS, 0), Turn(ACROSS, 2)])
+
+
 def turned(pose: Pose, degrees: float) -> Pose:
     """The can turned about its own axis."""
     turn = RigidTransform.from_rotation_vector(np.radians(degrees) * AXIS, [0.0, 0.0, 0.0])
     return replace(pose, camera_from_model=pose.camera_from_model @ turn)
 
 
-def fitted_from(start: Pose) -> FitProblem:
+def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
     """A photo of the can, drawn by OpenGL, and a start beside its pose."""
     require_opengl()
     quality = PhotoQuality(blur_px=0.7, noise=2.0)
     lighting = random_lighting(np.random.default_rng(3))
-    photographer = Photographer(CAN)
+    photographer = Photographer(mesh)
     pixels = photographer.photograph(TRUTH, lighting, (0.45, 0.5, 0.4), quality, seed=3)
     photographer.close()
     photo = Photo(pixels, "can.png", "0" * 64)
-    registration = Registration(photo, CAN, "", "", None, start, ())
+    registration = Registration(photo, mesh, "", "", None, start, ())
     return make_problem(registration, FitSettings(chart="free-body"))[0]
 
 
@@ -134,3 +138,45 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
     assert wrong.word != "found"
     assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)
     assert not any("Turned" in reason for reason in right.reasons)
+
+
+def test_turns_to_equal_poses_are_no_motions():
+    problem = replace(fitted_from(TRUTH), symmetry=ROUND)
+    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
+        assert probe.motions.shape == (5, 6)
+        np.testing.assert_allclose(probe.motions @ probe.motions.T, np.eye(5), atol=1e-9)
+        about = TRUTH.camera_from_model.rotation @ AXIS
+        np.testing.assert_allclose(probe.motions[:, :3] @ about, 0.0, atol=1e-6)
+        assert len(probe.turns()) == 2 * 2 * len(TURNS_DEG)  # across the axis alone
+
+
+def test_an_equal_pose_is_not_away():
+    symmetry = Symmetry.from_turns(CAN.centre, [Turn(ACROSS, 2)])
+    problem = replace(fitted_from(TRUTH), symmetry=symmetry)
+    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
+        _, over = symmetry.transforms()
+        equal = replace(TRUTH, camera_from_model=TRUTH.camera_from_model @ over)
+        step, nothing = probe.chart.from_pose(equal), np.zeros(6)
+        assert np.linalg.norm(step[:3]) == pytest.approx(np.pi)
+        assert probe.distance(nothing, step) < 1e-9
+        aside = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+        away = probe.distance(nothing, step + aside)
+        assert away == pytest.approx(probe.distance(nothing, aside), rel=0.05)
+
+
+def test_equal_poses_are_no_rivals():
+    """Of a can without print: by its loss alone it may be turned as one likes."""
+    plain = make_mesh(CAN.vertices, CAN.faces)
+    problem, renderer = fitted_from(TRUTH, plain), make_renderer(plain)
+    found = [
+        judge(gather_features(of, plain, renderer, TRUTH))
+        for of in (problem, replace(problem, symmetry=ROUND))
+    ]
+    as_any, as_round = (verdict.features for verdict in found)
+    assert as_any is not None
+    assert as_round is not None
+    assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin
+    assert as_round.agreement >= as_any.agreement
+    assert len(as_round.weak) < len(as_any.weak)
+    assert found[1].probability > found[0].probability
+    assert found[1].word == "found"

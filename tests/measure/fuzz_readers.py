@@ -36,6 +36,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave, save_autosave
 from poseviewer.files.state.uploads import keep_set, pack
+from poseviewer.files.symmetry import load_symmetry
 from poseviewer.fit.settings import FitSettings
 from poseviewer.starts.registration import load_registration
 from tests.files.formats.cases import perspective_record
@@ -109,6 +110,10 @@ def make_readers(folder: Path) -> dict[str, Reader]:
         "keypoints": Reader(
             lambda path: load_keypoints(path.with_name("m.glb"), mesh),
             (pair("m.keypoints.json", _keypoints()),),
+        ),
+        "symmetry": Reader(
+            lambda path: load_symmetry(path.with_name("m.glb"), mesh),
+            (pair("m.symmetry.json", SYMMETRY),),
         ),
         "pairs": Reader(
             load_pairs,
@@ -298,6 +303,12 @@ def _reading_of(name: str, request: Request, is_file: bool) -> Callable[[Path], 
             load_bop_images(path.parent)
 
     return run
+
+
+SYMMETRY = (
+    b'{"format": "poseviewer-symmetry", "version": 1, "centre": [0, 0, 0], '
+    b'"turns": [{"axis": [0, 0, 1], "fold": "any"}, {"axis": [1, 0, 0], "fold": 2}]}'
+)
 
 
 def _keypoints() -> bytes:

@@ -15,6 +15,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop_models import RESULTS, load_bop_estimates, load_bop_models
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.study.bop import MSPD_THRESHOLDS, average_recall, symmetric_distances
 from tests.scene import Scene
@@ -35,16 +36,15 @@ def test_a_symmetry_is_no_error(tmp_path: Path) -> None:
     info = write_models(tmp_path / "i.json", symmetries_discrete=[HALF_TURN])
     (model,) = load_bop_models(info).values()
     truth = Pose(CAMERA, RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 50.0]))
-    turned = Pose(CAMERA, truth.camera_from_model @ model.symmetries[1])
-    one = model.symmetries[:1]
-    assert symmetric_distances(CORNERS, turned, truth, one)[0] > 5.0
+    turned = Pose(CAMERA, truth.camera_from_model @ model.symmetry.transforms()[1])
+    assert symmetric_distances(CORNERS, turned, truth, NO_SYMMETRY)[0] > 5.0
     np.testing.assert_allclose(
-        symmetric_distances(CORNERS, turned, truth, model.symmetries), (0.0, 0.0), atol=1e-9
+        symmetric_distances(CORNERS, turned, truth, model.symmetry), (0.0, 0.0), atol=1e-9
     )
     moved = Pose(
         CAMERA, RigidTransform(np.eye(3), np.array([0.5, 0.0, 0.0])) @ turned.camera_from_model
     )
-    in_space, in_picture = symmetric_distances(CORNERS, moved, truth, model.symmetries)
+    in_space, in_picture = symmetric_distances(CORNERS, moved, truth, model.symmetry)
     assert in_space == pytest.approx(0.5)
     assert 5.0 < in_picture < 7.0  # 600 * 0.5 / 50, and nearer corners more
 
@@ -59,7 +59,7 @@ def test_a_continuous_symmetry_is_every_turn(tmp_path: Path) -> None:
     about = to_axis @ turn @ to_axis.inverse()
     turned = Pose(CAMERA, truth.camera_from_model @ about)
     # Steps of 0.01: at most half of one off, 3 from the axis.
-    assert symmetric_distances(CORNERS, turned, truth, model.symmetries)[0] < 0.016
+    assert symmetric_distances(CORNERS, turned, truth, model.symmetry)[0] < 0.016
 
 
 def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
@@ -77,6 +77,10 @@ def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
         ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
         ({"diameter": -1}, "1.diameter is -1"),
         ({"symmetries_discrete": 3}, "is not a list"),
+        (
+            {"symmetries_discrete": [HALF_TURN, [*HALF_TURN[:3], 3, *HALF_TURN[4:]]]},
+            "leave no common point",
+        ),
     ],
 )
 def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> None:

@@ -137,7 +137,7 @@ class Candidates:
 def at_hand(document: Document) -> CandidateModel:
     """The document's own model."""
     own = document.registration
-    model = LoadedModel(own.mesh, own.mesh_name, own.mesh_sha256, own.keypoints)
+    model = LoadedModel(own.mesh, own.mesh_name, own.mesh_sha256, own.keypoints, own.whole_symmetry)
     return CandidateModel(model, document.model_path)
 
 
@@ -165,5 +165,6 @@ def with_mesh(own: Registration, model: LoadedModel) -> Registration:
         mesh_name=model.name,
         mesh_sha256=model.sha256,
         keypoints=model.keypoints,
+        whole_symmetry=model.whole_symmetry,
         warnings=(),
     )

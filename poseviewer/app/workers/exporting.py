@@ -88,6 +88,7 @@ def _plain_record(document: SceneObject) -> PoseRecord:
         photo.undistortion,
         notes=tuple(filter(None, (photo.focal_note(document.pose.camera),))),
         without=registration.mesh.left_out,
+        symmetry=registration.symmetry,
     )
 
 

@@ -382,4 +382,14 @@ def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Regist
     pose = look_from("three-quarter", mesh, keypoints, camera)
     notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
     notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
-    return Registration(photo, mesh, loaded.name, loaded.sha256, keypoints, pose, notes, True)
+    return Registration(
+        photo,
+        mesh,
+        loaded.name,
+        loaded.sha256,
+        keypoints,
+        pose,
+        notes,
+        True,
+        whole_symmetry=loaded.whole_symmetry,
+    )

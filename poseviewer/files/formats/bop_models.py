@@ -7,23 +7,20 @@ As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
 from __future__ import annotations
 
 import csv
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from poseviewer.files.checks import Reading
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.symmetry import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 MODELS_INFO = "models_info.json"
 RESULTS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """The columns of a table of results."""
-STEP_RAD = 0.01
-"""Between the turns that stand for a continuous symmetry; BOP's ``max_sym_disc_step``."""
 NO_ROTATION = 0.01
 """By how much a rotation's product with its own transpose may differ from 1: files round, to two
 digits at worst."""
@@ -35,8 +32,7 @@ class BopModel:
 
     diameter: float
     """mm."""
-    symmetries: tuple[RigidTransform, ...]
-    """All that map it onto itself, the identity first; continuous ones in steps."""
+    symmetry: Symmetry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +51,7 @@ def load_bop_models(path: Path) -> dict[int, BopModel]:
     """The objects of a ``models_info.json``, by their numbers.
 
     Raises:
-        PoseFileError: it is none, or a symmetry in it is no rotation.
+        PoseFileError: it is none, or a symmetry in it is no rotation, or no model has them all.
     """
     reading = Reading(path, kind=MODELS_INFO)
     found = {}
@@ -64,7 +60,7 @@ def load_bop_models(path: Path) -> dict[int, BopModel]:
             raise reading.error(f"an object is called {name[:40]!r}", "wanted its number")
         info = reading.object(data, name)
         diameter = reading.positive(info.get("diameter"), f"{name}.diameter")
-        found[int(name)] = BopModel(diameter, _symmetries(reading, info, name))
+        found[int(name)] = BopModel(diameter, _symmetry(reading, info, name, diameter))
     return found
 
 
@@ -93,9 +89,8 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
     return found
 
 
-def _symmetries(reading: Reading, info: dict[str, Any], name: str) -> tuple[RigidTransform, ...]:
-    """Every discrete one after every turn of the continuous ones."""
-    discrete, turns = [RigidTransform.identity()], [RigidTransform.identity()]
+def _symmetry(reading: Reading, info: dict[str, Any], name: str, diameter: float) -> Symmetry:
+    discrete, axes, offsets = [], [], []
     for i, entry in enumerate(_listed(reading, info, "symmetries_discrete", name)):
         what = f"{name}.symmetries_discrete[{i}]"
         matrix = np.reshape(reading.numbers(entry, what, 16), (4, 4))
@@ -103,21 +98,15 @@ def _symmetries(reading: Reading, info: dict[str, Any], name: str) -> tuple[Rigi
     for i, entry in enumerate(_listed(reading, info, "symmetries_continuous", name)):
         what = f"{name}.symmetries_continuous[{i}]"
         axis, offset = reading.fields(entry, what, axis=Reading.numbers, offset=Reading.numbers)
-        turns += _turns(reading, np.array(axis), np.array(offset), what)
-    return tuple(one @ other for other in turns for one in discrete)
-
-
-def _turns(
-    reading: Reading, axis: FloatArray, offset: FloatArray, what: str
-) -> list[RigidTransform]:
-    """About an axis through ``offset``, but for the one that changes nothing."""
-    length = float(np.linalg.norm(axis))
-    if not length > 0.0:
-        raise reading.error(f"{what}.axis has no length", "wanted a direction")
-    count = math.ceil(math.pi / STEP_RAD)
-    angles = 2.0 * math.pi / count * np.arange(1, count)
-    rotations = Rotation.from_rotvec(angles[:, None] * (axis / length)).as_matrix()
-    return [RigidTransform(rotation, offset - rotation @ offset) for rotation in rotations]
+        length = float(np.linalg.norm(axis))
+        if not length > 0.0:
+            raise reading.error(f"{what}.axis has no length", "wanted a direction")
+        axes.append(np.array(axis) / length)
+        offsets.append(offset)
+    try:
+        return Symmetry.from_transforms(discrete, axes, offsets, diameter)
+    except ValueError as error:
+        raise reading.error(f"the symmetries of {name} {error}", "mend them") from None
 
 
 def _rotation(reading: Reading, matrix: FloatArray, what: str) -> FloatArray:

@@ -1,0 +1,134 @@
+"""A model's symmetry from a file: one beside the model, or BOP's ``models_info.json``."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.surface_symmetry import GIVEN_SHAPE, worst_turn
+from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
+
+FORMAT, VERSION = "poseviewer-symmetry", 1
+KIND = "symmetry file"
+ANY = "any"
+"""The fold of a continuous symmetry, in files."""
+FIND, NONE = "find", "none"
+"""What may be asked for in place of a file."""
+MOST_TURNS = 100
+BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
+
+
+def symmetry_schema() -> dict[str, Any]:
+    """The JSON Schema (2020-12) of symmetry files."""
+    text = files("poseviewer.files").joinpath("symmetry.schema.json").read_text(encoding="utf-8")
+    return json.loads(text)
+
+
+def symmetry_path(mesh_path: str | Path) -> Path:
+    """Where the symmetry of a model stands: ``can.symmetry.json`` beside ``can.ply``."""
+    return Path(mesh_path).with_suffix(".symmetry.json")
+
+
+def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
+    """The symmetry of a model: from the file beside it, else from that of the BOP data set it lies
+    in; where neither is, none.
+
+    Raises:
+        MeshFileError: the file beside it cannot be used, or the model has no such symmetry.
+        PoseFileError: the same of that of the data set.
+    """
+    mesh_path = Path(mesh_path)
+    beside, info = symmetry_path(mesh_path), mesh_path.parent / MODELS_INFO
+    if beside.exists():
+        return read_symmetry(beside, mesh)
+    if BOP_MODEL.fullmatch(mesh_path.name) and info.is_file():
+        return read_symmetry(info, mesh, mesh_path.name)
+    return NO_SYMMETRY
+
+
+def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
+    """The symmetry that a file says of a model; a ``models_info.json``, of the one so called.
+
+    Raises:
+        MeshFileError: it cannot be used, or the model has no such symmetry.
+        PoseFileError: the same of a ``models_info.json``.
+    """
+    reading = Reading(path, error_type=MeshFileError, kind=KIND)
+    if path.name == MODELS_INFO:
+        models, number = load_bop_models(path), BOP_MODEL.fullmatch(model_name)
+        if number is None:
+            found = f"says nothing of {model_name}"
+            raise reading.error(found, "its models are called as obj_000001.ply")
+        known = models.get(int(number[1]))
+        symmetry = NO_SYMMETRY if known is None else known.symmetry
+    else:
+        with reading.said():
+            data = reading.load_object()
+            if data.get("format", FORMAT) != FORMAT:
+                raise reading.error(f"not a {KIND}", f"wanted format {FORMAT!r}")
+            version = data.get("version", VERSION)
+            if version is True or version != VERSION:
+                found = f"version is {kind_of(version)}"
+                raise reading.error(found, f"this poseviewer reads {VERSION}")
+            unit = data.get("unit")
+            if unit is not None and mesh.unit is not None and unit != mesh.unit:
+                found = f"lengths in {kind_of(unit)}, the model's are in {mesh.unit!r}"
+                raise reading.error(found, "give them in the model's unit")
+            symmetry = symmetry_from_json(reading, data, "")
+    if not symmetry.is_none:
+        words, off = worst_turn(mesh, symmetry)
+        if off > GIVEN_SHAPE:
+            raise reading.error(
+                f"the model has no such symmetry, {words} through "
+                f"{np.round(symmetry.centre, 3).tolist()} brings its surface off by {off:.0%} of "
+                "its size",
+                f"wanted {GIVEN_SHAPE:.0%} at most; mend the axis and the centre, or leave it out",
+            )
+    return symmetry
+
+
+def symmetry_as_json(symmetry: Symmetry) -> dict[str, Any]:
+    """``centre`` and ``turns`` as files say them."""
+    turns = [
+        {"axis": [float(value) for value in axis], "fold": fold or ANY}
+        for axis, fold in symmetry.turns
+    ]
+    return {"centre": [float(value) for value in symmetry.centre], "turns": turns}
+
+
+def symmetry_from_json(reading: Reading, value: Any, what: str) -> Symmetry:
+    """What ``symmetry_as_json`` gives; raises the reading's error."""
+    value, where = reading.object(value, what or "its content"), f"{what}." if what else ""
+    centre = reading.numbers(value.get("centre"), f"{where}centre")
+    listed = value.get("turns")
+    if not isinstance(listed, list) or len(listed) > MOST_TURNS:
+        found = f"{where}turns is {kind_of(listed)}"
+        raise reading.error(found, f"wanted a list of turns, of {MOST_TURNS} at most")
+    turns = [_turn(reading, turn, f"{where}turns[{i}]") for i, turn in enumerate(listed)]
+    try:
+        return Symmetry.from_turns(centre, turns)
+    except ValueError as error:
+        raise reading.error(f"its turns {error}", "mend their axes and folds") from None
+
+
+def _turn(reading: Reading, value: Any, what: str) -> Turn:
+    (axis,) = reading.fields(value, what, axis=Reading.numbers)
+    length = float(np.linalg.norm(axis))
+    if not length > 0.0:
+        raise reading.error(f"{what}.axis has no length", "wanted a direction")
+    fold = value.get("fold")
+    if fold == ANY:
+        return Turn(np.array(axis) / length, 0)
+    if not isinstance(fold, int) or isinstance(fold, bool) or not 2 <= fold <= MOST_FOLD:
+        wanted = f"wanted a whole number from 2 to {MOST_FOLD}, or {ANY!r}"
+        raise reading.error(f"{what}.fold is {kind_of(fold)}", wanted)
+    return Turn(np.array(axis) / length, fold)

@@ -1,0 +1,168 @@
+"""Symmetries from files: beside a model, of a BOP data set, in pose files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.errors import MeshFileError, PoseFileError
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose import PoseRecord, load_pose, pose_schema, save_pose
+from poseviewer.files.symmetry import load_symmetry, symmetry_path, symmetry_schema
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.symmetry import Symmetry, Turn
+from poseviewer.geometry.transform import RigidTransform
+
+_, _, Z = np.eye(3)
+HALF_TURN = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+
+
+def good() -> dict:
+    return {
+        "format": "poseviewer-symmetry",
+        "version": 1,
+        "centre": [0.0, 0.0, 0.0],
+        "turns": [{"axis": [0, 0, 2], "fold": 2}],
+    }
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "obj_000003.ply"
+    trimesh.creation.box(extents=(2.0, 1.0, 0.5)).export(path)
+    return path
+
+
+def write(model: Path, data: object) -> None:
+    symmetry_path(model).write_text(json.dumps(data))
+
+
+def test_a_model_without_a_file_has_none(model: Path) -> None:
+    assert load_symmetry(model, load_mesh(model)).is_none
+
+
+def test_a_file_beside_the_model_is_read(model: Path) -> None:
+    jsonschema.validate(good(), symmetry_schema())
+    write(model, good())
+    assert load_symmetry(model, load_mesh(model)).words == "half a turn about (0, 0, 1)"
+
+
+def test_a_continuous_one_is_read(tmp_path: Path) -> None:
+    model = tmp_path / "can.ply"
+    trimesh.creation.cylinder(1.0, 3.0, sections=64).export(model)
+    data = good() | {"turns": [{"axis": [0, 0, 1], "fold": "any"}]}
+    jsonschema.validate(data, symmetry_schema())
+    write(model, data)
+    assert load_symmetry(model, load_mesh(model)).words == "every turn about (0, 0, 1)"
+
+
+def test_that_of_a_bop_data_set_is_read(model: Path) -> None:
+    info = {"3": {"diameter": 2.3, "symmetries_discrete": [HALF_TURN]}, "4": {"diameter": 1.0}}
+    (model.parent / "models_info.json").write_text(json.dumps(info))
+    assert load_symmetry(model, load_mesh(model)).words == "half a turn about (0, 0, 1)"
+    other = model.rename(model.with_name("obj_000004.ply"))
+    assert load_symmetry(other, load_mesh(other)).is_none
+    write(other, good())  # the user's own goes before
+    assert not load_symmetry(other, load_mesh(other)).is_none
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"format": "other"}, "not a symmetry file"),
+        ({"version": 2}, "version is 2"),
+        ({"centre": [0, 0]}, "centre is a list of 2"),
+        ({"turns": 3}, "turns is 3"),
+        ({"turns": [{"axis": [0, 0, 0], "fold": 2}]}, "no length"),
+        ({"turns": [{"axis": [0, 0, 1], "fold": 1}]}, r"turns\[0\].fold is 1; wanted a whole"),
+        ({"turns": [{"axis": [0, 0, 1], "fold": 2.5}]}, "fold is 2.5"),
+        ({"turns": [{"axis": [0, 0, 1]}]}, "fold is missing"),
+        ({"turns": [{"axis": [0, 0, 1], "fold": 4}]}, "no such symmetry, 1/4 of a turn"),
+        ({"turns": [{"axis": [0, 0, 1], "fold": "any"}]}, "no such symmetry, every turn"),
+        ({"centre": [0.5, 0, 0]}, "no such symmetry, half a turn .* off by"),
+        (
+            {"turns": [{"axis": [0, 0, 1], "fold": 7}, {"axis": [3, 0, 4], "fold": 2}]},
+            "more than 120 equal poses",
+        ),
+    ],
+)
+def test_one_that_cannot_be_used_is_said(model: Path, change: dict, said: str) -> None:
+    write(model, good() | change)
+    with pytest.raises(MeshFileError, match=rf"^obj_000003\.symmetry\.json: .*{said}") as caught:
+        load_symmetry(model, load_mesh(model))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_unit_that_is_not_the_models_is_said(model: Path) -> None:
+    mesh = load_mesh(model)
+    object.__setattr__(mesh, "unit", "mm")
+    write(model, good() | {"unit": "m"})
+    with pytest.raises(MeshFileError, match=r"lengths in 'm', the model's are in 'mm'"):
+        load_symmetry(model, mesh)
+
+
+@pytest.mark.parametrize(
+    ("discrete", "said"),
+    [
+        ([[2, *HALF_TURN[1:]]], "no rotation and shift"),
+        ([[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]], "no rotation and shift"),
+        ([[0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]], "no such symmetry"),
+    ],
+)
+def test_a_bop_symmetry_that_cannot_be_used_is_said(model: Path, discrete, said: str) -> None:
+    info = {"3": {"diameter": 2.3, "symmetries_discrete": discrete}}
+    (model.parent / "models_info.json").write_text(json.dumps(info))
+    with pytest.raises((MeshFileError, PoseFileError), match=rf"^models_info\.json: .*{said}"):
+        load_symmetry(model, load_mesh(model))
+
+
+def test_pose_files_of_equal_poses_have_one_pose_and_name_the_symmetry(tmp_path: Path) -> None:
+    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(Z, 2)])
+    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
+    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 5.0])
+    read = []
+    for motion in symmetry.transforms():
+        path = tmp_path / "p.json"
+        save_pose(path, PoseRecord(Pose(camera, place @ motion), symmetry=symmetry))
+        jsonschema.validate(json.loads(path.read_text()), pose_schema())
+        read.append(load_pose(path, 160, 120))
+        assert read[-1].symmetry.words == symmetry.words
+        save_pose(path, read[-1])
+        again = load_pose(path, 160, 120).pose.camera_from_model
+        np.testing.assert_array_equal(again.rotation, read[-1].pose.camera_from_model.rotation)
+    one, other = (record.pose.camera_from_model for record in read)
+    np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-12)
+    np.testing.assert_allclose(one.translation, other.translation, atol=1e-12)
+
+
+def test_how_sure_an_equal_pose_is_stays_about_the_same_point(tmp_path: Path) -> None:
+    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(Z, 2)])
+    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
+    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 5.0])
+    path, deviation = tmp_path / "p.json", np.array([0.1, -0.2, 0.1, 0.3, 0.1, -0.2])
+    for motion in symmetry.transforms():
+        pose = Pose(camera, place @ motion)
+        covariance = PoseCovariance(pose, np.array([0.4, 0.2, 0.0]), np.eye(6))
+        save_pose(path, PoseRecord(pose, symmetry=symmetry, covariance=covariance))
+        read = load_pose(path, 160, 120).covariance
+        assert read is not None
+        moved = symmetry.canonical(covariance.moved(deviation)).camera_from_model
+        found = read.moved(deviation).camera_from_model
+        np.testing.assert_allclose(found.rotation, moved.rotation, atol=1e-9)
+        np.testing.assert_allclose(found.translation, moved.translation, atol=1e-9)
+
+
+def test_a_symmetry_in_a_pose_file_that_is_none_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
+    save_pose(path, PoseRecord(Pose(camera, RigidTransform.identity())))
+    data = json.loads(path.read_text()) | {"symmetry": {"centre": [0, 0, 0], "turns": "z"}}
+    path.write_text(json.dumps(data))
+    with pytest.raises(PoseFileError, match=r"symmetry\.turns is 'z'; wanted a list"):
+        load_pose(path, 160, 120)
