@@ -91,7 +91,7 @@ def _scene_options(options: Namespace) -> SceneOptions | None:
     for name in ("models", "start", "objects", "together"):
         if getattr(options, name):
             raise SettingsError(
-                f"--{name} goes with a BOP scene's folder, and {options.jobs.name} is no folder; "
-                "the table's columns say it."
+                f"--{name} with {options.jobs.name}, which is a table: it is for the folder of a "
+                "BOP scene; leave it out, or name such a folder"
             )
     return None

@@ -37,6 +37,7 @@ from poseviewer.geometry.mask import Mask
 
 FORMAT, VERSION = "poseviewer-scene", 1
 KIND = "scene file"
+ENDING = ".scene.json"
 OF_SCENE = ("projection", "camera", "distortion", "photo")
 """What a scene says once for the poses of all its objects."""
 OF_POSE = (
@@ -115,7 +116,11 @@ def is_scene(data: Any) -> bool:
 
 
 def is_scene_file(path: Path) -> bool:
-    """Whether a file is JSON that says that it is a scene; what it is otherwise is not asked."""
+    """Whether a file is JSON that says that it is a scene, or is called ``.scene.json``: then what
+    is wrong with it can be told. What it is otherwise is not asked.
+    """
+    if path.name.lower().endswith(ENDING):
+        return True
     try:
         return is_scene(read_json(path))
     except PoseFileError:
@@ -288,7 +293,10 @@ def _file(reading: Reading, name: Any, what: str) -> Path:
         raise reading.error(f"{what} is {kind_of(name)}", "wanted the name of a file")
     path = reading.path.parent / name
     if not path.is_file():
-        raise reading.error(f"{what} is {name}, and there is no such file", f"put it at {path}")
+        raise reading.error(
+            f"{what} is {name}, and there is no such file",
+            "put it there, seen from the scene's folder; on a page, drop that folder as a whole",
+        )
     return path
 
 

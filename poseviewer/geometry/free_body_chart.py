@@ -75,7 +75,7 @@ class FreeBodyChart:
                 "a parallel projection has no focal length to find; start from a perspective pose"
             )
         depth = _centre_depth(pose, mesh.centre)
-        if not math.isfinite(depth * mesh.diameter):
+        if not np.isfinite(pose.camera_from_model.apply(mesh.centre) * mesh.diameter).all():
             raise SingularChartError("the model's place or size is out of all proportion")
         if isinstance(pose.camera, Perspective) and depth <= 0.0:
             raise SingularChartError(

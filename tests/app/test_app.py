@@ -27,6 +27,7 @@ from poseviewer.geometry.camera import Perspective
 from tests.app.running_app import RunningApp, running_app, same_pose, settle
 from tests.app.socket_page import PHOTO, SocketPage
 from tests.scene import Scene, make_scene
+from tests.several import make_three
 
 WIDTH, HEIGHT = 160, 120
 MAPS = 15
@@ -254,6 +255,42 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
             assert "\n" not in text
             assert "Traceback" not in text
             assert running.app.session.document is document
+
+
+def test_broken_scene_files_are_said_and_change_nothing(
+    running: RunningApp, tmp_path: Path
+) -> None:
+    folder = tmp_path / "three"
+    folder.mkdir()
+    scene = make_three(folder)
+    beside = [(p.name, p.read_bytes()) for p in folder.iterdir() if p.suffix != ".json"]
+    good = json.loads(scene.read_text())
+
+    def changed(**objects: Any) -> bytes:
+        first, *others = good["objects"]
+        return json.dumps({**good, "objects": [{**first, **objects}, *others]}).encode()
+
+    cases: tuple[tuple[bytes, list[tuple[str, bytes]], str], ...] = (
+        (json.dumps(good).encode(), [], "photo.file is three.png, and there is no such file"),
+        (b'{"format": "poseviewer-scene", ', beside, "JSON"),
+        (json.dumps({**good, "objects": []}).encode(), beside, "wanted a list of one or more"),
+        (changed(id="front"), beside, "two objects have the id 'front'"),
+        (changed(model={"file": "gone.ply"}), beside, "objects[0].model.file is gone.ply"),
+        (changed(pose={}), beside, "objects[0]"),
+    )
+    with running.page() as page:
+        document = running.app.session.document
+        for data, more, said in cases:
+            seen = len(page.shown.notices)
+            page.upload_set("Folder ...", [("s.scene.json", data), *more])
+            text = page.wait_until(lambda seen=seen: failure(page, seen))
+            assert text.startswith("s.scene.json")
+            assert said in text
+            assert str(tmp_path) not in text
+            assert "uploads" not in text
+            assert running.app.session.document is document
+        page.upload_set("Folder ...", [("s.scene.json", json.dumps(good).encode()), *beside])
+        page.wait_until(lambda: len(running.app.session.document.objects) == 3)
 
 
 def test_panels_are_narrow_on_the_page_with_a_small_window_alone(running: RunningApp) -> None:

@@ -146,8 +146,11 @@ def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
 def test_a_polygon_is_clicked_or_dragged(browser: Browser, app: AppProcess) -> None:
     tab = opened(browser, app)
     tab.page.keyboard.press("h")
+    tab.page.get_by_role("button", name="● Brush").wait_for()
     tab.page.get_by_role("button", name="Polygon").click()
     tab.wait_for_text("Polygon:")
+    tab.page.get_by_role("button", name="● Polygon").wait_for()
+    assert tab.page.get_by_role("button", name="● ").count() == 1
     for corner in ((20.0, 20.0), (80.0, 20.0), (80.0, 50.0), (20.0, 50.0)):
         tab.page.mouse.click(*tab.on_screen(corner, PHOTO))
     tab.page.keyboard.press("Enter")

@@ -17,6 +17,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from tests.meshes import make_box
 
 SEEDS = st.integers(0, 2**32 - 1)
 PARALLEL = Parallel(150.0, 310.0, 255.0, 640, 480)
@@ -243,3 +244,14 @@ def test_a_model_behind_the_camera_is_refused():
     behind = RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0]))
     with pytest.raises(SingularChartError, match="behind"):
         FreeBodyChart.near(make_box(), Pose(PERSPECTIVE, behind))
+
+
+@CAMERAS
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_a_pose_that_is_no_number_has_no_free_body_chart(camera, axis, number):
+    translation = np.array([0.0, 0.0, 5.0])
+    translation[axis] = number
+    pose = Pose(camera, RigidTransform(np.eye(3), translation))
+    with pytest.raises(SingularChartError, match=r"out of all proportion|behind the camera"):
+        FreeBodyChart.near(make_box(), pose)

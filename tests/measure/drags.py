@@ -1,8 +1,9 @@
 """How fast the app answers, and whether it grows: ``python -m tests.measure.drags``.
 
-Starts the app on the bundled demo and drives it over the websocket, as a page does. For each drag
-report it takes the time until an outline arrives that lies where the pointer then was. Pointers
-move along a line, so outlines drawn for a later pointer answer the earlier ones too.
+Starts the app on the bundled demo (``--objects 8``: on so many objects) and drives it over the
+websocket, as a page does. For each drag report it takes the time until an outline arrives that lies
+where the pointer then was. Pointers move along a line, so outlines drawn for a later pointer answer
+the earlier ones too.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from poseviewer.files.photo import load_photo
 from tests.app.app_process import AppProcess
 from tests.app.socket_page import SocketPage
 from tests.scene import Scene, make_scene
+from tests.several import make_crowd
 
 RATE_HZ = 30.0
 STROKE, STEP_PX = 30, 3.0
@@ -103,16 +105,22 @@ def main() -> None:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, help="for each of the three loads")
+    parser.add_argument(
+        "--objects", type=int, default=1, help="in the photo: more than one, of 20k triangles each"
+    )
     parser.add_argument("--soak", type=float, default=0.0, metavar="MINUTES")
     options = parser.parse_args()
     case = demo_case()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = [case.photo, case.model, "--pose", case.start]
+        photo, files = case.photo, [case.photo, case.model, "--pose", case.start]
+        if options.objects > 1:
+            scene = make_crowd(folder / "crowd", options.objects)
+            photo, files = scene.with_name("crowd.png"), [scene]
         with AppProcess(folder, *files) as app, SocketPage(app.url) as page:
             page.wait_until(lambda: page.maps() >= 10 and len(page.outline()))
             if options.seconds > 0.0:
-                _measure(page, case.photo, options.seconds)
+                _measure(page, photo, options.seconds)
             if options.soak > 0.0:
                 _soak(app, page, make_scene(folder), options.soak * 60.0)
             print(f"exit code {app.terminate()}", *app.lines[2:], sep="\n")

@@ -13,16 +13,17 @@ import re
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from poseviewer.api import Case, load
+from poseviewer.api import Case, load, load_scene, make_case
 from poseviewer.files.demo import demo_case
 from poseviewer.render.pool import processors
 from tests.app.app_process import AppProcess
 from tests.app.socket_page import SocketPage
+from tests.several import make_crowd
 
 SECONDS = re.compile(r"evaluations, restart \d+, ([\d.]+) s")
 MAPS, PAUSE_S = 10, 1.0
@@ -45,9 +46,14 @@ def main() -> None:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=5)
-    times = parser.parse_args().times
+    parser.add_argument("--among", type=int, default=0, metavar="N", help="N objects, no app")
+    options = parser.parse_args()
+    times = options.times
     if times < 1:
         parser.error(f"--times {times}: at least 1 is wanted")
+    if options.among:
+        _among(options.among, times)
+        return
     files = demo_case()
     print(f"{processors()} processors, load {os.getloadavg()[0]:.1f} at the start", flush=True)
     case = load(files.photo, files.model, files.start)
@@ -64,6 +70,31 @@ def main() -> None:
     _line("alone", alone)
     ratio = np.median([took.pose for took in inside[1:]]) / np.median(alone)
     print(f"in the app / alone: {ratio:.2f}", flush=True)
+
+
+def _among(count: int, times: int) -> None:
+    """Search for the farthest of ``count`` objects of 20k triangles as the app does, and for it
+    as if it were alone.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        scene = load_scene(make_crowd(Path(name) / "crowd", count))
+        own = replace(scene.registrations[-1], others=())
+        alone = make_case(own, scene.settings, scene.renderers[-1])
+        took: dict[str, list[float]] = {f"one among {count}": [], "alone": []}
+        evaluations = [0, 0]
+        for _ in range(times + 1):
+            searches = (
+                (now.progress for now in scene.search(scene.scene.objects[-1].id)),
+                alone.search(),
+            )
+            for index, (seconds, found) in enumerate(zip(took.values(), searches, strict=True)):
+                began = time.process_time()
+                evaluations[index] = sum(1 for _ in found)
+                seconds.append(time.process_time() - began)
+    for label, seconds in took.items():
+        _line(label, seconds[1:])
+    among, one = (np.median(seconds[1:]) for seconds in took.values())
+    print(f"evaluations {evaluations[0]} and {evaluations[1]}; among / alone: {among / one:.2f}")
 
 
 def _press(page: SocketPage) -> Took:

@@ -34,6 +34,7 @@ from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose
+from poseviewer.files.scene import load_scene
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave, save_autosave
 from poseviewer.files.state.uploads import keep_set, pack
 from poseviewer.files.symmetry import load_symmetry
@@ -41,6 +42,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.starts.registration import load_registration
 from tests.files.formats.cases import perspective_record
 from tests.scene import make_scene
+from tests.several import make_three
 
 Files = dict[str, bytes]
 """By their paths; the first is mutated, the others lie beside it."""
@@ -106,6 +108,7 @@ def make_readers(folder: Path) -> dict[str, Reader]:
         **_pictures(registration.photo.pixels),
         **_formats(folder, scene.model),
         "pose": Reader(lambda path: load_pose(path, 160, 120), ({"p.json": pose},)),
+        "scene": Reader(load_scene, _scenes(folder)),
         "cameras": Reader(load_cameras, _cameras()),
         "keypoints": Reader(
             lambda path: load_keypoints(path.with_name("m.glb"), mesh),
@@ -242,6 +245,21 @@ def _pictures(pixels: np.ndarray) -> Mapping[str, Reader]:
         ending: Reader(load_photo, tuple({f"p.{ending}": data} for data in all_of_it))
         for ending, all_of_it in made.items()
     }
+
+
+def _scenes(folder: Path) -> tuple[Files, ...]:
+    """Of three objects; and of one whose pose is a file, with a mask."""
+    own = folder / "several"
+    own.mkdir()
+    data = json.loads(make_three(own).read_text())
+    beside = {path.name: path.read_bytes() for path in own.iterdir() if path.suffix != ".json"}
+    first = data["objects"][0]
+    pose = {key: data[key] for key in ("projection", "camera")} | first["pose"]
+    one = {**data, "objects": [{**first, "pose": "p.json", "mask": "three.png"}]}
+    return (
+        {"s.json": json.dumps(data).encode(), **beside},
+        {"s.json": json.dumps(one).encode(), "p.json": json.dumps(pose).encode(), **beside},
+    )
 
 
 def _cameras() -> tuple[Files, ...]:

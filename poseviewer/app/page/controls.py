@@ -43,6 +43,10 @@ class Field:
         set_properties(self.handle, value=value, visible=visible)
 
 
+AT_HAND = "● "
+"""Before the label of the choice that is at hand."""
+
+
 @dataclass(frozen=True, slots=True)
 class Controls:
     """Makes the controls of ``gui``; their requests go to ``post``."""
@@ -91,7 +95,7 @@ class Controls:
         @handle.on_click
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                self.post(asked[handle.value])
+                self.post(asked[handle.value.removeprefix(AT_HAND)])
 
         return handle
 
@@ -112,6 +116,13 @@ class Controls:
                 file = take_upload(handle)
                 client = event.client.client_id
                 self.post(Upload(kind, file.name, file.content, client, becomes))
+
+
+def show_at_hand(choices: Any, label: str | None) -> None:
+    """Mark which of ``choices`` is at hand; None: none of them."""
+    plain = (option.removeprefix(AT_HAND) for option in choices.options)
+    marked = tuple(AT_HAND * (option == label) + option for option in plain)
+    set_properties(choices, options=marked)
 
 
 def set_properties(handle: Any, **values: Any) -> None:

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.page.controls import Controls, set_properties, show_at_hand
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.session import Session
@@ -61,6 +61,7 @@ class HidePanel:
         self._shown, self._active = key, tool in h.HIDING
         set_properties(self._go, label="Done hiding (H)" if self._active else HIDE)
         set_properties(self._tools, visible=self._active)
+        show_at_hand(self._tools, tool.capitalize() if self._active else None)
         self._erase.show(session.erasing, visible=tool in h.SHAPES)
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))

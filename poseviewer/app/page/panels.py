@@ -673,7 +673,8 @@ def search_text(session: Session) -> str:
     count = len(search.methods) if search.running else 1
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
     together = search.latest.together
-    if together is not None and (one := session.document.numbered(together.number)) is not None:
+    one = None if together is None else session.document.numbered(together.number)
+    if one is not None and len(search.objects) > 1:
         which += f"  \nOf all objects: **{escape(one.label)}**"
     text = (
         f"Method: {settings.method_name}{which}  \n"

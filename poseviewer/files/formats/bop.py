@@ -47,6 +47,8 @@ PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
+MOST_NAMED = 10
+"""Images, in a message."""
 SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
@@ -171,7 +173,8 @@ def read_bop_image(path: Path, request: Request) -> SceneRecord:
     for file, what in ((photo, "photo"), (request.model, "folder of the models")):
         if file is None or not file.exists():
             flag = "--photo FILE" if what == "photo" else "--model FOLDER"
-            raise PoseFileError(f"{path}: the {what} is not known ({file}); name it with {flag}.")
+            found = "none is named" if file is None else f"{file} is not there"
+            raise PoseFileError(f"{path}: the {what} is wanted, and {found}; name it with {flag}.")
     assert request.model is not None  # it is there
     opened = load_photo(photo)
     width, height = opened.width, opened.height
@@ -325,9 +328,10 @@ def _chosen_image(path: Path, poses: SceneFile, request: Request) -> str:
     wanted = request.image or ""
     name = by_number.get(str(int(wanted)) if wanted.isdecimal() else "")
     if name is None:
+        missing = f"there is no image {wanted!r}" if wanted else "no image is chosen"
         raise PoseFileError(
-            f"{path}: it has {len(poses)} images, none of them {wanted or 'chosen'!r}; "
-            "choose one with --image NUMBER."
+            f"{path}: {missing}; choose one of its {len(poses)} images with --image NUMBER "
+            f"({', '.join(list(by_number)[:MOST_NAMED])}{' ...' * (len(poses) > MOST_NAMED)})."
         )
     return name
 

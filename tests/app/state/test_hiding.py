@@ -215,7 +215,7 @@ def ended_search(scene) -> Session:
     case = make_case(registration, settings)
     (*_, progress) = case.search()
     hidden = np.zeros(case.problem.photo.weights.shape, bool)
-    hidden[:, : hidden.shape[1] // 2] = True
+    hidden[:, : hidden[0].size // 2] = True
     found = SearchUpdate(case, replace(progress, hidden=hidden), (progress,))
     return after(session, c.SearchAdvanced(session.searches, found))
 
