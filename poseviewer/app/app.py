@@ -24,6 +24,7 @@ from poseviewer.app.state.document import History
 from poseviewer.app.state.hiding import Grow
 from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
+from poseviewer.app.state.symmetry import FindSymmetry
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of, scene_of
@@ -46,6 +47,7 @@ from poseviewer.app.workers.tasks import (
     Result,
     Reviewed,
     Tasks,
+    find_symmetry_of_model,
     find_wheels_in_region,
 )
 from poseviewer.app.workers.together import run
@@ -180,6 +182,9 @@ class App:
             case r.FindWheels():
                 self._tasks.add(find_wheels_in_region, draws=True)
                 self._page.working("Looking for wheels ...", STOPPED_BY)
+            case FindSymmetry():
+                self._tasks.add(find_symmetry_of_model)
+                self._page.working("Looking at its surface ...", STOPPED_BY)
             case Grow():
                 self._tasks.add(grow(request))
                 self._page.working("Finding its edge ...", STOPPED_BY)

@@ -35,6 +35,7 @@ from poseviewer.app.state.requests import (
     UseLastPose,
 )
 from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.app.state.symmetry import DropSymmetry, FindSymmetry, symmetry_text
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -63,6 +64,7 @@ WAITING = '<div class="pv-wait"></div>'
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 SAVE, SAVE_ALL = "Save pose (S)", "Save scene and pose (S)"
+SYMMETRIC = "Symmetric"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
@@ -100,6 +102,10 @@ class OpenPanel:
     def __init__(self, controls: Controls, fixed: bool = False) -> None:
         with controls.step(STEPS[0]):
             self._what = controls.gui.add_markdown("")
+            self._symmetry = controls.field(
+                controls.gui.add_checkbox(SYMMETRIC, False),
+                lambda on: FindSymmetry() if on else DropSymmetry(),
+            )
             if not fixed:
                 controls.upload("Photo ...", "photo", "photo")
                 controls.upload("Model ...", "model", "cube")
@@ -116,8 +122,9 @@ class OpenPanel:
             f"**{escape(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
             f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
             f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
-            f"{reflectance_text(mesh)}"
+            f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
         )
+        self._symmetry.show(not registration.whole_symmetry.is_none)
         set_properties(self._what, content=text)
         if self._more is not None:
             self._more.show(session)

@@ -216,7 +216,12 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         model=_absolute(one.model_path),
         model_name=own.mesh_name,
         model_sha256=own.mesh_sha256,
-        pose=PoseRecord(one.pose, undistortion=photo.undistortion, without=own.mesh.left_out)
+        pose=PoseRecord(
+            one.pose,
+            undistortion=photo.undistortion,
+            without=own.mesh.left_out,
+            symmetry=own.symmetry,
+        )
         if one.searched is None
         else one.searched.record,
         start=PoseRecord(own.start, undistortion=photo.undistortion),

@@ -362,6 +362,8 @@ def _restored(one: T, kept: AutosavedSession, photo: Photo) -> T:
         start_is_guess=False,
         mask=kept.mask,
     )
+    if not kept.pose.without:  # which may have had one, once they are back
+        registration = replace(registration, whole_symmetry=kept.pose.symmetry)
     return replace(
         one,
         registration=registration,

@@ -12,6 +12,7 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.requests import Answer, Download, Upload
 from poseviewer.app.state.session import Session
+from poseviewer.app.state.symmetry import UseSymmetry
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     Opened,
@@ -28,6 +29,9 @@ from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import gathered, keep_set
+from poseviewer.files.symmetry import load_symmetry
+from poseviewer.geometry.surface_symmetry import find_symmetry
+from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.starts.registration import StartInputs
 from poseviewer.starts.wheels import find_wheels
 
@@ -195,6 +199,28 @@ def _placed(session: Session, found: FileSet) -> str:
     document = session.document
     is_its = any(model.path == document.model_path for model in found.models)
     return "" if document.awaits_place or is_its else document.label
+
+
+def find_symmetry_of_model(session: Session) -> Iterator[Found]:
+    """Take the symmetry that a file says of the model at hand, or look for one on its surface.
+
+    Raises:
+        QuickStartError: there is none.
+        PoseViewerError: the file cannot be used.
+    """
+    document = session.document
+    own, path = document.registration, document.model_path
+    mesh = own.mesh.whole
+    symmetry = NO_SYMMETRY if path is None else load_symmetry(path, mesh)
+    text = f"a file says {symmetry.words}"
+    if symmetry.is_none:
+        found = find_symmetry(mesh)
+        symmetry, text = found.symmetry, found.text
+    if symmetry.is_none:
+        raise QuickStartError(
+            f"{own.mesh_name}: {text}; a symmetry file beside the model can say more."
+        )
+    yield Found((UseSymmetry(mesh, symmetry),), (f"{own.mesh_name}: {text}.",))
 
 
 def find_wheels_in_region(session: Session) -> Iterator[Found]:
