@@ -26,8 +26,8 @@ from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.pyramid import levels
 from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software import renderer as software
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Moments, PhotoAttributes
 from poseviewer.starts.registration import Start, StartInputs, load_model
@@ -121,7 +121,7 @@ def test_what_is_prepared_is_what_a_search_begins_with(scene, monkeypatch):
         simplified.append(faces)
         return simplify(mesh, faces)
 
-    monkeypatch.setattr(levels, "simplify", counting)
+    monkeypatch.setattr(software, "simplify", counting)
     mesh = subdivide(load_model(scene.model).mesh, 20_000)
     model = replace(load_model(scene.model), mesh=mesh)
     case = poseviewer.load(scene.photo, model, scene.start)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import poseviewer
+from poseviewer.api import SceneCase, load_scene
 from poseviewer.app.state.hiding import with_mask
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
@@ -29,6 +30,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import Start, load_model
 from tests.scene import Scene
+from tests.several import make_three
 
 QUICK = FitSettings(limits=Limits(60))
 
@@ -205,3 +207,37 @@ def test_a_mask_that_comes_with_its_pose_is_no_photo(scene, mask, tmp_path):
         found = sort_set([scene.photo, mask, pose] if kind is None else [mask, pose], kind)
         assert mask not in (*found.photos, *found.pictures, *found.leftovers)
         assert found.poses == (pose,)
+
+
+def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):
+    scene = load_scene(make_three(tmp_path), limits=Limits(30))
+    hidden = np.zeros(scene.case("apart").problem.photo.weights.shape, bool)
+    hidden[:, : hidden[0].size // 5] = True
+    search = SceneCase.search
+
+    def found(self, object_id=None, *, threads=1):
+        for now in search(self, object_id, threads=threads):
+            placing = now.placings[0]
+            assert placing is not None
+            seen = replace(placing, progress=replace(placing.progress, hidden=hidden))
+            yield replace(now, placings=(seen,))
+
+    monkeypatch.setattr(SceneCase, "search", found)
+    fitted = scene.fit("apart")
+    index = scene.scene.index("apart")
+    result = fitted.results[index]
+    assert result is not None
+    mask = fitted.registrations[index].mask
+    assert mask is not None
+    covered = fitted.renderers[index].covers(fitted.registrations[index].start)
+    assert result.record.seen == pytest.approx(np.mean(mask.weights[covered] > 0.0), abs=0.03)
+    assert (result.record.seen or 1.0) < 0.9
+    fitted.save(tmp_path / "fitted.json")
+    again = load_scene(tmp_path / "fitted.json")
+    assert again.scene.objects[index].record.seen == pytest.approx(result.record.seen)
+    for number, (one, other) in enumerate(
+        zip(again.registrations, fitted.registrations, strict=True)
+    ):
+        assert (one.mask is not None) == (number == index)
+        if one.mask is not None and other.mask is not None:
+            assert np.array_equal(one.mask.weights, other.mask.weights)

@@ -218,6 +218,19 @@ def methods(folder: Path) -> None:
         save_page("methods", tab)
 
 
+def sure(folder: Path) -> None:
+    """The demo's pose found, how sure it is, and its region on near maps."""
+    with open_app(folder, LARGE_WINDOW, maps="beside") as tab:
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        tab.open_step(4)
+        near = "xpath=//*[text()='Range ± %']/following::input[not(@type='hidden')][1]"
+        tab.page.locator(near).fill("4")
+        tab.page.keyboard.press("Enter")
+        settle(tab)
+        save_page("sure", tab)
+
+
 def which_model(folder: Path) -> None:
     """The demo's car told from two that it is not."""
     case = demo_case()
@@ -299,6 +312,7 @@ PICTURES = {
     "quick_start_wheels": wheels,
     "box": box,
     "methods": methods,
+    "sure": sure,
     "which_model": which_model,
     "objects": objects,
     "hide": hide,

@@ -15,12 +15,12 @@ from poseviewer.api import FitResult, SceneCase, load
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
-    STDS,
     JobResult,
     as_row_of,
     failed_result,
     load_result,
     save_result,
+    standard_deviations,
 )
 from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
@@ -193,7 +193,7 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult | PoseRecord, picture: Pi
         return _write(job, plan, result, lambda path: save_pose(path, record), picture)
     progress = fitted.progress
     assert progress is not None  # it was searched for
-    verdict, sure = progress.verdict, fitted.covariance
+    verdict = progress.verdict
     result = JobResult(
         job.row,
         job.photo,
@@ -212,9 +212,7 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult | PoseRecord, picture: Pi
         probability=round(verdict.probability, 4) if verdict else None,
         reasons="\n".join(verdict.reasons) if verdict else "",
     )
-    if sure is not None:
-        deviations = {name: getattr(sure, name.removesuffix("_std")) for name in STDS}
-        result = replace(result, **deviations)
+    result = replace(result, **standard_deviations(fitted.covariance))
     return _write(job, plan, result, fitted.save, picture)
 
 

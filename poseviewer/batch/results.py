@@ -19,6 +19,7 @@ from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.geometry.pose_covariance import PoseCovariance
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
@@ -85,6 +86,11 @@ class JobResult:
     def failed(self) -> bool:
         """Whether there is no pose."""
         return bool(self.reason)
+
+
+def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
+    """The columns of ``STDS``; None each where there is no covariance."""
+    return {name: covariance and getattr(covariance, name.removesuffix("_std")) for name in STDS}
 
 
 def failed_result(job: Job, reason: str) -> JobResult:

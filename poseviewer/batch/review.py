@@ -27,6 +27,7 @@ from poseviewer.batch.results import (
     load_manifest,
     make_folders,
     save_result,
+    standard_deviations,
     worst_first,
 )
 from poseviewer.batch.run import save_summaries
@@ -150,6 +151,7 @@ def accept_mended(
         pose=pose,
         picture=drawn,
         review=MENDED,
+        **standard_deviations(record.covariance),
     )
     drop_draft(queue, row)
     return result

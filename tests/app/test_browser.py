@@ -163,8 +163,9 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
     # A press on maps about an older pose leads to their pose.
     page.page.wait_for_function(MAPS_ABOUT, arg=before)
-    x, y, width, height = page.page.wait_for_function(FIRST_CELL).json_value()
-    page.page.mouse.click(x + 0.75 * width, y + 0.25 * height)
+    width, height = page.page.wait_for_function(FIRST_CELL).json_value()[2:]
+    cell = page.page.locator(".pv-cell").first  # it waits until the page has come to rest
+    cell.click(position={"x": 0.75 * width, "y": 0.25 * height})
     after = page.saved_pose(path)["chart"]["numbers"]
     changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
     assert list(changed) == [0, 1]

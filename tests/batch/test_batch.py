@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from poseviewer.batch.results import STDS
 from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
@@ -95,6 +96,10 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         assert found.loss == float(row["loss"]) < float(row["start_loss"])
         assert found.photo is not None
         assert found.photo.file == row["photo"]
+        assert found.covariance is not None
+        for name in STDS:
+            assert float(row[name]) == getattr(found.covariance, name.removesuffix("_std")) > 0.0
+    assert [row["px_std"] for row in results[2:]] == [""] * 3
 
 
 @pytest.mark.usefixtures("one_process")

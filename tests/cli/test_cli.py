@@ -57,6 +57,10 @@ def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
     assert 0.0 < data["unexplained"] < 1.0
     assert f"unexplained {data['unexplained']:.3f} (start " in printed.out
     assert "unexplained by part: light " in printed.out
+    assert found.covariance is not None
+    assert f"how sure, as standard deviations: {found.covariance.words()}" in printed.out
+    assert run("info", out) == 0
+    assert found.covariance.words() in capsys.readouterr().out
     assert load_photo(picture).pixels.shape == (120, 160, 3)
 
 

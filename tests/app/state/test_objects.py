@@ -359,3 +359,20 @@ def test_opening_another_model_in_place_of_the_picked_one_keeps_the_others():
     found = after(session, c.Open(replace(document, registration=own)))
     assert numbers(found) == [1, 2]
     assert CAR in meshes(found)
+
+
+def test_a_search_among_others_is_one_of_several_for_the_picked_one():
+    alone = after(make_session(), c.StartSearch())
+    assert alone.search is not None
+    assert alone.search.objects == ()
+    session = with_two()
+    among = after(session, c.StartSearch())
+    assert among.search is not None
+    assert among.search.objects == (session.document,)
+    # Those that are hidden are in front of nothing.
+    hidden = after(session, AlterObject(1, hidden=True), c.StartSearch())
+    assert hidden.search is not None
+    assert hidden.search.objects == ()
+    locked = update(after(session, AlterObject(2, locked=True)), c.StartSearch())
+    assert locked.search is None
+    assert "locked" in locked.error_message

@@ -1,0 +1,54 @@
+"""How sure a pose is, in the page: the sentence, its region on the maps, the swinging outline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, keep_picture
+
+pytestmark = pytest.mark.slow
+
+PHOTO = (960, 720)
+MAPS = 15
+REGIONS = "document.querySelectorAll('.pv-cell .pv-region').length"
+
+
+@pytest.fixture
+def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppPage]:
+    """The demo, searched."""
+    with AppProcess(tmp_path_factory.mktemp("demo")) as app:
+        tab = AppPage(browser, app.url, (1440, 720))
+        tab.wait_for_text("at this pose")
+        tab.page.evaluate("window.poseviewer.placeMaps('beside')")
+        assert tab.page.evaluate(REGIONS) == 0
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        tab.open_step(4)
+        yield tab
+        assert tab.errors == []
+        tab.page.close()
+        assert app.interrupt() == 0
+
+
+def test_how_sure_it_is_is_said_mapped_and_swung(page: AppPage) -> None:
+    page.wait_for_text("How sure, if right:")
+    page.until(lambda: page.page.evaluate(REGIONS) == MAPS)
+    keep_picture(page, "sure")
+    at_rest = page.settled_picture()
+    swing = page.page.get_by_label("Swing", exact=True)
+    assert not swing.is_checked()
+    swing.check()
+    page.until(lambda: not np.array_equal(page.photo_picture(), at_rest))
+    swung = page.photo_picture()
+    keep_picture(page, "swung")
+    page.until(lambda: not np.array_equal(page.photo_picture(), swung))
+    page.drag((480, 400), (500, 400), PHOTO)
+    page.until(lambda: not swing.is_visible())  # of the dragged pose it is not known
+    page.page.keyboard.press("z")
+    page.until(swing.is_visible)
+    assert not swing.is_checked()
