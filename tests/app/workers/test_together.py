@@ -1,0 +1,69 @@
+"""Searches of the app for some of several objects, the others where they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import Document, SceneObject
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.together import run
+from poseviewer.errors import SettingsError
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.transform import RigidTransform
+from tests.app.state.documents import after
+from tests.several import MESHES, STARTS, TRUTH, make_photo
+
+
+def among(*poses) -> Session:
+    """The ball, picked, and what stands in front of it."""
+    photo, settings = make_photo(), FitSettings(limits=Limits(400))
+    ball, front = (
+        SceneObject(
+            Registration(photo, mesh, f"{n}.ply", str(n) * 64, None, pose, ()),
+            pose,
+            settings,
+            number=n,
+        )
+        for n, (mesh, pose) in enumerate(zip(MESHES, poses, strict=False), 1)
+    )
+    return after(Session(Document.of(ball, None, (front,))), c.StartSearch())
+
+
+def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
+    # At the start the ball is as near as the box: most of that is not in front of it.
+    place = STARTS[0].pose.camera_from_model
+    near = RigidTransform(place.rotation, 0.76 * place.translation)
+    start = replace(STARTS[0].pose, camera_from_model=near)
+    session = among(start, TRUTH[1].pose)
+    assert session.search is not None
+    number, rounds = session.searches, []
+    for update in run(session.search):
+        if not rounds or update.case.problem is not rounds[-1]:
+            rounds.append(update.case.problem)
+        session = after(session, c.SearchAdvanced(number, update))
+    assert len(rounds) > 1  # at the start other pixels of it were hidden
+    assert session.search is not None
+    assert not session.search.running
+    document = session.document
+    assert document.searched is not None
+    before, now = (
+        pose_error(MESHES[0], pose, TRUTH[0].pose).percent for pose in (start, document.pose)
+    )
+    assert now < 0.8 * before  # as far off as that start is, it is no more in so few evaluations
+    assert document.others[0].pose is TRUTH[1].pose
+    assert after(session, c.Undo()).document.pose is start
+
+
+def test_what_stands_wholly_behind_another_is_said():
+    front = TRUTH[1].pose
+    place = front.camera_from_model
+    far = RigidTransform(place.rotation, 3.0 * place.translation)
+    session = among(replace(front, camera_from_model=far), front)
+    assert session.search is not None
+    with pytest.raises(SettingsError, match="stands wholly behind other objects"):
+        list(run(session.search))
