@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
@@ -227,7 +227,7 @@ class PoseCovariance:
 
 def region_reach(size: int) -> float:
     """How many standard deviations the ``REGION`` of ``size`` numbers together reaches."""
-    return math.sqrt(float(chi2.ppf(REGION, max(size, 1))))
+    return math.sqrt(float(chdtri(max(size, 1), 1.0 - REGION)))
 
 
 def ellipse(covariance: FloatArray, count: int = 48) -> FloatArray:

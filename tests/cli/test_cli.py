@@ -333,6 +333,18 @@ def test_help_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_the_app_imports_nothing_that_its_page_can_wait_for():
+    code = (
+        "import sys, poseviewer.app.app;"
+        "heavy = {'numba', 'scipy.stats', 'trimesh', 'matplotlib', 'pyrender', 'pandas'};"
+        "sys.exit(repr(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
 def test_ctrl_c_keeps_the_best_pose(tmp_path):
