@@ -295,8 +295,10 @@ def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, tmp_path:
         tab.wait_for_text("1 of 4: Drag the model")
         tab.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
         tab.wait_for_text("2 of 4: Press space")
+        assert not tab.page.get_by_text("Next: judge").is_visible()
         tab.page.keyboard.press("Space")
         tab.wait_for_text("evaluations, restart")
+        tab.wait_for_text("Next: judge")  # the step of the search is open
         tab.page.keyboard.press("Space")
         tab.wait_for_text("3 of 4: Press 5")
         keep_picture(tab, "hints")

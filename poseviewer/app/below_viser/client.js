@@ -470,6 +470,7 @@ listen(window, "keydown", (event) => {
   taken(event);
   if (document.activeElement) document.activeElement.blur();
   if (event.code === "KeyF") { showAll(); return; }
+  if (event.code === "Space") openSearch();
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   send({
     kind: "key", code: event.code, key: event.key, repeat: event.repeat,
@@ -605,6 +606,12 @@ function openStep(label) {
     if (isOpen(header) !== (header.textContent === label)) header.click();
   }
   stored(sessionStorage, "step", label);
+}
+
+// What a search begun by its key leads to is kept or undone there.
+function openSearch() {
+  const open = CONFIG.steps.indexOf(stored(sessionStorage, "step") || CONFIG.first);
+  if (open < CONFIG.steps.indexOf(CONFIG.search)) openStep(CONFIG.search);
 }
 
 // A step that is opened closes the others.

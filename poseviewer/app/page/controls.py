@@ -22,6 +22,8 @@ STEPS = ("1 · Open", "2 · Place", "3 · Fit", "4 · Judge", "5 · Save")
 """The folders of the left panel in the order of the work; the page's script keeps one open."""
 FIRST_STEP = STEPS[1]
 """Open at first: photo and model are there by the command line."""
+SEARCH_STEP = STEPS[2]
+"""Opened where an earlier one is when a search begins by its key."""
 
 
 class Field:

@@ -13,7 +13,7 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.page.candidates_panel import CandidatesPanel
-from poseviewer.app.page.controls import FIRST_STEP, STEPS, Controls, Post
+from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post
 from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
@@ -52,6 +52,7 @@ PAGE_CONFIG = {
     "largest": LARGEST_UPLOAD,
     "most": MOST_FILES,
     "first": FIRST_STEP,
+    "search": SEARCH_STEP,
     "panel": PANEL_WIDTHS[0],
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
