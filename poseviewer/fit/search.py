@@ -32,8 +32,9 @@ Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
 
 RESTARTS = (*(Strategy.CONTINUE,) * 3, Strategy.SYMMETRIC, Strategy.GLOBAL)
 """The strategies of the searches that follow, until the pose is trusted."""
-CONTINUE_THRESHOLD = 0.93
-"""Probability below which a search is continued even where the pose is ``found``."""
+SURE_FROM = 0.93
+"""Probability below which a search is continued even where the pose is ``found``; from here on no
+other search follows, as none would be taken."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
@@ -136,9 +137,9 @@ def restarted(
     has_population = problem.method == "default" and not problem.photo.clipped
     if best.status is not Status.CONVERGED or not has_population or rest is None:
         return None
-    if best.verdict is not None and best.verdict.word == "found":
-        is_sure = best.verdict.probability >= CONTINUE_THRESHOLD
-        if is_sure or strategy is not Strategy.CONTINUE:
+    if best.verdict is not None:
+        is_found, is_sure = best.verdict.word == "found", best.verdict.probability >= SURE_FROM
+        if is_sure or (is_found and strategy is not Strategy.CONTINUE):
             return None
     is_global = strategy is Strategy.GLOBAL
     start = problem.start if is_global else best.parameters

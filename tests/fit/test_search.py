@@ -11,7 +11,7 @@ from poseviewer.confidence.model import judge_end
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.problem import FitProblem, Strategy, make_problem
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.search import CONTINUE_THRESHOLD, RESTARTS, is_taken, restarted, search
+from poseviewer.fit.search import RESTARTS, SURE_FROM, is_taken, restarted, search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.verdict import Verdict
@@ -19,8 +19,8 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
 
 FOUND, UNSURE, LOST = (
-    Verdict("found", CONTINUE_THRESHOLD, (), None),
-    Verdict("found", CONTINUE_THRESHOLD - 0.01, (), None),
+    Verdict("found", SURE_FROM, (), None),
+    Verdict("found", SURE_FROM - 0.01, (), None),
     Verdict("lost", 0.1, (), None),
 )
 
