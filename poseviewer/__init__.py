@@ -23,8 +23,12 @@ if TYPE_CHECKING:
         LossMaps,
         PoseViewerError,
         SceneCase,
+        SetCase,
+        SetChoice,
+        SetResult,
         load,
         load_scene,
+        load_views,
     )
 
 __all__ = [
@@ -34,8 +38,12 @@ __all__ = [
     "LossMaps",
     "PoseViewerError",
     "SceneCase",
+    "SetCase",
+    "SetChoice",
+    "SetResult",
     "load",
     "load_scene",
+    "load_views",
 ]
 
 

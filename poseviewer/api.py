@@ -12,6 +12,9 @@
     shelf = load_scene("shelf.scene.json").fit()       # several objects in one photo
     shelf.save("fitted.scene.json")
 
+    rig = load_views("rig.json", "car.glb", "start.json").fit()    # one pose in several photos
+    rig.save("pose.json")
+
 Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers.
 """
 
@@ -38,9 +41,13 @@ from poseviewer.files.pose import (
     PhotoReference,
     PoseRecord,
     RecordedVerdict,
+    record_as_json,
+    save_pose,
+    transform_as_json,
 )
 from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.scene import load_scene as read_scene
+from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.occlusion import behind, enlarged
@@ -53,6 +60,7 @@ from poseviewer.fit.stages import make_stages
 from poseviewer.fit.together import ModelToPlace, TogetherProgress, search_together
 from poseviewer.fit.unexplained import Unexplained
 from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.view_set import make_set_problem
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
@@ -60,6 +68,10 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry import NO_SYMMETRY
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.view_set import ViewSet
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture, View, draw_look
@@ -72,11 +84,13 @@ from poseviewer.starts.registration import (
     StartCamera,
     StartInputs,
     among_others,
+    load_model,
     load_registration,
     load_scene_registrations,
     load_with_start,
     with_symmetry,
 )
+from poseviewer.starts.view_set import SetRegistration, place_in_views
 
 __all__ = [
     "Case",
@@ -86,9 +100,13 @@ __all__ = [
     "Mask",
     "PoseViewerError",
     "SceneCase",
+    "SetCase",
+    "SetChoice",
+    "SetResult",
     "StartCamera",
     "load",
     "load_scene",
+    "load_views",
 ]
 
 Watch = Callable[[FitProgress], Any]
@@ -184,6 +202,54 @@ def load_scene(path: str | Path, settings: FitSettings | None = None, **changes:
     return SceneCase(scene, registrations, chosen, renderers, (None,) * len(registrations))
 
 
+def load_views(
+    views: str | Path | ViewSet,
+    model: str | Path | LoadedModel,
+    start: str | Path | Pose,
+    settings: FitSettings | None = None,
+    *,
+    view: str | None = None,
+    scale: float | None = None,
+    choice: SetChoice | None = None,
+    symmetry: str | Path | None = None,
+    **changes: Any,
+) -> SetCase:
+    """A model in several photos of one thing, whose cameras know their poses to one another.
+
+    Args:
+        views: our own set file, COLMAP's model or project, ``transforms.json``, or the folder of a
+            BOP scene; or a set that is loaded.
+        model: as of ``load``.
+        start: a pose file or a pose, in one of the photos.
+        settings: what is compared and how.
+        view: the photo that the start is a pose in; default: the one that the pose file names.
+        scale: how many lengths of the model's unit one of the set's is, in place of what the set
+            says. Where nobody says it, it is searched for.
+        choice: which of the set's photos, and what else its file does not say.
+        symmetry: as of ``load``.
+        **changes: fields of the settings by name.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the settings do not go with it.
+    """
+    chosen = _chosen(settings, changes)
+    read = views if isinstance(views, ViewSet) else load_view_set(views, choice)
+    loaded = model if isinstance(model, LoadedModel) else load_model(model)
+    loaded = replace(loaded, mesh=loaded.mesh.without(chosen.without or ()))
+    placed = place_in_views(read, loaded, start, view, scale)
+    if symmetry is not None:
+        first = with_symmetry(placed.registrations[0], symmetry)
+        own = [replace(o, whole_symmetry=first.whole_symmetry) for o in placed.registrations]
+        placed = replace(placed, registrations=tuple(own))
+    problem = make_set_problem(placed.registrations, chosen, placed.free_size)
+    renderer = make_renderer(loaded.mesh, chosen.renderer)
+    cases = [
+        Case(one, chosen, alone, renderer)
+        for one, alone in zip(placed.registrations, problem.views, strict=True)
+    ]
+    return SetCase(placed, replace(cases[0], problem=problem), tuple(cases))
+
+
 def _chosen(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:
     unknown = sorted(set(changes) - set(FitSettings.__slots__))
     if unknown:
@@ -260,18 +326,23 @@ class Case:
             limits.evaluations if evaluations is None else evaluations,
             limits.seconds if seconds is None else seconds,
         )
+        limited = replace(self, problem=replace(self.problem, limits=limits))
+        progress = limited._end(watch, threads, interruptible)
+        return FitResult(self.behind(progress.hidden), progress.pose, progress)
+
+    def _end(self, watch: Watch | None, threads: int, interruptible: bool) -> FitProgress:
         progress: FitProgress | None = None
-        problem = replace(self.problem, limits=limits)
         try:
-            for progress in replace(self, problem=problem).search(threads=threads):
+            for progress in self.search(threads=threads):
                 if watch is not None:
                     watch(progress)
         except KeyboardInterrupt:
             if progress is None or not interruptible:
                 raise
-            progress = _stopped(progress, problem, self.registration.mesh, self.renderer, threads)
+            mesh, renderer = self.registration.mesh, self.renderer
+            progress = _stopped(progress, self.problem, mesh, renderer, threads)
         assert progress is not None  # a fit yields at least once
-        return FitResult(self.behind(progress.hidden), progress.pose, progress)
+        return progress
 
     def behind(self, hidden: NDArray[np.bool_] | None) -> Case:
         """The case in which what a search took for ``hidden`` (``FitProgress.hidden``) does not
@@ -664,6 +735,192 @@ class SceneCase:
             PoseViewerError: there is no such look or format, or the file cannot be written.
         """
         save_image(path, self.picture(look), photo_text(self.registrations[0].photo))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetCase:
+    """A model in several photos whose cameras know their poses to one another."""
+
+    registration: SetRegistration
+    """The model in each photo that sees it; the first is the one that the start is a pose in."""
+    whole: Case
+    """The first photo, with the problem of all: its search is the set's."""
+    views: tuple[Case, ...]
+    """Each photo alone, the first one first; their problems' parameters are the set's."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know about how the files were read."""
+        return self.registration.notes
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the photos, the first one first."""
+        return tuple(view.name for view in self.registration.views.views)
+
+    @property
+    def start(self) -> SetResult:
+        """The start pose, to be drawn, mapped, saved."""
+        return SetResult(self, self.whole.problem.start)
+
+    def fit(
+        self,
+        *,
+        watch: Watch | None = None,
+        threads: int = 1,
+        interruptible: bool = False,
+    ) -> SetResult:
+        """Search for the one pose from the start to the end; as of ``Case.fit``. The search as it
+        goes: ``whole.search()``.
+        """
+        progress = self.whole._end(watch, threads, interruptible)
+        return SetResult(self, progress.parameters, progress)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetResult:
+    """A pose in all photos of a set, and how good it is."""
+
+    case: SetCase
+    parameters: FloatArray
+    """Of the set's chart."""
+    progress: FitProgress | None = None
+    """How the search ended; None for a pose that was not searched for."""
+
+    @property
+    def pose(self) -> Pose:
+        """In the first photo."""
+        return self.case.whole.problem.chart.to_pose(self.parameters)
+
+    @property
+    def views(self) -> tuple[FitResult, ...]:
+        """In each photo, with what that alone says of it; takes an evaluation for each."""
+        progress, found = self.progress, []
+        for index, case in enumerate(self.case.views):
+            pose = case.problem.chart.to_pose(self.parameters)
+            if progress is None:
+                found.append(FitResult(case, pose))
+                continue
+            hidden = (progress.hidden, *progress.hidden_beside)
+            hidden = hidden[index] if index < len(hidden) else None
+            case = case.behind(hidden)
+            loss = pose_loss(case.problem, case.renderer, self.parameters)
+            verdicts = () if progress.verdict is None else progress.verdict.views
+            verdict = verdicts[index] if verdicts else None
+            own = replace(progress, pose=pose, loss=loss, verdict=verdict, hidden=hidden)
+            found.append(FitResult(case, pose, own))
+        return tuple(found)
+
+    @property
+    def loss(self) -> float:
+        """The mean over the photos."""
+        if self.progress is not None:
+            return self.progress.loss
+        return pose_loss(self.case.whole.problem, self.case.whole.renderer, self.parameters)
+
+    @property
+    def unexplained(self) -> float:
+        """The loss on the scale from 0, all of the photos is explained, to 1, nothing."""
+        return self.case.whole.problem.scale.unexplained(self.loss)
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether the pose is right, by all photos; None for a pose that was not searched for."""
+        return None if self.progress is None else self.progress.verdict
+
+    @property
+    def covariance(self) -> PoseCovariance | None:
+        """How sure the pose in the first photo is, by all photos."""
+        return None if self.verdict is None else self.verdict.covariance
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is what an interrupted search had found so far."""
+        return self.progress is not None and self.progress.status is Status.STOPPED
+
+    @property
+    def size(self) -> float:
+        """How many lengths of the set's unit one of the model's is."""
+        chart = self.case.whole.problem.chart
+        assert isinstance(chart, ViewChart)  # that of every set
+        return 1.0 / (self.case.registration.scale * chart.nearness(self.parameters))
+
+    @property
+    def set_from_model(self) -> RigidTransform:
+        """The model in the set's frame, where all of it is to be made ``size`` times larger first:
+        ``x_in_set = rotation @ (size x_in_model) + translation``.
+        """
+        return self._set_from(self.pose.camera_from_model)
+
+    def _set_from(self, place: RigidTransform) -> RigidTransform:
+        camera_from_set = self.case.registration.views.views[0].camera_from_set
+        scaled = RigidTransform(place.rotation, self.size * place.translation)
+        return camera_from_set.inverse() @ scaled
+
+    @property
+    def record(self) -> PoseRecord:
+        """All that the pose file says: that of the first photo, with the set's verdict, and the
+        pose in the set's frame and in each photo.
+        """
+        views, own = self.views, self.case.registration
+        problem, symmetry = self.case.whole.problem, own.registrations[0].symmetry
+        equal = symmetry.canonical(self.pose).camera_from_model
+        turn = self.pose.camera_from_model.inverse() @ equal
+        entries = []
+        for name, view in zip(self.case.names, views, strict=True):
+            pose = replace(view.pose, camera_from_model=view.pose.camera_from_model @ turn)
+            said = record_as_json(replace(view.record, pose=pose, symmetry=NO_SYMMETRY))
+            kept = {key: said[key] for key in OF_VIEW if key in said}
+            entries.append({"name": name, **kept})
+        place = transform_as_json(self._set_from(equal))
+        in_set = {
+            "file": own.views.name,
+            **({} if own.views.unit is None else {"unit": own.views.unit}),
+            "set_from_model": {"size": self.size, "size_was_free": own.free_size, **place},
+            "views": entries,
+        }
+        verdict = None
+        if self.verdict is not None:
+            said = self.verdict
+            verdict = RecordedVerdict(said.word, said.probability, said.reasons)
+        chart = problem.chart
+        return replace(
+            views[0].record,
+            chart=ChartParameters(chart.name, chart.names, tuple(self.parameters.tolist())),
+            loss=self.loss,
+            unexplained=self.unexplained,
+            verdict=verdict,
+            covariance=self.covariance,
+            in_set=in_set,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the pose file.
+
+        Raises:
+            PoseViewerError: the folder is missing or cannot be written to.
+        """
+        save_pose(path, self.record)
+
+    def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
+        """Write a picture of each photo, ``found.NAME.png`` for a ``path`` ``found.png``.
+
+        Raises:
+            PoseViewerError: there is no such look or format, or a file cannot be written.
+        """
+        path, paths = Path(path), []
+        for name, view in zip(self.case.names, self.views, strict=True):
+            stem = Path(name).with_suffix("").as_posix().replace("/", "-")
+            paths.append(path.with_name(f"{path.stem}.{stem}{path.suffix}"))
+            view.draw(paths[-1], look)
+        return tuple(paths)
+
+
+OF_VIEW = (
+    *("photo", "projection", "camera", "distortion", "camera_from_model", "loss", "unexplained"),
+    *("seen", "verdict"),
+)
+"""What a set's pose file says of each photo."""
 
 
 def _require_look(look: str) -> None:

@@ -16,8 +16,9 @@ from typing import Any
 from poseviewer import api, errors
 from poseviewer.files import pose as pose_file
 from poseviewer.files import scene as scene_file
+from poseviewer.files import view_set as view_set_file
 from poseviewer.fit import landscape, progress, registration, settings, together, visibility
-from poseviewer.geometry import camera, transform
+from poseviewer.geometry import camera, transform, view_set
 from poseviewer.starts import registration as opening
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
@@ -34,7 +35,18 @@ CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     (
         "poseviewer",
         api,
-        ("load", "make_case", "Case", "FitResult", "LossMaps", "load_scene", "SceneCase"),
+        (
+            "load",
+            "make_case",
+            "Case",
+            "FitResult",
+            "LossMaps",
+            "load_scene",
+            "SceneCase",
+            "load_views",
+            "SetCase",
+            "SetResult",
+        ),
     ),
     ("poseviewer.starts.registration", opening, ("load_model",)),
     ("poseviewer.fit.registration", registration, ("Registration", "PlacedModel")),
@@ -47,6 +59,8 @@ CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
     ("poseviewer.files.pose", pose_file, ("PoseRecord", "load_pose", "save_pose")),
     ("poseviewer.files.scene", scene_file, ("SceneRecord", "SceneObject")),
+    ("poseviewer.files.view_set", view_set_file, ("SetChoice", "load_view_set")),
+    ("poseviewer.geometry.view_set", view_set, ("ViewSet", "View")),
     ("poseviewer.errors", errors, ("PoseViewerError",)),
 )
 

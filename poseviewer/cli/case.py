@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from poseviewer.api import Case, FitResult, SceneCase, load, load_scene
+from poseviewer.api import (
+    Case,
+    FitResult,
+    SceneCase,
+    SetCase,
+    SetChoice,
+    SetResult,
+    load,
+    load_scene,
+    load_views,
+)
 from poseviewer.cli.options import calibration_of, settings_of
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.state.folder import last_pose
 from poseviewer.fit.progress import FitProgress
+from poseviewer.fit.verdict import Verdict
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.point_pairs import start_from_pairs
@@ -30,6 +41,10 @@ def open_case(options: Namespace) -> Case:
     settings, given = settings_of(options), vars(options)
     if options.photo is None or options.model is None:
         raise SettingsError("PHOTO and MODEL are wanted; name both, or a scene with --scene")
+    for name in OF_VIEWS:
+        if given.get(name):
+            flag = name.replace("_", "-")
+            raise SettingsError(f"--{flag} without --views; leave it out, or name a set of photos")
     if given.get("object"):
         raise SettingsError("--object without --scene; leave it out, or name a scene")
     if given.get("box") and options.start is None:
@@ -77,6 +92,43 @@ def open_scene(options: Namespace) -> SceneCase:
     return scene
 
 
+OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
+"""Options that go with ``--views``."""
+
+
+def open_views(options: Namespace) -> SetCase:
+    """The set of photos that ``--views`` names, with the model in each.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the options do not go together.
+    """
+    settings = settings_of(options)
+    for name in ("scene", "object", "mask", "calibration", "box", "focal"):
+        if vars(options).get(name):
+            raise SettingsError(f"--{name} with --views, which says it itself; leave it out")
+    if options.pose is None:
+        raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
+    if options.model is not None or options.photo is None:
+        raise SettingsError("--views SET wants MODEL alone: the set says the photos")
+    if settings.renderer == "software":
+        tell_of_compiling()
+    choice = SetChoice(options.photos or (), options.photo_folder, options.rig_object)
+    found = load_views(
+        options.views,
+        options.photo,
+        options.pose,
+        settings,
+        view=options.view,
+        scale=options.scale,
+        choice=choice,
+        symmetry=options.symmetry,
+    )
+    if not options.quiet:
+        for note in found.notes:
+            tell(f"note: {note}")
+    return found
+
+
 def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
     if options.last:
         return last_pose()
@@ -113,6 +165,22 @@ def search_scene(scene: SceneCase, object_id: str | None, quiet: bool) -> SceneC
     return found
 
 
+def search_views(case: SetCase, quiet: bool) -> SetResult:
+    """The same of one pose in several photos."""
+    with _watching(quiet) as watch:
+        found = case.fit(watch=watch, threads=processors(), interruptible=True)
+    assert found.progress is not None  # it was searched for
+    _print_search(found.progress)
+    for name, view in zip(case.names, found.views, strict=True):
+        said = "" if view.verdict is None else f", {view.verdict.word} by it alone"
+        seen = "" if view.hidden is None else f", {view.seen:.0%} of the model seen"
+        say(f"{name}: {view.case.problem.scale.text(view.loss)}{seen}{said}")
+    if case.registration.free_size:
+        say(f"scale: {1.0 / found.size:.6g} lengths of the model's unit in one of the set's")
+    _print_verdict(found.verdict, found.case.registration.registrations[0].mesh.unit)
+    return found
+
+
 @contextmanager
 def _watching(quiet: bool) -> Iterator[Callable[[FitProgress], None]]:
     """What shows the progress of searches, one after the other."""
@@ -135,11 +203,7 @@ def print_end(found: FitResult) -> None:
     """How a search ended."""
     progress, verdict = found.progress, found.verdict
     assert progress is not None  # it was searched for
-    say(
-        f"{progress.status.value}\n"
-        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
-        f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
-    )
+    _print_search(progress)
     if parts := found.parts.parts_text:
         say(f"unexplained by part: {parts}")
     if found.hidden is not None:
@@ -147,10 +211,22 @@ def print_end(found: FitResult) -> None:
             f"something in front was taken to hide a part of the model: {found.seen:.0%} of it is "
             "seen, and the rest was left out"
         )
-    if verdict is not None:
-        say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
-        for reason in (*verdict.reasons, *found.notes):
-            say(f"  {reason}")
-    if found.covariance is not None:
-        unit = found.case.registration.mesh.unit
-        say(f"how sure, as standard deviations: {found.covariance.words(unit)}")
+    _print_verdict(verdict, found.case.registration.mesh.unit, found.notes)
+
+
+def _print_search(progress: FitProgress) -> None:
+    say(
+        f"{progress.status.value}\n"
+        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
+        f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
+    )
+
+
+def _print_verdict(verdict: Verdict | None, unit: str | None, notes: Sequence[str] = ()) -> None:
+    if verdict is None:
+        return
+    say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
+    for reason in (*verdict.reasons, *notes):
+        say(f"  {reason}")
+    if verdict.covariance is not None:
+        say(f"how sure, as standard deviations: {verdict.covariance.words(unit)}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from poseviewer.cli.options import (
     RECTANGLE,
     SCENE,
+    VIEWS,
     add_fields,
     add_files,
     add_search,
@@ -16,6 +17,7 @@ from poseviewer.cli.options import (
     option,
     positive,
     rectangle,
+    whole,
 )
 from poseviewer.cli.overlay import add_look
 from poseviewer.cli.terminal import require_writable, say
@@ -45,6 +47,7 @@ def add_options(parser: ArgumentParser) -> None:
     add_settings(parser)
     said = "what maps the model onto itself (a file beside it); find: look on its surface"
     option(parser, "--symmetry FILE|find|none", said)
+    _add_views(parser)
     search = add_search(parser)
     for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):
         add_fields(search, of, options)
@@ -71,12 +74,31 @@ def _add_start(parser: ArgumentParser) -> None:
     option(group, "--focal PX", f"{unknown} (EXIF's)", positive)
 
 
+def _add_views(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("several photos, one pose")
+    said = f"{VIEWS}: SET.json, COLMAP's folder, transforms.json, a BOP scene"
+    option(group, "--views SET", said, Path)
+    option(group, "--view NAME", "the photo of --pose (the one that its file names)")
+    option(group, "--photos NAME,...", "which of the set's photos (all)", names)
+    option(group, "--scale NUMBER", "lengths of the model's unit in one of the set's", positive)
+    option(group, "--photo-folder FOLDER", "of COLMAP's photos", Path)
+    moved = "the object of a BOP scene that tells how its camera moved"
+    option(group, "--rig-object NUMBER", moved, whole)
+
+
 def run(options: Namespace) -> int:
-    """Write the pose found, or the scene, and an overlay if wanted."""
+    """Write the pose found, or the scene, and an overlay, or one for each photo, if wanted."""
     require_writable(options.out, PoseFileError)
     if options.overlay:
         require_writable(options.overlay, PhotoFileError)
-    from poseviewer.cli.case import open_case, open_scene, search, search_scene
+    from poseviewer.cli.case import (
+        open_case,
+        open_scene,
+        open_views,
+        search,
+        search_scene,
+        search_views,
+    )
     from poseviewer.files.state.folder import keep_last_pose
 
     if options.scene is not None:
@@ -87,6 +109,13 @@ def run(options: Namespace) -> int:
             scene.draw(options.overlay, options.look)
             say(f"overlay: {options.overlay}")
         return EXIT_INTERRUPTED if scene.stopped else 0
+    if options.views is not None:
+        found = search_views(open_views(options), options.quiet)
+        found.save(options.out)
+        say(f"pose: {options.out}")
+        for path in found.draw(options.overlay, options.look) if options.overlay else ():
+            say(f"overlay: {path}")
+        return EXIT_INTERRUPTED if found.stopped else 0
     found = search(open_case(options), options.quiet)
     found.save(options.out)
     keep_last_pose(found.record)

@@ -192,6 +192,7 @@ def add_search(parser: ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
+VIEWS = "several photos of one thing, in place of PHOTO"
 SCENE = "several objects in one photo, in place of PHOTO and MODEL"
 
 

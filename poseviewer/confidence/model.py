@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.reasons import reasons_for
-from poseviewer.confidence.uncertainty import find_covariance
+from poseviewer.confidence.uncertainty import find_covariance, joint_covariance
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.verdict import Features, Verdict, Word
+from poseviewer.fit.verdict import WORDS, Features, Verdict, Word
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.types import Renderer
 
@@ -24,6 +27,8 @@ HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
 """Share of the model below which something hides it, and the probability from which its pose is
 then ``found``: what stood out is left out, and so the rest looks better than it did in the trials.
 """
+LEAST_PROBABILITY = 0.01
+"""Of one photo among several: none is sure enough to overrule all others."""
 LARGEST_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 
@@ -32,6 +37,15 @@ def judge_end(
     progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> Verdict:
     """The verdict on the pose that a search ended in: ``lost`` where no model is to be seen."""
+    if problem.others:
+        each = []
+        for view in problem.views:
+            own = replace(progress, pose=view.chart.to_pose(progress.parameters))
+            each.append(judge_end(own, view, mesh, renderer, threads))
+        verdict = judge_together(each)
+        known = verdict.word != "lost"
+        covariance = joint_covariance(problem, mesh, progress.parameters, each) if known else None
+        return replace(verdict, covariance=covariance)
     features: Features | None = None
     if progress.status is not Status.NOTHING_SEEN:
         with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
@@ -53,6 +67,20 @@ def judge(features: Features | None) -> Verdict:
     found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
     word: Word = "found" if probability >= found_from else "lost" if is_lost else "doubtful"
     return Verdict(word, probability, reasons_for(features), features)
+
+
+def judge_together(views: Sequence[Verdict]) -> Verdict:
+    """The verdict on one pose from those of several photos of it, by the mean of their log odds:
+    that is cautious, as if they told the same thing again. ``found`` where half of them say so.
+    """
+    odds = np.clip([one.probability for one in views], LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
+    words = [one.word for one in views]
+    is_trusted = probability >= FOUND_FROM and 2 * words.count("found") >= len(words)
+    word: Word = "found" if is_trusted else "lost" if probability < LOST_BELOW else "doubtful"
+    said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
+    reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
+    return Verdict(word, probability, reasons, None, views=tuple(views))
 
 
 def probability_of(features: Features) -> float:

@@ -12,12 +12,14 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.probing import Probe, compared_photo
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.unexplained import LossScale
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.optimise import quadratic
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.render.pyramid.levels import lighter_level
@@ -29,6 +31,8 @@ to where the loss has risen as far as the last models of a search look; always s
 SPREAD = 0.031
 """Standard deviation of the truth about the end where the curvature, the unexplained share and the
 seen share are 1: calibrated by ``tests.measure.calibrate_uncertainty``."""
+PINV = 1e-12
+"""Share of the greatest variance, or inverse of one, below which it stands for none."""
 SEEN_POWER = 2.0
 """What hides the model is seldom known to the pixel, and draws the fit the farther the more of the
 model it hides."""
@@ -64,6 +68,41 @@ def find_covariance(
             covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
             return PoseCovariance.from_chart(mesh, pose, chart, covariance)
     return None
+
+
+def joint_covariance(
+    problem: FitProblem, mesh: Mesh, parameters: FloatArray, views: Sequence[Verdict]
+) -> PoseCovariance | None:
+    """The covariance of a pose in the first of several photos, from those by each of ``views``
+    alone, as if what draws them off had nothing in common: their inverses, seen from the first,
+    add up. None where no photo has one.
+    """
+    total, own = np.zeros((7, 7)), None
+    for view, verdict in zip(problem.views, views, strict=True):
+        if verdict.covariance is None or not isinstance(view.chart, ViewChart):
+            continue
+        turn = view.chart.view_from_reference
+        # Turns and shifts in the first view, and the logarithm of the cameras' distances.
+        from_first = np.zeros((6, 7))
+        from_first[:3, :3] = from_first[3:, 3:6] = turn.rotation
+        if view.chart.free_size:
+            from_first[3:, 6] = view.chart.nearness(parameters) * turn.translation
+        total += from_first.T @ _inverse(verdict.covariance) @ from_first
+        own = own or PoseCovariance(
+            problem.chart.to_pose(parameters), verdict.covariance.centre, np.zeros((6, 6))
+        )
+    if own is None:
+        return None
+    scales = np.append(own.scales, 1.0)
+    units = np.outer(scales, scales)
+    joint = np.asarray(np.linalg.pinv(total * units, PINV) * units, float)
+    return own.with_matrix(joint[:6, :6], mesh)
+
+
+def _inverse(covariance: PoseCovariance) -> FloatArray:
+    """0 where a number was held."""
+    units = np.outer(covariance.scales, covariance.scales)
+    return np.linalg.pinv(covariance.matrix / units, PINV) / units
 
 
 def inverse_curvature(

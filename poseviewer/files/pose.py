@@ -110,6 +110,9 @@ class PoseRecord:
     """How sure the pose is, if it is right; in files under ``uncertainty``."""
     symmetry: Symmetry = field(default=NO_SYMMETRY, compare=False)
     """The model's; in files, the pose is the canonical one of those that are equal."""
+    in_set: Mapping[str, Any] | None = None
+    """Where it was found on several photos: the pose in the set's frame, and in each photo; in
+    files under ``set``."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
     """What the user should know about how the file was read; not written."""
 
@@ -166,7 +169,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         return None if data.get(key) is None else read(reading, data[key], key)
 
     record = PoseRecord(
-        Pose(camera_from_json(reading, data, width, height), _transform(reading, data)),
+        Pose(camera_from_json(reading, data, width, height), transform_from_json(reading, data)),
         optional("photo", _photo),
         optional("model", _model),
         optional("chart", _chart),
@@ -181,6 +184,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         optional("without", Reading.texts) or (),
         optional("seen", Reading.number),
         symmetry=optional("symmetry", symmetry_from_json) or NO_SYMMETRY,
+        in_set=optional("set", Reading.object),
     )
     if data.get("uncertainty") is not None:
         record = replace(record, covariance=_covariance(reading, data["uncertainty"], record.pose))
@@ -230,10 +234,7 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "photo": _reference_as_json(record.photo),
         "model": _reference_as_json(record.model),
         **camera_as_json(pose.camera),
-        "camera_from_model": {
-            "rotation": transform.rotation.tolist(),
-            "translation": transform.translation.tolist(),
-        },
+        "camera_from_model": transform_as_json(transform),
         "loss": None if record.loss is None else float(record.loss),
         "unexplained": None if record.unexplained is None else float(record.unexplained),
         "settings": None if record.settings is None else dict(record.settings),
@@ -261,10 +262,18 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         data["distortion"] = distortion_as_json(record.undistortion)
     if not record.symmetry.is_none:
         data["symmetry"] = symmetry_as_json(record.symmetry)
+    if record.in_set is not None:
+        data["set"] = dict(record.in_set)
     if (chart := record.chart) is not None and pose is record.pose:
         numbers = [float(number) for number in chart.parameters]
         data["chart"] = {"name": chart.name, "names": list(chart.names), "numbers": numbers}
     return {key: value for key, value in data.items() if value is not None}
+
+
+def transform_as_json(transform: RigidTransform) -> dict[str, Any]:
+    """A rigid transform as files say it."""
+    rotation, translation = transform.rotation, transform.translation
+    return {"rotation": rotation.tolist(), "translation": translation.tolist()}
 
 
 def camera_as_json(camera: Camera) -> dict[str, Any]:
@@ -350,8 +359,10 @@ def distortion_from_json(reading: Reading, value: Any, width: int, height: int) 
     return Undistortion(Lens(MODELS[name], tuple(numbers)), taken, camera)
 
 
-def _transform(reading: Reading, data: dict[str, Any]) -> RigidTransform:
-    what = "camera_from_model"
+def transform_from_json(
+    reading: Reading, data: dict[str, Any], what: str = "camera_from_model"
+) -> RigidTransform:
+    """The rigid transform that ``data`` calls ``what``; raises the reading's error."""
     rotation, translation = reading.fields(
         data.get(what), what, rotation=Reading.matrix, translation=Reading.numbers
     )

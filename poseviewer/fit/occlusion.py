@@ -12,6 +12,7 @@ Beside the model its nearest pixels go with it: where the outline is hidden, the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -73,15 +74,31 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArr
     return hidden | (beside & _nearest(hidden, image.mask))
 
 
-def behind(problem: FitProblem, hidden: NDArray[np.bool_]) -> FitProblem:
-    """The problem in which the pixels ``hidden`` (height, width) of its photo do not count."""
-    photo, fine = problem.photo, problem.fine_photo
+Hidden = NDArray[np.bool_] | None
+
+
+def behind(problem: FitProblem, hidden: Hidden, beside: Sequence[Hidden] = ()) -> FitProblem:
+    """The problem in which the pixels ``hidden`` (height, width) of its photo do not count, nor
+    those ``beside`` of its other ones.
+    """
+    photo, fine = _behind(problem.photo, problem.fine_photo, hidden)
+    pairs = zip(problem.others, beside, strict=True) if beside else ()
+    others = [(one, *_behind(one.photo, one.fine_photo, of_it)) for one, of_it in pairs]
+    found = tuple(replace(one, photo=a, fine_photo=b) for one, a, b in others)
+    return replace(problem, photo=photo, fine_photo=fine, others=found or problem.others)
+
+
+def _behind(
+    photo: PhotoAttributes, fine: PhotoAttributes | None, hidden: Hidden
+) -> tuple[PhotoAttributes, PhotoAttributes | None]:
+    if hidden is None:
+        return photo, fine
     seen = with_structure(replace(photo, weights=photo.weights * ~hidden))
     if fine is not None:
         height, width = fine.weights.shape
         larger = enlarged(hidden, photo.factor / fine.factor, width, height)
         fine = replace(fine, weights=fine.weights * ~larger)
-    return replace(problem, photo=seen, fine_photo=fine)
+    return seen, fine
 
 
 def enlarged(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -42,6 +43,17 @@ class Strategy(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OtherView:
+    """The same thing on another photo, whose camera's pose to the problem's own is known."""
+
+    photo: PhotoAttributes
+    fine_photo: PhotoAttributes | None
+    """As of ``FitProblem``; there where the problem has one."""
+    chart: Chart
+    """The pose in this photo, by the problem's own parameters."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
     """All that a search needs but a renderer; nothing in it changes."""
 
@@ -62,6 +74,8 @@ class FitProblem:
     strategy: Strategy = Strategy.FIRST
     symmetry: Symmetry = NO_SYMMETRY
     """The model's: poses that differ by it are one."""
+    others: tuple[OtherView, ...] = ()
+    """More photos of the same pose: the loss is the mean over all."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free parameters."""
 
@@ -74,9 +88,19 @@ class FitProblem:
         object.__setattr__(self, "free_indices", np.flatnonzero(self.free))
 
     @property
+    def views(self) -> tuple[FitProblem, ...]:
+        """The problem on each of its photos alone; the parameters are those of all."""
+        alone = replace(self, others=())
+        return alone, *(
+            replace(alone, photo=one.photo, fine_photo=one.fine_photo, chart=one.chart)
+            for one in self.others
+        )
+
+    @property
     def worst_loss(self) -> float:
         """The loss of parameters that show nothing of the model, or stand for no pose."""
-        return worst_registration_loss(self.photo)
+        photos = (self.photo, *(one.photo for one in self.others))
+        return sum(map(worst_registration_loss, photos)) / len(photos)
 
     @property
     def scale(self) -> LossScale:
@@ -97,7 +121,12 @@ def pose_loss(
     parameters: FloatArray,
     photo: PhotoAttributes | None = None,
 ) -> float:
-    """The loss at ``parameters`` (d,), on the problem's photo or another level of it."""
+    """The loss at ``parameters`` (d,): the mean over the problem's photos; or on one level of its
+    own photo alone.
+    """
+    if photo is None and problem.others:
+        losses = [pose_loss(view, renderer, parameters) for view in problem.views]
+        return sum(losses) / len(losses)
     photo = problem.photo if photo is None else photo
     try:
         pose = problem.chart.to_pose(parameters)
@@ -136,19 +165,8 @@ def make_problem(registration: Registration, settings: FitSettings) -> tuple[Fit
     chart, note = choose_chart(
         settings.chart, mesh, registration.keypoints, pose, settings.free_focal
     )
-    unknown = set(settings.lock) - set(chart.names)
-    if unknown:
-        raise SettingsError(
-            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
-            f"it has {', '.join(chart.names)}"
-        )
-    free = tuple(name not in settings.lock for name in chart.names)
-    if not any(free):
-        raise SettingsError("--lock holds every number of the chart; leave one free at least")
-    plain = _plain_attributes(registration, settings)
-    photo = _compared(plain, registration, settings)
-    fine_factor = working_factor(mesh, pose, FINE_PIXELS)
-    is_coarser = photo.structure is not None and fine_factor < working_factor(mesh, pose)
+    free = free_numbers(chart, settings)
+    photo, fine, is_finer = compared_photos(registration, settings)
     problem = FitProblem(
         photo,
         chart,
@@ -158,10 +176,45 @@ def make_problem(registration: Registration, settings: FitSettings) -> tuple[Fit
         settings.limits,
         settings.seed,
         settings.method,
-        smaller(plain, fine_factor) if is_coarser else None,
+        fine() if is_finer else None,
         symmetry=registration.symmetry,
     )
     return problem, note
+
+
+def free_numbers(chart: Chart, settings: FitSettings) -> tuple[bool, ...]:
+    """Which of the chart's numbers a search may change.
+
+    Raises:
+        SettingsError: it has not one that the settings lock, or none is left.
+    """
+    unknown = set(settings.lock) - set(chart.names)
+    if unknown:
+        raise SettingsError(
+            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
+            f"it has {', '.join(chart.names)}"
+        )
+    free = tuple(name not in settings.lock for name in chart.names)
+    if not any(free):
+        raise SettingsError("--lock holds every number of the chart; leave one free at least")
+    return free
+
+
+def compared_photos(
+    registration: Registration, settings: FitSettings
+) -> tuple[PhotoAttributes, Callable[[], PhotoAttributes], bool]:
+    """The level that poses are compared on; what makes the one that a search is refined on; and
+    whether that is a finer one.
+
+    Raises:
+        SettingsError: as of ``make_photo_attributes``.
+    """
+    mesh, pose = registration.mesh, registration.start
+    plain = _plain_attributes(registration, settings)
+    photo = _compared(plain, registration, settings)
+    fine_factor = working_factor(mesh, pose, FINE_PIXELS)
+    is_finer = photo.structure is not None and fine_factor < working_factor(mesh, pose)
+    return photo, lambda: smaller(plain, fine_factor), is_finer
 
 
 def choose_chart(

@@ -67,6 +67,8 @@ class FitProgress:
     """Pixels of the photo that poses are compared on which were taken for something in front of the
     model, and do not count; None where nothing was. The losses are over the others.
     """
+    hidden_beside: tuple[NDArray[np.bool_] | None, ...] = ()
+    """The same of the problem's other photos, where there was anything in one."""
 
     @property
     def unexplained(self) -> float:
@@ -100,4 +102,5 @@ def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProg
         status=first.status if second.status is Status.NOTHING_SEEN else second.status,
         verdict=None if second.status is Status.RUNNING else kept.verdict,
         hidden=kept.hidden,
+        hidden_beside=kept.hidden_beside,
     )

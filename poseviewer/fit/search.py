@@ -14,9 +14,8 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poseviewer.fit.occlusion import behind, find_hidden
+from poseviewer.fit.occlusion import Hidden, behind, find_hidden
 from poseviewer.fit.probing import better_turn
 from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
 from poseviewer.fit.progress import FitProgress, Status, merge
@@ -80,7 +79,7 @@ def search(
                 again = replace(again, start=turned)
             before, after = best, best
             for after in fit_pose(again, renderer, threads):
-                after = replace(after, hidden=best.hidden)
+                after = replace(after, hidden=best.hidden, hidden_beside=best.hidden_beside)
                 if after.status is Status.RUNNING:
                     yield merge(before, after, before)
             if after.loss < before.loss:
@@ -101,27 +100,34 @@ def _behind(
         rest = _rest(problem.limits, best, best.seconds)
         if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
             break
-        hidden = find_hidden(whole.photo, renderer, best.pose)
-        known = best.hidden
-        if hidden is None or (known is not None and _is_same(known, hidden, whole.photo)):
+        views, known = whole.views, (best.hidden, *best.hidden_beside)
+        known += (None,) * (len(views) - len(known))
+        found = [find_hidden(v.photo, renderer, v.chart.to_pose(best.parameters)) for v in views]
+        now = [new if new is not None else old for old, new in zip(known, found, strict=True)]
+        each = zip(known, now, views, strict=True)
+        if all(_is_same(old, new, view.photo) for old, new, view in each):
             break
-        seen = behind(whole, hidden)
+        hidden, beside = now[0], tuple(now[1:])
+        seen = behind(whole, hidden, beside)
         loss, start_loss = (
             pose_loss(seen, renderer, point) for point in (best.parameters, seen.start)
         )
-        before = replace(best, loss=loss, start_loss=start_loss, hidden=hidden)
+        of_pixels = {"hidden": hidden, "hidden_beside": beside}
+        before = replace(best, loss=loss, start_loss=start_loss, **of_pixels)
         again = replace(seen, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest)
         after = before
         for after in fit_pose(again, renderer, threads):
-            after = replace(after, hidden=hidden)
+            after = replace(after, **of_pixels)
             if after.status is Status.RUNNING:
                 yield merge(before, after, before)
         problem, best = seen, merge(before, after, after)
     return problem, best
 
 
-def _is_same(one: NDArray[np.bool_], other: NDArray[np.bool_], photo: PhotoAttributes) -> bool:
+def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:
     """Whether two masks differ on hardly any of the pixels that count."""
+    if one is None or other is None:
+        return one is other
     counted = photo.weights > 0.0
     return bool(np.sum((one ^ other) & counted) < NEW_SHARE * np.sum(counted))
 

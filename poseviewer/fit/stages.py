@@ -149,6 +149,16 @@ def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Itera
             return
 
 
+@dataclass(frozen=True, slots=True)
+class _Renderers:
+    """Those of a stage's levels, one for each view; cloned together."""
+
+    each: tuple[Any, ...]
+
+    def clone(self) -> _Renderers:
+        return _Renderers(tuple(one.clone() for one in self.each))
+
+
 class _Run:
     """What has been spent so far, and the best pose on the photo itself."""
 
@@ -164,19 +174,21 @@ class _Run:
 
     def run(self) -> Iterator[FitProgress]:
         """Progress after every evaluation, and once more at the end of every stage."""
-        stages = make_stages(self._problem, self._renderer)
-        for stage in stages:
-            yield from self._run_stage(stage, stage is stages[-1])
+        of_views = [make_stages(view, self._renderer) for view in self._problem.views]
+        for stages in zip(*of_views, strict=True):
+            yield from self._run_stage(stages, stages[0] is of_views[0][-1])
             self._restart += 1
 
-    def _run_stage(self, stage: Stage, is_last: bool) -> Iterator[FitProgress]:
+    def _run_stage(self, stages: Sequence[Stage], is_last: bool) -> Iterator[FitProgress]:
+        """A stage, that of each view: they differ in their levels alone."""
+        stage = stages[0]
         factor, scored, due = stage.level.factor, None, stage.rescore_every
         if 0.0 < due < math.inf:
             scored = self._best
             self._keep(scored, self._score(scored))
             unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
             yield self._progress(unknown, factor)
-        for state in self._states(stage):
+        for state in self._states(stages):
             if not stage.rescore_every:
                 self._keep(state.best, state.value)
                 ends = is_last or self._loss >= self._problem.worst_loss
@@ -189,26 +201,30 @@ class _Run:
                 self._keep(scored, self._score(scored), stage.tolerance)
                 yield self._progress(state, factor, state.converged and is_last)
 
-    def _states(self, stage: Stage) -> Iterator[State]:
+    def _states(self, stages: Sequence[Stage]) -> Iterator[State]:
         """The minimiser's, from the best point so far."""
-        problem, before, photo = self._problem, self._restart, stage.level.photo
-        if photo.structure is None and problem.photo.structure is not None:
+        problem, before, stage = self._problem, self._restart, stages[0]
+        views, photos = problem.views, [one.level.photo for one in stages]
+        if photos[0].structure is None and problem.photo.structure is not None:
             # The fine photo's is made only now, as searches of a short limit do not come here.
-            photo = with_structure(photo, is_steep=True)
+            photos = [with_structure(photo, is_steep=True) for photo in photos]
+        levels = _Renderers(tuple(one.level.renderer for one in stages))
 
-        def loss(renderer: Renderer, parameters: FloatArray) -> float:
-            return pose_loss(problem, renderer, parameters, photo)
+        def loss(renderers: Any, parameters: FloatArray) -> float:
+            each = zip(views, renderers.each, photos, strict=True)
+            losses = [pose_loss(view, one, parameters, photo) for view, one, photo in each]
+            return sum(losses) / len(losses)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
             wanted = [problem.complete(point) for point in points]
-            single = stage.level.renderer if len(wanted) == 1 else None
-            losses = pool.map(loss, wanted) if single is None else [loss(single, wanted[0])]
+            single = len(wanted) == 1
+            losses = [loss(levels, wanted[0])] if single else pool.map(loss, wanted)
             for found in losses:
                 self._evaluations += 1
                 yield found
 
         scale = self._axes if stage.along_axes else self._scale
-        with RendererPool(stage.level.renderer, self._threads) as pool:
+        with RendererPool(levels, self._threads) as pool:
             for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):
                 self._restart = before + state.restart
                 self._axes = self._axes if state.axes is None else state.axes

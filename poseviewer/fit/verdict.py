@@ -71,6 +71,8 @@ class Verdict:
     """None where there was nothing to see."""
     covariance: PoseCovariance | None = field(default=None, compare=False)
     """How sure the pose is, if it is right; None for a lost one, and where it cannot be told."""
+    views: tuple[Verdict, ...] = field(default=(), compare=False)
+    """Of a pose on several photos: by each photo alone."""
 
     def __str__(self) -> str:
         return self.word

@@ -75,7 +75,11 @@ class PoseCovariance:
         jacobian = _derivatives(
             lambda steps: plain.deviation(chart.to_pose(at + steps)), chart.scales(at)
         )
-        found = replace(plain, matrix=jacobian @ covariance @ jacobian.T)
+        return plain.with_matrix(jacobian @ covariance @ jacobian.T, mesh)
+
+    def with_matrix(self, matrix: FloatArray, mesh: Mesh) -> PoseCovariance:
+        """Another distribution about the same pose of the same model."""
+        found = replace(self, matrix=matrix)
         points = hull_points(mesh)
         moved = _derivatives(lambda d: found.moved(d).project(points).ravel(), found.scales)
         # The trace of J C J^T is the mean square distance of all points, each two rows of J.

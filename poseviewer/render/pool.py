@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
@@ -28,8 +28,8 @@ that whoever stops asking waits some ten milliseconds at most."""
 class Cloneable(Protocol):
     """A renderer that can be had once for each thread."""
 
-    def clone(self) -> Renderer:
-        """Another renderer of the same model, with buffers of its own."""
+    def clone(self) -> Any:
+        """Another renderer of the same model, with buffers of its own; or several."""
         ...
 
 
@@ -49,7 +49,7 @@ class RendererPool:
 
     def __init__(
         self,
-        renderer: Renderer,
+        renderer: Renderer | Cloneable,
         threads: int | None = None,
         begin: Callable[[], None] | None = None,
     ) -> None:
@@ -58,7 +58,7 @@ class RendererPool:
         """
         count = processors() if threads is None else threads
         self._renderer = renderer
-        self._free: deque[Renderer] = deque()
+        self._free: deque[Any] = deque()
         self._executor: ThreadPoolExecutor | None = None
         self.threads = 1
         if count > 1 and _can_be_cloned(renderer):
@@ -68,7 +68,7 @@ class RendererPool:
 
     def map(
         self,
-        function: Callable[[Renderer, Item], Result],
+        function: Callable[[Any, Item], Result],
         items: Sequence[Item],
         at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
@@ -118,9 +118,7 @@ class RendererPool:
     ) -> None:
         self.close()
 
-    def _work(
-        self, function: Callable[[Renderer, Item], Result], chunk: Sequence[Item]
-    ) -> list[Result]:
+    def _work(self, function: Callable[[Any, Item], Result], chunk: Sequence[Item]) -> list[Result]:
         # There are as many renderers as threads: one is always free.
         renderer = self._free.pop()
         try:
@@ -129,7 +127,7 @@ class RendererPool:
             self._free.append(renderer)
 
 
-def _can_be_cloned(renderer: Renderer) -> bool:
+def _can_be_cloned(renderer: object) -> bool:
     if not isinstance(renderer, Cloneable):
         return False
     try:

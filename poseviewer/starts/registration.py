@@ -120,7 +120,7 @@ def load_registration(
     if mask is None:
         mask, of_mask = mask_beside(pose_path, record, photo.width, photo.height)
         notes = (*notes, *of_mask)
-    return _registration(photo, model, record.pose, notes, _mask_of(photo, mask))
+    return registered(photo, model, record.pose, notes, _mask_of(photo, mask))
 
 
 def load_with_start(
@@ -158,7 +158,7 @@ def load_with_start(
             f"{photo.width}x{photo.height}; use pose.scaled, if it is the same photo made smaller "
             "or larger."
         )
-    return _registration(photo, model, start.pose, start.notes, mask)
+    return registered(photo, model, start.pose, start.notes, mask)
 
 
 def _model_of(model: str | Path | LoadedModel, without: Sequence[str]) -> LoadedModel:
@@ -227,7 +227,7 @@ def load_scene_registrations(scene: SceneRecord) -> tuple[Registration, ...]:
         model, of_parts = _as_recorded(models[one.model], one.record)
         checks = check_against(one.record, photo.sha256, model.sha256)
         notes = (*one.record.warnings, *checks, *of_parts)
-        own = _registration(photo, model, one.record.pose, notes, _mask_of(photo, one.mask))
+        own = registered(photo, model, one.record.pose, notes, _mask_of(photo, one.mask))
         alone.append(own)
     return among_others(alone)
 
@@ -257,9 +257,10 @@ def _require_one_unit(scene: SceneRecord, models: Mapping[Path, LoadedModel]) ->
         )
 
 
-def _registration(
+def registered(
     photo: Photo, model: LoadedModel, start: Pose, notes: tuple[str, ...], mask: Mask | None
 ) -> Registration:
+    """Photo, model and start, with ``notes`` behind those of the files."""
     of_files = [(photo.name, note) for note in photo.notes]
     of_files += [(model.name, note) for note in model.mesh.notes]
     warnings = (*(f"{name}: {note}" for name, note in of_files), *notes)

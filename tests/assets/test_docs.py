@@ -26,8 +26,9 @@ from poseviewer.files.state import uploads
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
-TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "several", "which_model",
-         "symmetric", "export", "library", "settings", "files", "how_sure")  # fmt: skip
+TASKS = ("place", "quick_starts", "wheels", "cameras", "many_photos", "several", "views",
+         "which_model", "symmetric", "export", "library", "settings", "files",
+         "how_sure")  # fmt: skip
 BACKGROUND = ("method", "results", "architecture", "experiments", "api", "formats",
               "limits")  # fmt: skip
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")

@@ -14,6 +14,7 @@ s3 s4 tx ty.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import astuple
 from pathlib import Path
@@ -95,6 +96,32 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
     images = list(image_rows(reading))
     names = [" ".join(words[9:]) for words in images]
     words = the_one(reading, request, "images", names, images)
+    place = _place(reading, words)
+    of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
+    camera, lens = _camera_of(of_cameras, list(camera_rows(of_cameras)), words)
+    size_of(of_cameras, request, camera.width, camera.height)
+    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
+
+
+Taken = tuple[str, RigidTransform, Perspective, Lens | None]
+"""A photo's name, as its file has it; the camera from the file's world; and camera and lens."""
+
+
+def colmap_images(path: Path) -> list[Taken]:
+    """All images of the model in a folder.
+
+    Raises:
+        PoseFileError: it cannot be used.
+    """
+    reading, of_cameras = (Reading(model_file(path, stem)) for stem in ("images", "cameras"))
+    rows = list(camera_rows(of_cameras))
+    return [
+        (" ".join(words[9:]), _place(reading, words), *_camera_of(of_cameras, rows, words))
+        for words in image_rows(reading)
+    ]
+
+
+def _place(reading: Reading, words: list[str]) -> RigidTransform:
     if len(words) < 10:
         raise reading.error(f"an image has {len(words)} entries", "wanted 10")
     numbers = reading.words(" ".join(words[1:8]), "the image's pose")
@@ -102,16 +129,17 @@ def read_colmap(path: Path, request: Request) -> PoseRecord:
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
         raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    place = RigidTransform(rotation, np.array(numbers[4:]))
-    of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
-    row = next((row for row in camera_rows(of_cameras) if row[:1] == [words[8]]), None)
+    return RigidTransform(rotation, np.array(numbers[4:]))
+
+
+def _camera_of(
+    reading: Reading, rows: list[list[str]], words: list[str]
+) -> tuple[Perspective, Lens | None]:
+    """The camera that an image names, among the rows of a ``cameras`` file."""
+    row = next((row for row in rows if row[:1] == [words[8]]), None)
     if row is None:
-        raise of_cameras.error(
-            f"it has no camera {words[8]}", "wanted the one that the image names"
-        )
-    camera, lens = colmap_camera(of_cameras, row)
-    size_of(of_cameras, request, camera.width, camera.height)
-    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
+        raise reading.error(f"it has no camera {words[8]}", "wanted the one that the image names")
+    return colmap_camera(reading, row)
 
 
 def colmap_photos(path: Path) -> list[str]:
@@ -150,15 +178,27 @@ def read_nerfstudio(path: Path, request: Request) -> PoseRecord:
     paths = [str(frame.get("file_path")) for frame in frames]
     frame = the_one(reading, request, "frames", paths, [Path(name).name for name in paths], frames)
     own = data | frame  # a frame's own lens comes first
-    width, height = size_of(reading, request, own.get("w"), own.get("h"))
+    size = size_of(reading, request, own.get("w"), own.get("h"))
+    name, place, camera, lens = frame_taken(reading, own, *size)
+    return make_record(reading, Pose(camera, place), Path(name).name, request.unit, lens)
+
+
+def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) -> Taken:
+    """What a frame says, with what the file says of all frames.
+
+    Raises the reading's error where it is not whole.
+    """
+    if own.get("fl_x") is None and own.get("camera_angle_x") is not None:  # NeRF's own sets
+        angle = reading.positive(own["camera_angle_x"], "camera_angle_x", math.pi)
+        focal = 0.5 * width / math.tan(0.5 * angle)
+        own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
     fx = reading.positive(own.get("fl_x"), "fl_x")
     fy = reading.positive(own.get("fl_y", fx), "fl_y")
     cx, cy = reading.fields(own, "", cx=Reading.number, cy=Reading.number)
     camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
-    world_from_camera = from_4x4(reading, frame.get("transform_matrix"), "transform_matrix")
+    world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    name = Path(reading.text(frame.get("file_path"), "file_path") or "photo").name
-    return make_record(reading, Pose(camera, place), name, request.unit, lens)
+    return reading.text(own.get("file_path"), "file_path") or "photo", place, camera, lens
 
 
 def nerfstudio_lens(lens: Lens | None) -> tuple[str, dict[str, float]] | None:

@@ -1,0 +1,85 @@
+"""The registration problem on several photos whose cameras know their poses to one another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.problem import FitProblem, OtherView, compared_photos, free_numbers
+from poseviewer.fit.registration import Registration
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.unexplained import LossScale
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
+
+
+def make_set_problem(
+    views: Sequence[Registration], settings: FitSettings, free_size: bool
+) -> FitProblem:
+    """The problem of fitting one model to all ``views``, the reference first: their starts are one
+    pose in the set's frame, and so tell how the cameras stand. ``free_size``: how far apart they
+    are, in the model's unit, is to be found as well.
+
+    Raises:
+        SettingsError: the settings do not go with a photo, or with several.
+        SingularChartError: the model's centre is behind the reference camera.
+    """
+    if settings.free_focal or settings.chart == "vehicle":
+        asked = "--free-focal" if settings.free_focal else "--chart vehicle"
+        raise SettingsError(f"{asked} with several photos, whose cameras are known; leave it out.")
+    if settings.pixels == "clip" and settings.method == "default":
+        raise SettingsError(
+            "--pixels clip with several photos; take near or whole, or leave it out."
+        )
+    first = views[0]
+    reference = FreeBodyChart.near(first.mesh, first.start)
+    depth_scale = 1.0 / max(_sideways(views, reference), 1.0)
+    charts = []
+    for view in views:
+        camera = view.start.camera
+        assert isinstance(camera, Perspective)  # the views of a set are
+        turn = view.start.camera_from_model @ first.start.camera_from_model.inverse()
+        if view is first:
+            turn = RigidTransform.identity()
+        charts.append(ViewChart(reference, camera, turn, free_size, depth_scale))
+    free = free_numbers(charts[0], settings)
+    found = [compared_photos(view, settings) for view in views]
+    if len({LossScale.of(photo) for photo, _, _ in found}) > 1:  # one is grey: then all are
+        return make_set_problem(views, replace(settings, grey=True), free_size)
+    is_finer = any(finer for _, _, finer in found)
+    fine = [make() if is_finer else None for _, make, _ in found]
+    others = zip(found[1:], fine[1:], charts[1:], strict=True)
+    return FitProblem(
+        found[0][0],
+        charts[0],
+        np.zeros(len(charts[0].names)),
+        free,
+        settings.options,
+        settings.limits,
+        settings.seed,
+        settings.method,
+        fine[0],
+        symmetry=first.symmetry,
+        others=tuple(OtherView(photo, finer, chart) for (photo, _, _), finer, chart in others),
+    )
+
+
+def _sideways(views: Sequence[Registration], reference: FreeBodyChart) -> float:
+    """By how many of the model's radii it moves in one of the other views, at most, as its depth in
+    the reference changes by 100 %.
+    """
+    first = views[0].start.camera_from_model
+    sight = first.apply(reference.centre)
+    found = [0.0]
+    for view in views[1:]:
+        place = view.start.camera_from_model
+        line = place.apply(reference.centre)
+        moved = place.rotation @ first.rotation.T @ sight
+        line /= np.linalg.norm(line)
+        found.append(float(np.linalg.norm(moved - line * (line @ moved))) / reference.radius)
+    return max(found)

@@ -1,0 +1,88 @@
+"""The pose of a model in each view of a set, by the same numbers.
+
+A set's cameras know their poses to one another. The free-body chart of one of them, the reference,
+moves the model, and what it gives is seen from the others. Where the set's scale is not known, one
+number more makes the model larger about its centre, which stays where it is among the cameras; as
+poses are in the model's unit, it is all cameras that then come nearer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+
+SIZE = "log_size"
+DEPTH_INDEX = 5
+"""Of the depth among a free-body chart's numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewChart:
+    """Six numbers, or seven with the model's size, for the poses of a model in one view."""
+
+    reference: FreeBodyChart
+    """About the start, in the view that the numbers are of."""
+    camera: Perspective
+    """This view's."""
+    view_from_reference: RigidTransform
+    """In the model's unit, as large as it is at the start."""
+    free_size: bool = False
+    depth_scale: float = 1.0
+    """Change of the depth's logarithm that counts as 100 %: from other sides, it is a shift."""
+
+    @property
+    def name(self) -> str:
+        """The chart's name in pose files."""
+        return "view-set"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each number is called."""
+        return (*self.reference.names, SIZE) if self.free_size else self.reference.names
+
+    def scales(self, parameters: FloatArray) -> FloatArray:
+        """100 % is 1, but for the depth."""
+        scales = np.ones(len(parameters))
+        scales[DEPTH_INDEX] = self.depth_scale
+        return scales
+
+    def nearness(self, parameters: FloatArray) -> float:
+        """How many times farther apart than at the start all cameras are, in the model's unit.
+
+        Raises:
+            OutsideChartError: a size out of all proportion.
+        """
+        log_size = float(parameters[-1]) if self.free_size else 0.0
+        if not abs(log_size) <= LARGEST_LOGARITHM:
+            raise OutsideChartError(f"numbers {parameters} out of all proportion")
+        return math.exp(-log_size)
+
+    def to_pose(self, parameters: FloatArray) -> Pose:
+        """The pose in this view."""
+        factor = self.nearness(parameters)
+        own = self.reference.to_pose(parameters[: len(self.reference.names)]).camera_from_model
+        turn, shift = self.view_from_reference.rotation, self.view_from_reference.translation
+        middle = turn @ own.apply(self.reference.centre) * factor + factor * shift
+        if middle[2] <= 0.0:
+            raise OutsideChartError("the model's centre is behind the camera of a view")
+        rotation = turn @ own.rotation
+        place = RigidTransform(rotation, middle - rotation @ self.reference.centre)
+        return Pose(self.camera, place)
+
+    def from_pose(self, pose: Pose) -> FloatArray:
+        """The numbers of a pose in this view, with the size as it is at the start.
+
+        Raises:
+            SingularChartError: the model is behind the reference camera.
+        """
+        place = self.view_from_reference.inverse() @ pose.camera_from_model
+        numbers = self.reference.from_pose(Pose(self.reference.start.camera, place))
+        return np.append(numbers, 0.0) if self.free_size else numbers

@@ -1,0 +1,77 @@
+"""``poseviewer fit --views``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import poseviewer
+from poseviewer.cli.main import main
+from poseviewer.files.pose import load_pose, pose_schema
+from tests.view_sets import CAMERAS_FROM_SET, MESH, SET_FROM_MODEL, START, write_views
+
+
+@pytest.fixture
+def files(tmp_path) -> tuple[str, str, str]:
+    views, model, start = write_views(tmp_path)
+    return str(views), str(model), str(start)
+
+
+@pytest.mark.slow
+def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set_and_in_each_photo(files, capsys):
+    views, model, start = files
+    folder = Path(views).parent
+    out, overlay = folder / "pose.json", folder / "o.png"
+    command = ["fit", "--views", views, model, "--pose", start, "--out", str(out), "--quiet"]
+    assert main([*command, "--overlay", str(overlay), "--lock", "rotation_z"]) == 0
+    said = capsys.readouterr().out
+    assert "b.png: unexplained" in said
+    assert "By each of the 3 photos alone it is" in said
+    data = json.loads(out.read_text())
+    jsonschema.validate(data, pose_schema())
+    assert [(folder / f"o.{name}.png").is_file() for name in "abc"] == [True] * 3
+    place = data["set"]["set_from_model"]
+    centre = np.array(place["rotation"]) @ MESH.centre + place["translation"]
+    assert np.linalg.norm(centre - SET_FROM_MODEL.apply(MESH.centre)) < 0.1
+    for view, camera_from_set in zip(data["set"]["views"], CAMERAS_FROM_SET, strict=True):
+        own = view["camera_from_model"]
+        moved = np.array(own["rotation"]) @ MESH.centre + own["translation"]
+        np.testing.assert_allclose(moved, camera_from_set.apply(centre), atol=1e-9)
+        assert view["verdict"]["word"] in ("found", "doubtful", "lost")
+    assert load_pose(out, 320, 240).in_set is not None
+
+
+def test_a_saved_pose_is_a_start_again(files, tmp_path):
+    views, model, start = files
+    case = poseviewer.load_views(views, model, start)
+    case.start.save(tmp_path / "again.json")
+    again = poseviewer.load_views(views, model, tmp_path / "again.json")
+    shown = again.start.pose.project(MESH.vertices)
+    np.testing.assert_allclose(shown, START.project(MESH.vertices), atol=1e-6)
+    assert again.start.loss == pytest.approx(case.start.loss, abs=1e-6)
+    assert np.mean([view.loss for view in again.start.views]) == pytest.approx(again.start.loss)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--views", "SET", "MODEL", "--last"], "wants a start with --pose"),
+        (["--views", "SET", "a.png", "MODEL", "--pose", "START"], "wants MODEL alone"),
+        (["--views", "SET", "MODEL", "--pose", "START", "--view", "z.png"], "no photo z.png"),
+        (["--views", "SET", "MODEL", "--pose", "START", "--scale", "50"], "a.png alone sees"),
+        (["a.png", "MODEL", "--pose", "START", "--scale", "2"], "--scale without --views"),
+    ],
+)
+def test_what_does_not_go_together_is_one_sentence(files, capsys, more, said):
+    named = dict(zip(("SET", "MODEL", "START"), files, strict=True))
+    words = [named.get(word, word) for word in more]
+    out = Path(files[0]).parent / "o.json"
+    assert main(["fit", *words, "--out", str(out)]) == 2
+    found = capsys.readouterr().err.strip()
+    assert said in found
+    assert "\n" not in found.split("poseviewer: ")[-1]
+    assert not out.exists()

@@ -1,0 +1,177 @@
+"""Sets of photos, read from four kinds of files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.files.formats.bop import BopObject, save_bop_images
+from poseviewer.files.view_set import SetChoice, load_view_set, view_set_schema
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, TRUTH, make_views, write_views
+
+LAST = [0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    write_views(tmp_path)
+    return tmp_path
+
+
+def edited(folder: Path, change) -> Path:
+    data = json.loads((folder / "set.json").read_text())
+    change(data)
+    (folder / "other.json").write_text(json.dumps(data))
+    return folder / "other.json"
+
+
+def write_colmap(model: Path) -> Path:
+    model.mkdir(parents=True)
+    (model / "cameras.txt").write_text("7 PINHOLE 320 240 600 600 160.5 120.5\n")
+    lines = []
+    for number, (name, place) in enumerate(zip(NAMES, CAMERAS_FROM_SET, strict=True), 1):
+        q = Rotation.from_matrix(place.rotation).as_quat(scalar_first=True)
+        numbers = " ".join(map(repr, map(float, (*q, *place.translation))))
+        lines += [f"{number} {numbers} 7 {name}", ""]
+    (model / "images.txt").write_text("\n".join(lines) + "\n")
+    return model
+
+
+def write_frames(folder: Path, **shared) -> Path:
+    frames = []
+    for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
+        world = (OPENGL_FROM_OPENCV @ place).inverse()
+        matrix = np.vstack([np.column_stack([world.rotation, world.translation]), LAST])
+        frames.append({"file_path": f"./{Path(name).stem}", "transform_matrix": matrix.tolist()})
+    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
+    return folder / "transforms.json"
+
+
+def write_bop(folder: Path, with_world: bool) -> Path:
+    scene = folder / "bop"
+    (scene / "rgb").mkdir(parents=True)
+    cameras, poses = {}, {}
+    for number, name in enumerate(NAMES):
+        shutil.copy(folder / name, scene / "rgb" / f"{number:06d}.png")
+        entry: dict = {"cam_K": [600, 0, 160, 0, 600, 120, 0, 0, 1], "depth_scale": 1.0}
+        if with_world:
+            place = CAMERAS_FROM_SET[number]
+            entry["cam_R_w2c"] = place.rotation.ravel().tolist()
+            entry["cam_t_w2c"] = place.translation.tolist()
+        cameras[str(number)] = entry
+        poses[number] = [BopObject(5, TRUTH[number].camera_from_model)]
+    save_bop_images(scene, cameras, poses)
+    return scene
+
+
+def require_same_cameras(found, names=NAMES) -> None:
+    assert [view.name for view in found.views] == list(names)
+    first = found.views[0].camera_from_set
+    for view, truth in zip(found.views, make_views().views, strict=True):
+        moved = view.camera_from_set @ first.inverse()
+        true = truth.camera_from_set @ CAMERAS_FROM_SET[0].inverse()
+        np.testing.assert_allclose(moved.rotation, true.rotation, atol=1e-9)
+        np.testing.assert_allclose(moved.translation, true.translation, atol=1e-9)
+        assert (view.camera.fx, view.camera.cx) == pytest.approx((CAMERA.fx, CAMERA.cx))
+
+
+def test_our_own_file_is_read_and_follows_its_schema(folder):
+    jsonschema.validate(json.loads((folder / "set.json").read_text()), view_set_schema())
+    found = load_view_set(folder / "set.json")
+    require_same_cameras(found)
+    assert found.scale == 1.0
+
+
+def test_a_colmap_project_is_read_and_its_scale_is_not_known(folder):
+    write_colmap(folder / "sparse" / "0")
+    found = load_view_set(folder)
+    require_same_cameras(found)
+    assert found.scale is None
+    require_same_cameras(load_view_set(folder / "sparse" / "0"))
+
+
+def test_frames_of_nerfstudio_and_of_nerf_are_read(folder):
+    shared = {"fl_x": 600.0, "fl_y": 600.0, "cx": 160.5, "cy": 120.5, "w": 320, "h": 240}
+    require_same_cameras(load_view_set(write_frames(folder, **shared)))
+    angle = 2.0 * np.arctan(0.5 * 320 / 600.0)
+    found = load_view_set(write_frames(folder, camera_angle_x=angle))
+    assert found.views[1].camera.fx == pytest.approx(600.0)
+    assert found.views[1].camera.cx == 160.0
+
+
+def test_a_bop_scene_is_read_by_its_world_or_by_an_object(folder):
+    scene = write_bop(folder, with_world=True)
+    names = [f"{number:06d}.png" for number in range(3)]
+    found = load_view_set(scene)
+    require_same_cameras(found, names)
+    assert found.unit == "mm"
+    shutil.rmtree(scene)
+    scene = write_bop(folder, with_world=False)
+    require_same_cameras(load_view_set(scene, SetChoice(rig_object=5)), names)
+    with pytest.raises(PoseFileError, match="--rig-object"):
+        load_view_set(scene)
+
+
+def test_some_photos_can_be_chosen(folder):
+    found = load_view_set(folder / "set.json", SetChoice(("a", "c.png")))
+    assert [view.name for view in found.views] == ["a.png", "c.png"]
+
+
+def one(data):
+    del data["views"][1:]
+
+
+def twice(data):
+    data["views"][1]["photo"] = "a.png"
+
+
+def no_camera(data):
+    del data["views"][1]["camera"]
+
+
+def scaled(data):
+    data["scale"] = -1
+
+
+def other_format(data):
+    data["format"] = "x"
+
+
+def unread_lens(data):
+    data["views"][2]["distortion"] = {"model": "opencv", "coefficients": [0.1, 0.2]}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (one, "1 photo; a set has two or more"),
+        (twice, "a.png and a.png are one photo twice"),
+        (no_camera, "camera is missing"),
+        (scaled, "scale is -1"),
+        (other_format, "format is 'x'"),
+        (unread_lens, r"views\[2\]: 2 distortion coefficients"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(folder, change, said):
+    with pytest.raises(PoseViewerError, match=said) as error:
+        load_view_set(edited(folder, change))
+    assert "\n" not in str(error.value)
+
+
+def test_colmap_photos_that_are_not_there_are_said(folder):
+    model = write_colmap(folder / "sparse" / "0")
+    (folder / "b.png").unlink()
+    with pytest.raises(PoseFileError, match=r"1 of the 3 photos .* such as b\.png.*--photo-folder"):
+        load_view_set(model)
+    kept = load_view_set(model, SetChoice(("a", "c")))
+    assert len(kept.views) == 2
+    with pytest.raises(PoseFileError, match="no photo z"):
+        load_view_set(model, SetChoice(("a", "z")))

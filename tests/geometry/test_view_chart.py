@@ -1,0 +1,63 @@
+"""One model in several views, by the same numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
+from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, make_views
+
+REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
+
+
+def chart(index: int, free_size: bool = False) -> ViewChart:
+    turn = CAMERAS_FROM_SET[index] @ CAMERAS_FROM_SET[0].inverse()
+    return ViewChart(REFERENCE, CAMERA, turn, free_size)
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_all_numbers_0_are_the_start_in_every_view(index):
+    shown = chart(index).to_pose(np.zeros(6)).project(MESH.vertices)
+    np.testing.assert_allclose(shown, TRUTH[index].project(MESH.vertices), atol=1e-9)
+
+
+@pytest.mark.parametrize("free_size", [False, True])
+@pytest.mark.parametrize("index", range(3))
+def test_numbers_of_a_pose_give_the_pose_back(index, free_size):
+    own = chart(index, free_size)
+    numbers = np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.05, 0.0])[: 6 + free_size]
+    np.testing.assert_allclose(own.from_pose(own.to_pose(numbers)), numbers, atol=1e-12)
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_a_larger_model_stays_where_it_is_and_grows_in_every_view(index):
+    own = chart(index, True)
+    numbers = np.append(np.zeros(6), np.log(1.25))
+    was, now = own.to_pose(np.zeros(7)), own.to_pose(numbers)
+    np.testing.assert_allclose(now.project(MESH.centre), was.project(MESH.centre), atol=1e-9)
+    depths = [pose.camera_from_model.apply(MESH.centre)[2] for pose in (was, now)]
+    assert depths[0] == pytest.approx(1.25 * depths[1])
+    assert own.nearness(numbers) == pytest.approx(1.0 / 1.25)
+
+
+def test_behind_the_camera_of_a_view_there_is_no_pose():
+    turn = RigidTransform(np.eye(3), np.array([0.0, 0.0, -20.0]))
+    with pytest.raises(OutsideChartError):
+        ViewChart(REFERENCE, CAMERA, turn).to_pose(np.zeros(6))
+
+
+def test_lines_of_sight_tell_the_scale_about():
+    at = START.camera_from_model.apply(MESH.centre)
+    found = make_views(unit=2.5).scale_by_sight(0, at / at[2], float(at[2]))
+    assert found == pytest.approx(2.5, rel=0.15)
+
+
+def test_cameras_that_look_the_same_way_tell_no_scale():
+    views = make_views()
+    same = views.views[0]
+    two = type(views)("two", (same, same))
+    assert two.scale_by_sight(0, np.array([0.0, 0.0, 1.0]), 1.0) is None
