@@ -159,7 +159,8 @@ def _fit_name(fit: FitTime) -> str:
 
 def _maps_name(maps: MapsTime) -> str:
     of = "" if maps.factor == 1 else f" of the photo / {maps.factor}"
-    return f"{maps.maps} maps of {maps.size}x{maps.size}{of}, {maps.threads} cores"
+    by = ", most by a lighter model" if maps.error is not None else ""
+    return f"{maps.maps} maps of {maps.size}x{maps.size}{of}{by}, {maps.threads} cores"
 
 
 def _ms(row: StageTime) -> str:

@@ -143,7 +143,10 @@ def run_bench(options: BenchOptions, tell: Tell) -> BenchReport:
     maps = [time_first_maps(main, processors(), options.maps_limit_s)]
     if options.map_size:
         tell(f"making maps of {options.map_size}x{options.map_size}")
-        maps.append(time_maps(main, processors(), options.map_size, options.maps_limit_s))
+        maps += [
+            time_maps(main, processors(), options.map_size, options.maps_limit_s, light=light)
+            for light in (False, True)
+        ]
     fits = _time_fits(demo, options, letters, tell)
     scaling: list[ScalingTime] = []
     if options.scaling:

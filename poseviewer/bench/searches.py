@@ -19,7 +19,7 @@ from poseviewer.fit.settings import FitSettings, Limits, Method
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pool import CHUNK, RendererPool, processors
-from poseviewer.render.pyramid.levels import Level
+from poseviewer.render.pyramid.levels import Level, lighter_level
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Renderer
 
@@ -84,6 +84,8 @@ class MapsTime:
     height: int
     limit_s: float | None
     """None: there was none."""
+    error: float | None = None
+    """How good they are, as ``Slice.error``, where a lighter model drew most of their points."""
 
     @property
     def cut_short(self) -> bool:
@@ -94,7 +96,8 @@ class MapsTime:
     def end(self) -> str:
         """How it ended, in words."""
         if not self.cut_short:
-            return f"complete, {self.points:,} points"
+            good = f", good to {self.error:.1%} of their range" if self.error else ""
+            return f"complete, {self.points:,} points{good}"
         share = f"{self.points / self.wanted:.0%} of {self.wanted:,} points"
         return f"cut short by the limit of {self.limit_s:g} s, {share}"
 
@@ -166,10 +169,19 @@ def time_first_maps(work: Workload, threads: int | None, limit_s: float = inf) -
     return _time_maps(work, level, threads, QUICK_SIZES[-1], limit_s)
 
 
-def time_maps(work: Workload, threads: int | None, size: int, limit_s: float = inf) -> MapsTime:
-    """Maps of ``size`` points a side, of the search's usual loss, about the first pose."""
+def time_maps(
+    work: Workload, threads: int | None, size: int, limit_s: float = inf, *, light: bool = False
+) -> MapsTime:
+    """Maps of ``size`` points a side, of the search's usual loss, about the first pose; with a
+    ``light`` model, as the app makes them.
+    """
     level = Level(1, work.usual.photo, work.model.renderer)
-    return _time_maps(work, level, threads, size, limit_s)
+    if not light:
+        return _time_maps(work, level, threads, size, limit_s)
+    lighter = lighter_level(work.usual.photo, work.model.renderer, work.poses[0])
+    pool = _CountingPool(lighter.renderer, threads)
+    with pool:
+        return _time_maps(work, level, threads, size, limit_s, pool)
 
 
 class _CountingPool(RendererPool):
@@ -187,17 +199,27 @@ class _CountingPool(RendererPool):
 
 
 def _time_maps(
-    work: Workload, level: Level, threads: int | None, size: int, limit_s: float
+    work: Workload,
+    level: Level,
+    threads: int | None,
+    size: int,
+    limit_s: float,
+    light: _CountingPool | None = None,
 ) -> MapsTime:
     problem = replace(work.usual, photo=level.photo)
     known: dict[Pair, int] = {}
+    error: float | None = None
     pool = _CountingPool(level.renderer, threads)
     with pool:
         # Each thread's first image of a size takes its buffers.
         pool.moments_of(work.poses[:1] * (2 * CHUNK * pool.threads), problem.photo)
         pool.evaluations = 0
+        if light is not None:
+            light.moments_of(work.poses[:1] * (2 * CHUNK * light.threads), problem.photo)
+            light.evaluations = 0
         began = perf_counter()
-        for piece in landscape(problem, pool, work.parameters[0], size=size):
+        for piece in landscape(problem, pool, work.parameters[0], size=size, light=light):
+            error = piece.error
             known[piece.first, piece.second] = int(np.isfinite(piece.losses).sum())
             if perf_counter() - began > limit_s:
                 break
@@ -208,7 +230,7 @@ def _time_maps(
         size=size,
         factor=level.factor,
         seconds=seconds,
-        evaluations=pool.evaluations,
+        evaluations=pool.evaluations + (light.evaluations if light is not None else 0),
         points=sum(known.values()),
         wanted=pairs * size * size,
         threads=pool.threads,
@@ -216,4 +238,5 @@ def _time_maps(
         width=work.width,
         height=work.height,
         limit_s=None if limit_s == inf else limit_s,
+        error=error,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -209,3 +211,45 @@ def test_a_stopped_map_stops_its_pool():
     with RendererPool(renderer, 2) as pool:
         next(landscape(make_problem(6), pool, np.zeros(6), size=41))
     assert len(renderer.seen) < 100
+
+
+class LightRenderer(CountingRenderer):
+    """A little more loss everywhere, and more to one side."""
+
+    def moments(self, pose, photo) -> Moments:
+        found = super().moments(pose, photo)
+        covariance = found.covariance.copy()
+        covariance[0, 1] *= 1.0 - 0.02 * (1.0 + pose.camera_from_model.translation[0])
+        covariance[1, 0] = covariance[0, 1]
+        return replace(found, covariance=covariance)
+
+
+def test_a_light_model_and_interpolation_do_nearly_as_well():
+    problem, centre = make_problem(3), np.array([0.03, -0.05, 0.02])
+    exact = finished(problem, centre, size=41)
+    renderer, light = CountingRenderer(), LightRenderer()
+    fast = finished(problem, centre, renderer, size=41, light=light)
+    assert len(renderer.seen) < 0.06 * 3 * 41**2
+    assert len(light.seen) < 0.5 * 3 * 41**2
+    off = []
+    for pair, piece in fast.items():
+        known = exact[pair].losses
+        assert piece.complete
+        assert piece.error is not None
+        assert exact[pair].error is None
+        off.append(np.abs(piece.losses - known) / np.ptp(known))
+        assert piece.losses[20, 20] == known[20, 20]
+        least, wanted = slice_minimum(piece), slice_minimum(exact[pair])
+        assert least == wanted
+    error = next(iter(fast.values())).error or 0.0
+    assert 0.0 < np.quantile(off, 0.95) < 2.0 * error < 0.01
+
+
+def test_few_points_are_all_the_renderers_own():
+    problem = make_problem(2)
+    light = CountingRenderer()
+    (piece,) = finished(problem, np.zeros(2), size=9, light=light).values()
+    (exact,) = finished(problem, np.zeros(2), size=9).values()
+    assert np.array_equal(piece.losses, exact.losses)
+    assert piece.error is None
+    assert light.seen == []

@@ -157,6 +157,7 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
         half_width=latest.half_width,
         whose=latest.case.settings.method_name,
         what=problem.scale.name,
+        error=max((piece.error or 0.0 for piece in latest.slices), default=None),
     )
     markers = markers_of(session, latest)
     return landscape_grid(latest.shown, problem.chart.names, markers, options)

@@ -86,6 +86,8 @@ class GridOptions:
     """What the values are called."""
     whose: str = ""
     """Whose loss it is; "" says nothing."""
+    error: float | None = None
+    """How good the values are, as ``Slice.error``; None says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,6 +278,9 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
     low, high = (f"{shared.low:.3f}", f"{shared.high:.3f}") if shared else ("least", "greatest")
     what = escape(options.what)
     what += "" if shared or options.shared_scale else ", each map by itself"
+    what += f", ±{100.0 * options.half_width:.3g}&nbsp;%"
+    if options.error:
+        what += f"<br>good to {100.0 * options.error:.1g}&nbsp;% of its range"
     whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
     stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
     gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
@@ -296,7 +301,7 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
         for text, drawing in entries.items()
     )
     return (
-        f'<div class="pv-key"><div>{whose}{what}, ±{100.0 * options.half_width:.3g}&nbsp;%</div>'
+        f'<div class="pv-key"><div>{whose}{what}</div>'
         f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
         f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
         f'<div class="pv-marks">{key}</div></div>'

@@ -19,6 +19,7 @@ from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
+from poseviewer.render.pyramid.levels import lighter_level
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
@@ -74,6 +75,7 @@ class MapMaker:
         self._quick: dict[Method, tuple[Case, Case, RendererPool]] = {}
         self._cases: dict[Method, Case] = {}
         self._prepared: Mesh | None = None
+        self._light: dict[Method, tuple[Case, RendererPool]] = {}
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
@@ -91,7 +93,8 @@ class MapMaker:
             method = case.settings.method
             shown = known[method].slices if method in known else ()
             quick, level = (case, self._fine) if size is None else self._quick_case(case, centre)
-            for latest in maps(quick, centre, level, job.half_width, size or SIZE, shown):
+            light = self._lighter(case, centre) if size is None else None
+            for latest in maps(quick, centre, level, job.half_width, size or SIZE, shown, light):
                 known[method] = replace(latest, case=case, known=0.0) if size else latest
                 yield known[method]
 
@@ -122,6 +125,17 @@ class MapMaker:
             self._quick[method] = case, quick, pool
         return self._quick[method][1:]
 
+    def _lighter(self, case: Case, pose: Pose) -> RendererPool:
+        """What draws a lighter model than the case's; made once."""
+        method = case.settings.method
+        if method not in self._light or self._light[method][0] is not case:
+            level = lighter_level(case.problem.photo, self._renderer, pose)
+            pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
+            if method in self._light:
+                self._light[method][1].close()
+            self._light[method] = case, pool
+        return self._light[method][1]
+
     def _case(self, job: MapJob, settings: FitSettings) -> Case:
         """The search's, where it is by these settings, or one about the job's anchor."""
         if job.case is not None and job.case.settings == settings:
@@ -150,6 +164,7 @@ def maps(
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
+    light: RendererPool | None = None,
 ) -> Iterator[LandscapeUpdate]:
     """The maps about ``centre``, coarse to fine, whenever a row of one is known.
 
@@ -166,7 +181,8 @@ def maps(
     known = 0
     count = len(case.problem.free_indices)
     total = count * (count - 1) // 2 * size * size
-    for piece in case.slices(centre, half_width=half_width, size=size, pool=pool):
+    slices = case.slices(centre, half_width=half_width, size=size, pool=pool, light=light)
+    for piece in slices:
         pair = piece.first, piece.second
         known += _known(piece) - _known(newest.get(pair))
         newest[pair] = piece

@@ -204,3 +204,11 @@ def test_both_figures_mark_the_pose_and_the_least_loss():
         assert (CENTRE[piece.first], CENTRE[piece.second]) in marked
         assert (least.first_value, least.second_value) in marked
         assert len(str(figure.to_json())) < 300_000
+
+
+def test_the_page_says_how_good_the_maps_are():
+    def text(error: float | None) -> str:
+        return landscape_grid(make_slices(9), NAMES, Markers(CENTRE), GridOptions(error=error))
+
+    assert "good to 0.8&nbsp;% of its range" in text(0.0083)
+    assert "good to" not in text(None)
