@@ -822,6 +822,15 @@ class SetResult:
         return tuple(found)
 
     @property
+    def whole(self) -> FitResult:
+        """The pose in the first photo, by the loss of all: its landscape is the set's."""
+        found = [replace(view.case.registration, start=view.pose) for view in self.views]
+        case, free_size = self.case.whole, self.case.registration.free_size
+        problem = make_set_problem(found, case.settings, free_size)
+        case = replace(case, registration=found[0], problem=problem)
+        return FitResult(case, self.pose, self.progress)
+
+    @property
     def loss(self) -> float:
         """The mean over the photos."""
         if self.progress is not None:

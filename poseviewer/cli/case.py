@@ -121,7 +121,7 @@ def open_views(options: Namespace) -> SetCase:
         view=options.view,
         scale=options.scale,
         choice=choice,
-        symmetry=options.symmetry,
+        symmetry=vars(options).get("symmetry"),
     )
     if not options.quiet:
         for note in found.notes:

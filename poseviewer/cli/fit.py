@@ -8,16 +8,15 @@ from pathlib import Path
 from poseviewer.cli.options import (
     RECTANGLE,
     SCENE,
-    VIEWS,
     add_fields,
     add_files,
     add_search,
     add_settings,
+    add_views,
     names,
     option,
     positive,
     rectangle,
-    whole,
 )
 from poseviewer.cli.overlay import add_look
 from poseviewer.cli.terminal import require_writable, say
@@ -47,7 +46,7 @@ def add_options(parser: ArgumentParser) -> None:
     add_settings(parser)
     said = "what maps the model onto itself (a file beside it); find: look on its surface"
     option(parser, "--symmetry FILE|find|none", said)
-    _add_views(parser)
+    add_views(parser)
     search = add_search(parser)
     for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):
         add_fields(search, of, options)
@@ -72,18 +71,6 @@ def _add_start(parser: ArgumentParser) -> None:
     kinds = ("perspective", "parallel")
     option(group, "--projection", unknown, choices=kinds, default="perspective")
     option(group, "--focal PX", f"{unknown} (EXIF's)", positive)
-
-
-def _add_views(parser: ArgumentParser) -> None:
-    group = parser.add_argument_group("several photos, one pose")
-    said = f"{VIEWS}: SET.json, COLMAP's folder, transforms.json, a BOP scene"
-    option(group, "--views SET", said, Path)
-    option(group, "--view NAME", "the photo of --pose (the one that its file names)")
-    option(group, "--photos NAME,...", "which of the set's photos (all)", names)
-    option(group, "--scale NUMBER", "lengths of the model's unit in one of the set's", positive)
-    option(group, "--photo-folder FOLDER", "of COLMAP's photos", Path)
-    moved = "the object of a BOP scene that tells how its camera moved"
-    option(group, "--rig-object NUMBER", moved, whole)
 
 
 def run(options: Namespace) -> int:

@@ -9,6 +9,7 @@ from poseviewer.cli.options import (
     add_fields,
     add_files,
     add_settings,
+    add_views,
     map_size,
     names,
     option,
@@ -27,6 +28,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--out FOLDER", kind=Path, required=True)
     option(parser, "--size SIZE", "points a side (41)", map_size, default=41)
     option(parser, "--range SHARE", "half width (0.2: 20 %%)", positive, default=0.2)
+    add_views(parser)
     add_settings(parser)
     lock = ("--lock NAME,...", "parameters to leave out", names)
     add_fields(parser, FitSettings, {"lock": lock})
@@ -34,9 +36,11 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Write ``landscape.png`` and ``landscape.npz``."""
-    from poseviewer.cli.case import open_case, open_scene
+    from poseviewer.cli.case import open_case, open_scene, open_views
 
-    if options.scene is None:
+    if options.views is not None:
+        case = open_views(options).whole
+    elif options.scene is None:
         case = open_case(options)
     elif options.object is None:
         raise SettingsError("--scene without --object; name the object to map with --object ID")

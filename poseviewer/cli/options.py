@@ -192,7 +192,6 @@ def add_search(parser: ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
-VIEWS = "several photos of one thing, in place of PHOTO"
 SCENE = "several objects in one photo, in place of PHOTO and MODEL"
 
 
@@ -206,6 +205,19 @@ def add_files(parser: ArgumentParser, pose: str = "") -> None:
         option(one, "--scene SCENE.json", SCENE, Path)
     option(parser, "--quiet", "no progress, no notes")
     add_calibration(parser)
+
+
+def add_views(parser: ArgumentParser) -> None:
+    """Several photos in place of one."""
+    group = parser.add_argument_group("several photos, one pose")
+    said = "in place of PHOTO: SET.json, COLMAP's folder, transforms.json, a BOP scene"
+    option(group, "--views SET", said, Path)
+    option(group, "--view NAME", "the photo of --pose (the one that its file names)")
+    option(group, "--photos NAME,...", "which of the set's photos (all)", names)
+    option(group, "--scale NUMBER", "lengths of the model's unit in one of the set's", positive)
+    option(group, "--photo-folder FOLDER", "of COLMAP's photos", Path)
+    moved = "the object of a BOP scene that tells how its camera moved"
+    option(group, "--rig-object NUMBER", moved, whole)
 
 
 def add_server(parser: ArgumentParser) -> None:

@@ -56,6 +56,19 @@ def test_a_saved_pose_is_a_start_again(files, tmp_path):
     assert np.mean([view.loss for view in again.start.views]) == pytest.approx(again.start.loss)
 
 
+def test_a_set_is_drawn_and_mapped(files):
+    views, model, start = files
+    folder = Path(views).parent
+    command = ["--views", views, model, "--pose", start, "--quiet", "--out"]
+    assert main(["overlay", *command, str(folder / "o.png")]) == 0
+    assert (folder / "o.c.png").is_file()
+    more = ["--size", "3", "--lock", "rotation_x,rotation_y,shift_x,shift_y"]
+    assert main(["landscape", *command, str(folder / "maps"), *more]) == 0
+    assert (folder / "maps" / "landscape.png").is_file()
+    case = poseviewer.load_views(views, model, start)
+    assert case.start.whole.loss == pytest.approx(case.start.loss, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [

@@ -38,11 +38,13 @@ from poseviewer.files.scene import load_scene
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave, save_autosave
 from poseviewer.files.state.uploads import keep_set, pack
 from poseviewer.files.symmetry import load_symmetry
+from poseviewer.files.view_set import load_view_set
 from poseviewer.fit.settings import FitSettings
 from poseviewer.starts.registration import load_registration
 from tests.files.formats.cases import perspective_record
 from tests.scene import make_scene
 from tests.several import make_three
+from tests.view_sets import write_views
 
 Files = dict[str, bytes]
 """By their paths; the first is mutated, the others lie beside it."""
@@ -109,6 +111,7 @@ def make_readers(folder: Path) -> dict[str, Reader]:
         **_formats(folder, scene.model),
         "pose": Reader(lambda path: load_pose(path, 160, 120), ({"p.json": pose},)),
         "scene": Reader(load_scene, _scenes(folder)),
+        "views": Reader(load_view_set, _views(folder)),
         "cameras": Reader(load_cameras, _cameras()),
         "keypoints": Reader(
             lambda path: load_keypoints(path.with_name("m.glb"), mesh),
@@ -245,6 +248,27 @@ def _pictures(pixels: np.ndarray) -> Mapping[str, Reader]:
         ending: Reader(load_photo, tuple({f"p.{ending}": data} for data in all_of_it))
         for ending, all_of_it in made.items()
     }
+
+
+def _views(folder: Path) -> tuple[Files, ...]:
+    """Our own set, with a lens and a mask; and nerfstudio's and NeRF's frames."""
+    own = folder / "views"
+    own.mkdir()
+    data = json.loads(write_views(own)[0].read_text())
+    beside = {path.name: path.read_bytes() for path in own.iterdir() if path.suffix == ".png"}
+    lens = {"model": "opencv", "coefficients": [-0.1, 0.02, 0.0, 0.0]}
+    data["views"][1] |= {"distortion": lens, "mask": "c.png"}
+    matrix = [
+        [1.0, 0.0, 0.0, 0.5],
+        [0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 7.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+    frames = [{"file_path": name, "transform_matrix": matrix} for name in beside]
+    whole = {"fl_x": 600.0, "fl_y": 600.0, "cx": 160.5, "cy": 120.5, "w": 320, "h": 240, "k1": 0.01}
+    angle = {"camera_angle_x": 0.5, "frames": frames}
+    found = (data, {**whole, "frames": frames}, angle)
+    return tuple({"s.json": json.dumps(one).encode(), **beside} for one in found)
 
 
 def _scenes(folder: Path) -> tuple[Files, ...]:
