@@ -152,12 +152,21 @@ def test_searches_and_maps_are_real_ones(report):
     for fit in report.fits:
         assert fit.cut_short
         assert fit.evaluations >= 1
-    first, whole = report.maps
+    first, whole, _ = report.maps
     for maps, size in ((first, 9), (whole, MAP_SIZE)):
         assert (maps.maps, maps.size, maps.points) == (15, size, 15 * size * size)
         # Maps cross on the axes of six numbers, and all in the centre.
         assert maps.evaluations == 15 * (size - 1) ** 2 + 6 * (size - 1) + 1
         assert not maps.cut_short
+
+
+@pytest.mark.slow
+def test_maps_by_a_lighter_model_say_how_good_they_are(work):
+    maps = time_maps(work, 2, 21, light=True)
+    assert maps.error is not None
+    assert 0.0 < maps.error < 0.2
+    assert maps.evaluations < maps.points == maps.wanted
+    assert f"good to {maps.error:.1%}" in maps.end
 
 
 def test_maps_cut_short_say_so(work):
