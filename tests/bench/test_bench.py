@@ -162,7 +162,7 @@ def test_searches_and_maps_are_real_ones(report):
 
 @pytest.mark.slow
 def test_maps_by_a_lighter_model_say_how_good_they_are(work):
-    maps = time_maps(work, 2, 21, light=True)
+    maps = time_maps(work, 2, 41, light=True)
     assert maps.error is not None
     assert 0.0 < maps.error < 0.2
     assert maps.evaluations < maps.points == maps.wanted
