@@ -848,6 +848,20 @@ class SetResult:
         return None if self.progress is None else self.progress.verdict
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user of the pose should know: which photo goes least with the others, where
+        they do not all say that it is right.
+        """
+        verdicts = () if self.verdict is None else self.verdict.views
+        if all(one.word == "found" for one in verdicts):
+            return ()
+        worst = min(range(len(verdicts)), key=lambda index: verdicts[index].probability)
+        return (
+            f"{self.case.names[worst]} goes least with the others: something may hide the model "
+            "there, or its camera contradict theirs.",
+        )
+
+    @property
     def covariance(self) -> PoseCovariance | None:
         """How sure the pose in the first photo is, by all photos."""
         return None if self.verdict is None else self.verdict.covariance
@@ -909,6 +923,7 @@ class SetResult:
             loss=self.loss,
             unexplained=self.unexplained,
             verdict=verdict,
+            notes=(*self.notes, *views[0].notes),
             covariance=self.covariance,
             in_set=in_set,
         )

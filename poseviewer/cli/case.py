@@ -177,7 +177,8 @@ def search_views(case: SetCase, quiet: bool) -> SetResult:
         say(f"{name}: {view.case.problem.scale.text(view.loss)}{seen}{said}")
     if case.registration.free_size:
         say(f"scale: {1.0 / found.size:.6g} lengths of the model's unit in one of the set's")
-    _print_verdict(found.verdict, found.case.registration.registrations[0].mesh.unit)
+    unit = found.case.registration.registrations[0].mesh.unit
+    _print_verdict(found.verdict, unit, found.notes)
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -12,7 +13,18 @@ import pytest
 import poseviewer
 from poseviewer.cli.main import main
 from poseviewer.files.pose import load_pose, pose_schema
-from tests.view_sets import CAMERAS_FROM_SET, MESH, SET_FROM_MODEL, START, write_views
+from poseviewer.fit.registration import LoadedModel
+from poseviewer.geometry.transform import RigidTransform
+from tests.view_sets import (
+    CAMERAS_FROM_SET,
+    DISTANCE,
+    MESH,
+    SET_FROM_MODEL,
+    START,
+    TRUTH,
+    make_views,
+    write_views,
+)
 
 
 @pytest.fixture
@@ -54,6 +66,21 @@ def test_a_saved_pose_is_a_start_again(files, tmp_path):
     np.testing.assert_allclose(shown, START.project(MESH.vertices), atol=1e-6)
     assert again.start.loss == pytest.approx(case.start.loss, abs=1e-6)
     assert np.mean([view.loss for view in again.start.views]) == pytest.approx(again.start.loss)
+
+
+@pytest.mark.slow
+def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
+    good = make_views()
+    turn = RigidTransform.from_rotation_vector([0.0, np.radians(3.0), 0.0], np.zeros(3))
+    wrong = replace(good.views[2], camera_from_set=turn @ good.views[2].camera_from_set)
+    views = replace(good, views=(*good.views[:2], wrong))
+    model = LoadedModel(MESH, "m.ply", "0" * 64, None)
+    found = poseviewer.load_views(views, model, START, view="a.png").fit()
+    assert found.verdict is not None
+    assert found.verdict.word != "found"
+    assert found.notes[0].startswith("c.png goes least with the others")
+    at, true = (p.camera_from_model.apply(MESH.centre) for p in (found.pose, TRUTH[0]))
+    assert np.abs(at - true).max() < 0.003 * DISTANCE
 
 
 def test_a_set_is_drawn_and_mapped(files):
