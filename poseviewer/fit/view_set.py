@@ -38,7 +38,6 @@ def make_set_problem(
         )
     first = views[0]
     reference = FreeBodyChart.near(first.mesh, first.start)
-    depth_scale = 1.0 / max(_sideways(views, reference), 1.0)
     charts = []
     for view in views:
         camera = view.start.camera
@@ -46,7 +45,7 @@ def make_set_problem(
         turn = view.start.camera_from_model @ first.start.camera_from_model.inverse()
         if view is first:
             turn = RigidTransform.identity()
-        charts.append(ViewChart(reference, camera, turn, free_size, depth_scale))
+        charts.append(ViewChart(reference, camera, turn, free_size))
     free = free_numbers(charts[0], settings)
     found = [compared_photos(view, settings) for view in views]
     if len({LossScale.of(photo) for photo, _, _ in found}) > 1:  # one is grey: then all are
@@ -67,19 +66,3 @@ def make_set_problem(
         symmetry=first.symmetry,
         others=tuple(OtherView(photo, finer, chart) for (photo, _, _), finer, chart in others),
     )
-
-
-def _sideways(views: Sequence[Registration], reference: FreeBodyChart) -> float:
-    """By how many of the model's radii it moves in one of the other views, at most, as its depth in
-    the reference changes by 100 %.
-    """
-    first = views[0].start.camera_from_model
-    sight = first.apply(reference.centre)
-    found = [0.0]
-    for view in views[1:]:
-        place = view.start.camera_from_model
-        line = place.apply(reference.centre)
-        moved = place.rotation @ first.rotation.T @ sight
-        line /= np.linalg.norm(line)
-        found.append(float(np.linalg.norm(moved - line * (line @ moved))) / reference.radius)
-    return max(found)

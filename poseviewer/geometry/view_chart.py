@@ -20,8 +20,6 @@ from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
 SIZE = "log_size"
-DEPTH_INDEX = 5
-"""Of the depth among a free-body chart's numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +33,6 @@ class ViewChart:
     view_from_reference: RigidTransform
     """In the model's unit, as large as it is at the start."""
     free_size: bool = False
-    depth_scale: float = 1.0
-    """Change of the depth's logarithm that counts as 100 %: from other sides, it is a shift."""
 
     @property
     def name(self) -> str:
@@ -49,10 +45,8 @@ class ViewChart:
         return (*self.reference.names, SIZE) if self.free_size else self.reference.names
 
     def scales(self, parameters: FloatArray) -> FloatArray:
-        """100 % is 1, but for the depth."""
-        scales = np.ones(len(parameters))
-        scales[DEPTH_INDEX] = self.depth_scale
-        return scales
+        """100 % is 1, as in the free-body chart."""
+        return np.ones(len(parameters))
 
     def nearness(self, parameters: FloatArray) -> float:
         """How many times farther apart than at the start all cameras are, in the model's unit.
