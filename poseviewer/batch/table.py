@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
@@ -95,11 +95,12 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
 def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
     """The jobs, in the order of their rows, with ``key`` and ``above`` filled in."""
     keyed: list[Job] = []
+    written = settings_as_json(settings)
     for job in jobs:
         if job.start == LAST and keyed:
             nearest = keyed[-1]
             job = replace(job, above=(nearest.key, *nearest.above)[:REACH])
-        keyed.append(replace(job, key=_key(job, settings)))
+        keyed.append(replace(job, key=_key(job, written)))
     return tuple(keyed)
 
 
@@ -146,13 +147,13 @@ def _rows_in(reading: Reading) -> list[dict[str, str]]:
     return [dict.fromkeys(names, "") | dict(zip(names, line, strict=False)) for line in lines[1:]]
 
 
-def _key(job: Job, settings: FitSettings) -> str:
+def _key(job: Job, settings: Mapping[str, Any]) -> str:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
     content: list[Any] = [[str(path), *file_stamp(path)] for path in files]
     if job.start == LAST:
         content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
-    return _hash([content, settings_as_json(settings)])
+    return _hash([content, settings])
 
 
 def _hash(content: Any) -> str:

@@ -30,6 +30,8 @@ from poseviewer.geometry.photo import Photo
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Of files that photos come in."""
+FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
+"""By Pillow's names; its readers of others take what lengths a file claims to have for true."""
 MAX_MEGAPIXELS = 100.0
 LARGEST_PIXEL, LARGEST_REST = 16, 100_000_000
 """Bytes of a pixel of four 32-bit floats, and of all else in a photo's file: previews, maps."""
@@ -103,7 +105,12 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
         return True
     reading = _reading(path)
     try:
-        with reading.said(), reading.open() as file, quiet_libraries(), Image.open(file) as image:
+        with (
+            reading.said(),
+            reading.open() as file,
+            quiet_libraries(),
+            Image.open(file, formats=FORMATS) as image,
+        ):
             exif = image.getexif()
             tags = {*exif, *exif.get_ifd(ExifTags.IFD.Exif)}
     except PhotoFileError:
@@ -142,7 +149,7 @@ def _load_picture(reading: Reading) -> bytes:
     with reading.open() as file:
         if not _is_heic(file.read(HEIC_START)):
             file.seek(0)
-            with _pictures_said(reading), Image.open(file) as image:
+            with _pictures_said(reading), Image.open(file, formats=FORMATS) as image:
                 _refuse_size(reading, *image.size)
                 most = LARGEST_REST + LARGEST_PIXEL * image.width * image.height
                 reading = replace(reading, largest=min(reading.largest, most))
@@ -177,7 +184,7 @@ def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
 
     Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
     """
-    with _pictures_said(reading), Image.open(BytesIO(data)) as image:
+    with _pictures_said(reading), Image.open(BytesIO(data), formats=FORMATS) as image:
         _refuse_size(reading, *image.size)
         exif = image.getexif()
         # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).

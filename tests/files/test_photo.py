@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import struct
 import zlib
 from pathlib import Path
 from typing import Any
@@ -211,6 +212,14 @@ def test_files_too_large_for_any_photo_are_not_read(tmp_path: Path) -> None:
     with pytest.raises(
         PhotoFileError, match=r"^large\.png: 2,000,000,001 bytes; poseviewer takes a photo"
     ):
+        load_photo(path)
+
+
+def test_what_is_no_photo_is_not_believed_about_its_lengths(tmp_path: Path) -> None:
+    """A GIMP brush of 40 bytes that announces a comment of 1.4 GB."""
+    path = tmp_path / "brush.webp"
+    path.write_bytes(struct.pack(">5I", 0x52120003, 1, 8, 8, 1) + bytes(20))
+    with pytest.raises(PhotoFileError, match="not a picture that can be read"):
         load_photo(path)
 
 

@@ -172,7 +172,7 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     rest = memoryview(data)[end + 1 :]
     try:
         entries = [(str(name), int(size)) for name, size in json.loads(data[: max(end, 0)])]
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         entries = []
     if not entries or any(size < 0 for _, size in entries):
         raise FileSetError("The upload is no set of files; reload the page and try again.")

@@ -108,7 +108,17 @@ def test_the_same_bytes_go_to_the_same_place(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"{}", b"PK\x03\x04", b"[]\n", b'[["a", -1]]\n', b"[3]\n1", b'[["a"]]\n', b"[" * 9000],
+    [
+        b"",
+        b"{}",
+        b"PK\x03\x04",
+        b"[]\n",
+        b'[["a", -1]]\n',
+        b"[3]\n1",
+        b'[["a"]]\n',
+        b"[" * 9000,
+        b'[["a", 1e999]]\n',
+    ],
 )
 def test_what_no_page_of_ours_sends_is_refused(tmp_path: Path, data: bytes) -> None:
     with pytest.raises(FileSetError, match="no set of files; reload the page"):
