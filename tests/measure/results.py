@@ -78,7 +78,7 @@ def page_of(folder: Path, today: date, options: str) -> str:
         "real": _error_table(real, lambda row: (row["set"], f"{row['degrees']}°")),
         "clutter": _error_table(clutter, _seen()),
         "verdict": _verdict_table((("first table", real), ("tabletops", clutter))),
-        "study": _without_title(study),
+        "study": _tables(study),
         "bench": bench.strip(),
     }
     page = Path(__file__).with_name("results_page.md").read_text(encoding="utf-8")
@@ -185,8 +185,10 @@ def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else NOT_MEASURED
 
 
-def _without_title(text: str) -> str:
-    return text.split("\n", 1)[1].strip() if text.startswith("# ") else text.strip()
+def _tables(text: str) -> str:
+    """A study's page without its title, and without its picture, which lies beside it."""
+    lines = [line for line in text.splitlines() if not line.startswith(("# ", "!["))]
+    return "\n".join(lines).strip()
 
 
 def data_folder() -> Path:

@@ -17,7 +17,9 @@ COLUMNS = ("method", "set", "case", "degrees", "accuracy_percent", "verdict",
 def measured(folder: Path, ends: dict[str, list[float]]) -> Path:
     for study in ("study", "real", "clutter"):
         (folder / study).mkdir()
-    (folder / "study" / "study.md").write_text("# Study\n\n| a table of the study |\n")
+    (folder / "study" / "study.md").write_text(
+        "# Study\n\n| a table of the study |\n\n![it](study.png)\n"
+    )
     (folder / "bench.md").write_text("| a table of the bench |\n")
     for study, name in (("real", "hope"), ("clutter", "clutter")):
         with (folder / study / "trials.csv").open("w", newline="") as file:
