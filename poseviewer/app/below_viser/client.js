@@ -28,12 +28,13 @@ const state = {
 const old = window.poseviewer;
 if (old && old.dispose) old.dispose();
 // Where the page has come back from a lost connection, what the user looks at stays.
-const kept = old && old.view ? old.view() : null;
+let kept = old && old.view ? old.view() : null;
 resume();
 
 function resume() {
   if (!kept || String(kept.photo) !== String(state.photo)) return false;
   Object.assign(state, kept);
+  kept = null;
   return true;
 }
 
@@ -779,12 +780,14 @@ window.poseviewer = {
     arrange();
     if (resume()) applyView();
     else showAll();
+    kept = null;
   },
   setHint(text) { state.hint = text; showHint(); },
   setGuide, setPen, forgetStrokes,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
-  view() { return { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
+  // Until the server knows its photo, what an earlier connection left is handed on.
+  view() { return kept || { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
   dispose() { cleanups.forEach((undo) => undo()); },
 };
 document.title = CONFIG.title;

@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any
 from uuid import uuid4
 
@@ -57,6 +58,8 @@ class ClientScript:
         self._photo = (1, 1)
         self._hint = self._guide = ""
         self._pen = ("", False)
+        # A page that connects is told everything before it is told of a change.
+        self._telling = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
         self._channel = server.gui.add_text("report", "", visible=False)
 
@@ -71,29 +74,33 @@ class ClientScript:
 
     def show_photo(self, width: int, height: int) -> None:
         """The photo's size in px, on all pages; the whole photo is shown."""
-        if self._photo != (width, height):
-            self._photo = (width, height)
-            self._run(f"window.poseviewer && window.poseviewer.setPhoto({width}, {height})")
+        with self._telling:
+            if self._photo != (width, height):
+                self._photo = (width, height)
+                self._run(f"window.poseviewer && window.poseviewer.setPhoto({width}, {height})")
 
     def show_hint(self, text: str) -> None:
         """A line over the photo in place of what the mouse does; "" brings that back."""
-        if self._hint != text:
-            self._hint = text
-            self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
+        with self._telling:
+            if self._hint != text:
+                self._hint = text
+                self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
 
     def show_guide(self, text: str) -> None:
         """A hint above the photo for who is new, on pages that have not sent such hints away."""
-        if self._guide != text:
-            self._guide = text
-            self._run(f"window.poseviewer && window.poseviewer.setGuide({json.dumps(text)})")
+        with self._telling:
+            if self._guide != text:
+                self._guide = text
+                self._run(f"window.poseviewer && window.poseviewer.setGuide({json.dumps(text)})")
 
     def show_pen(self, shape: str, erase: bool) -> None:
         """What the main button draws on the photo: ``brush``, ``polygon``, ``scribble``, "" for
         nothing; whether strokes ``erase``, for their colour and for the page's report of them.
         """
-        if self._pen != (shape, erase):
-            self._pen = shape, erase
-            self._run(f"window.poseviewer && {self._pen_call()}")
+        with self._telling:
+            if self._pen != (shape, erase):
+                self._pen = shape, erase
+                self._run(f"window.poseviewer && {self._pen_call()}")
 
     def forget_strokes(self) -> None:
         """Pages need not show the strokes that are done any longer."""
@@ -104,17 +111,18 @@ class ClientScript:
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
-        config = {
-            **self._config,
-            "channel": self._channel._impl.uuid,
-            "photo": self._photo,
-            "icon": f"data:image/svg+xml;base64,{icon}",
-        }
         source = _SOURCE.read_text(encoding="utf-8")
-        source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-        hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
-        source += "".join(f"\nwindow.poseviewer.{hint};" for hint in hints)
-        _run_on(client, f"{source}\n{self._pen_call()};")
+        with self._telling:
+            config = {
+                **self._config,
+                "channel": self._channel._impl.uuid,
+                "photo": self._photo,
+                "icon": f"data:image/svg+xml;base64,{icon}",
+            }
+            source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
+            hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
+            source += "".join(f"\nwindow.poseviewer.{hint};" for hint in hints)
+            _run_on(client, f"{source}\n{self._pen_call()};")
 
     def _run(self, source: str) -> None:
         for client in self._server.get_clients().values():
