@@ -163,10 +163,13 @@ def find_symmetry(mesh: Mesh) -> FoundSymmetry:
 
 
 def _with_turn(centre: FloatArray, turns: list[Turn], new: list[Turn]) -> list[Turn]:
-    """With what is new, unless all together never close: its axis is then nearly another's."""
+    """With what is new, unless all together never close, or in finer steps than are looked for: its
+    axis is then nearly another's.
+    """
     with suppress(ValueError):
-        Symmetry.from_turns(centre, [*turns, *new])
-        return [*turns, *new]
+        closed = Symmetry.from_turns(centre, [*turns, *new])
+        if all(turn.fold <= MOST_FOLD for turn in closed.turns):
+            return [*turns, *new]
     return turns
 
 

@@ -26,7 +26,7 @@ from poseviewer.geometry.pose_error import pose_error
 from tests.ctrl_c import ctrl_c_ends_them
 
 QUICK = ("--evaluations", "40")
-LONG = ("--evaluations", "400")
+LONG = ("--evaluations", "150")
 
 
 def run(*arguments: object) -> int:

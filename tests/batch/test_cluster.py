@@ -64,7 +64,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
     table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
     with ExitStack() as stack:
         line = command("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet",
-                       "--evaluations", 400)  # fmt: skip
+                       "--evaluations", 150)  # fmt: skip
         batch = stack.enter_context(subprocess.Popen(line, stderr=subprocess.PIPE, text=True))
         wait_until(lambda: len(kept(out)) >= 2)
         cluster.workers[0].send_signal(signal.SIGKILL)

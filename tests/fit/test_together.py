@@ -11,8 +11,8 @@ import pytest
 from poseviewer.confidence.model import judge_end
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.registration import PlacedModel, Registration
-from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.together import MOST_ROUNDS, ModelToPlace, TogetherProgress, search_together
 from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Pose
@@ -39,7 +39,7 @@ def share_off(index: int, pose: Pose) -> float:
 
 def fitted(one: Registration) -> Pose:
     problem, _ = make_problem(one, SETTINGS)
-    *_, end = search(problem, one.mesh, SoftwareRenderer(one.mesh), judge_end)
+    *_, end = fit_pose(problem, SoftwareRenderer(one.mesh))
     return end.pose
 
 
