@@ -20,7 +20,7 @@ Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -182,7 +182,8 @@ def load(
 
 
 def load_scene(path: str | Path, settings: FitSettings | None = None, **changes: Any) -> SceneCase:
-    """Several objects in one photo, from a scene file; ``settings`` and ``changes`` as of ``load``.
+    """Several objects in one photo, from a scene file; ``settings`` and ``changes`` as of ``load``,
+    but that parts ``without`` are named with their object's id: ``duck:beak``.
 
     Raises:
         PoseViewerError: a file cannot be used, or the settings do not go with it.
@@ -193,8 +194,7 @@ def load_scene(path: str | Path, settings: FitSettings | None = None, **changes:
             "a free focal length with a scene, whose objects share one camera; leave it out, and "
             "find it with one of them alone."
         )
-    scene = read_scene(path)
-    registrations = load_scene_registrations(scene)
+    scene, registrations = load_scene_registrations(read_scene(path), chosen.without or ())
     of_mesh: dict[int, Renderer] = {}
     for one in registrations:
         of_mesh.setdefault(id(one.mesh), make_renderer(one.mesh, chosen.renderer))
@@ -728,15 +728,8 @@ class SceneCase:
         Raises:
             SettingsError: there is no such look.
         """
-        _require_look(look)
-        photo = self.registrations[0].photo
-        picture = photo.as_rgb8(photo.width, photo.height)
-        for index, one in enumerate(self.registrations):
-            if hiding(PlacedModel(one.mesh, one.start), one.others).is_whole:
-                continue
-            shown = self.case(self.scene.objects[index].id).start
-            picture = shown.drawn_over(picture, look, opacity)
-        return picture
+        objects = zip(self.registrations, self.renderers, strict=True)
+        return picture_of_all([(one, self.settings, made) for one, made in objects], look, opacity)
 
     def draw(self, path: str | Path, look: str = "outline") -> None:
         """Write ``picture(look)`` in the format of the file's ending.
@@ -745,6 +738,27 @@ class SceneCase:
             PoseViewerError: there is no such look or format, or the file cannot be written.
         """
         save_image(path, self.picture(look), photo_text(self.registrations[0].photo))
+
+
+def picture_of_all(
+    objects: Sequence[tuple[Registration, FitSettings, Renderer]],
+    look: str = "outline",
+    opacity: float = SOLID_OPACITY,
+) -> Picture:
+    """(height, width, 3) RGB: objects of one photo over it, each where it starts among its others,
+    as ``FitResult.picture`` draws one.
+
+    Raises:
+        PoseViewerError: there is no such look; the settings do not go with an object.
+    """
+    _require_look(look)
+    photo = objects[0][0].photo
+    picture = photo.as_rgb8(photo.width, photo.height)
+    for one, settings, renderer in objects:
+        if not hiding(PlacedModel(one.mesh, one.start), one.others).is_whole:
+            shown = make_case(one, settings, renderer).start
+            picture = shown.drawn_over(picture, look, opacity)
+    return picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

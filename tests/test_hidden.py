@@ -16,14 +16,27 @@ from poseviewer.app.state.hiding import with_mask
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
-from poseviewer.app.workers.opening import open_files, open_photo, open_pose, restore
+from poseviewer.app.workers.opening import (
+    open_files,
+    open_photo,
+    open_pose,
+    open_scene,
+    restore,
+)
 from poseviewer.batch.run import open_batch, run_batch, save_outcome
 from poseviewer.cli.main import main
 from poseviewer.errors import PhotoFileError, SettingsError
 from poseviewer.files.file_set import sort_set
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.photo import load_photo, save_image
-from poseviewer.files.pose import load_pose, save_pose
+from poseviewer.files.pose import (
+    PhotoReference,
+    PoseRecord,
+    RecordedVerdict,
+    load_pose,
+    save_pose,
+)
+from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
@@ -241,3 +254,31 @@ def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monke
         assert (one.mask is not None) == (number == index)
         if one.mask is not None and other.mask is not None:
             assert np.array_equal(one.mask.weights, other.mask.weights)
+
+
+def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
+    start = load_pose(scene.start, 160, 120)
+    aside = replace(start.pose.camera_from_model, translation=np.array([0.9, 0.1, 8.0]))
+    poses = start.pose, replace(start.pose, camera_from_model=aside)
+    found = PoseRecord(start.pose, verdict=RecordedVerdict("found", 0.99))
+    objects = [
+        SceneObject(name, halves, replace(found, pose=pose))
+        for name, pose in zip(("a", "a:b"), poses, strict=True)
+    ]
+    path, out = tmp_path / "two.scene.json", tmp_path / "out.json"
+    reference = PhotoReference(scene.photo.name, 160, 120)
+    save_scene(path, SceneRecord(scene.photo, reference, start.pose.camera, tuple(objects)))
+    words = ["fit", "--scene", path, "--object", "a", "--out", out, "--evaluations", 20, "--quiet"]
+    assert main([*map(str, words), "--without", "a:b:left"]) == 0
+    first, second = load_scene(out).registrations
+    assert first.mesh.left_out == ()
+    assert second.mesh.left_out == ("left",)
+    kept = load_scene(out).scene.objects[1].record
+    assert kept.verdict is None  # it was found with all of its parts
+    opened = open_scene(path, ("a:b:left",)).document
+    assert [one.registration.mesh.left_out for one in opened.objects] == [(), ("left",)]
+    assert [one.verdict for one in opened.objects] == ["found", "not searched"]
+    with pytest.raises(SettingsError, match="say of which object, as ID:PART"):
+        load_scene(path, without=("left",))
+    with pytest.raises(SettingsError, match="no part 'mirror'"):
+        load_scene(path, without=("a:mirror",))

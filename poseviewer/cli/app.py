@@ -118,7 +118,7 @@ def run(options: Namespace) -> int:
         from poseviewer.files.state.folder import last_pose
 
         if photo is not None and scene:
-            return open_scene(photo), None
+            return open_scene(photo, options.without or ()), None
         if photo is None or model is None:
             case = demo_case("perspective")
             return open_files(case.photo, case.model, case.start), None

@@ -79,7 +79,7 @@ def open_scene(options: Namespace) -> SceneCase:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
     settings = settings_of(options)
-    for name in ("photo", "mask", "without", "calibration", "box", "focal", "symmetry"):
+    for name in ("photo", "mask", "calibration", "box", "focal", "symmetry"):
         if vars(options).get(name):
             called = name.upper() if name == "photo" else f"--{name}"
             raise SettingsError(f"{called} with --scene, which says it itself; leave it out")

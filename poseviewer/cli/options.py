@@ -82,7 +82,7 @@ COMPARED = {
     ),
     "region": (f"--region {RECTANGLE}", "in px", rectangle),
     "mask": ("--mask MASK.png", "weights: white counts", Path),
-    "without": ("--without PART", "a part of the model to leave out; again for more", str),
+    "without": ("--without PART", "a part to leave out (of a scene: ID:PART); again for more", str),
     "renderer": ("--renderer",),
 }
 """Fields of ``FitSettings``, and the options that every command has for them."""

@@ -197,7 +197,9 @@ def save_scene(
             one = replace(one, mask=beside)
         objects.append(_object_as_json(path, one, scene.camera))
     reference = replace(scene.photo_reference, file=_relative(path, scene.photo))
-    first = replace(scene.objects[0].record, photo=reference, undistortion=scene.undistortion)
+    first = scene.objects[0].record
+    of_scene = replace(first.pose, camera=scene.camera)
+    first = replace(first, pose=of_scene, photo=reference, undistortion=scene.undistortion)
     shared = record_as_json(first)
     data: dict[str, Any] = {
         "format": FORMAT,

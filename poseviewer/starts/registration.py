@@ -201,13 +201,18 @@ def with_symmetry(own: Registration, which: str | Path) -> Registration:
     return replace(own, whole_symmetry=found.symmetry, warnings=(*own.warnings, note))
 
 
-def load_scene_registrations(scene: SceneRecord) -> tuple[Registration, ...]:
+def load_scene_registrations(
+    scene: SceneRecord, without: Sequence[str] = ()
+) -> tuple[SceneRecord, tuple[Registration, ...]]:
     """One for each object of a scene, in its order: from its pose, among the others at theirs.
+    ``without`` names parts that are left out beside the scene's own, each as ``ID:PART``; first
+    comes the scene without them: how a search ended is not said of an object that has lost some.
 
     Raises:
         PoseViewerError: a file cannot be used; the photo or a mask has another size than the scene
-            says; the models are in different units.
+            says; the models are in different units; there is no such object or part.
     """
+    left_out = _parts_of_objects(scene, without)
     photo = load_photo(scene.photo)
     wanted = scene.camera.width, scene.camera.height
     if (photo.width, photo.height) != wanted:
@@ -224,12 +229,33 @@ def load_scene_registrations(scene: SceneRecord) -> tuple[Registration, ...]:
     _require_one_unit(scene, models)
     alone = []
     for one in scene.objects:
-        model, of_parts = _as_recorded(models[one.model], one.record)
+        model = _model_of(models[one.model], left_out[one.id])
+        model, of_parts = _as_recorded(model, one.record)
         checks = check_against(one.record, photo.sha256, model.sha256)
         notes = (*one.record.warnings, *checks, *of_parts)
         own = registered(photo, model, one.record.pose, notes, _mask_of(photo, one.mask))
         alone.append(own)
-    return among_others(alone)
+    records = []
+    for one, own in zip(scene.objects, alone, strict=True):
+        record, left = one.record, own.mesh.left_out
+        if not set(left) <= set(record.without):
+            record = PoseRecord(record.pose, record.photo, record.model, without=left)
+        records.append(record)
+    return scene.with_records(records), among_others(alone)
+
+
+def _parts_of_objects(scene: SceneRecord, without: Sequence[str]) -> dict[str, list[str]]:
+    """The parts that are said of each object of a scene, by the objects' ids."""
+    found: dict[str, list[str]] = {one.id: [] for one in scene.objects}
+    for text in without:
+        owner = max((one for one in found if text.startswith(f"{one}:")), key=len, default=None)
+        if owner is None:
+            raise SettingsError(
+                f"the part {text!r} of a scene: say of which object, as ID:PART; the objects are "
+                f"{', '.join(found)}."
+            )
+        found[owner].append(text[len(owner) + 1 :])
+    return found
 
 
 def among_others(registrations: Sequence[Registration]) -> tuple[Registration, ...]:

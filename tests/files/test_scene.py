@@ -75,14 +75,14 @@ def test_a_pose_may_be_a_file_with_its_mask(path, tmp_path):
         TRUTH[1].pose.camera_from_model.translation,
     )
     assert found.mask == tmp_path / "m.png"
-    opened = load_scene_registrations(load_scene(path))
+    _, opened = load_scene_registrations(load_scene(path))
     assert opened[1].mask is not None
     assert np.array_equal(opened[1].mask.weights, white)
     assert opened[0].mask is None
 
 
 def test_each_object_is_opened_among_the_others(path):
-    opened = load_scene_registrations(load_scene(path))
+    _, opened = load_scene_registrations(load_scene(path))
     assert [len(one.others) for one in opened] == [2, 2, 2]
     assert opened[0].others[0].mesh is opened[1].mesh
     assert opened[2].others[1].pose.camera_from_model is opened[1].start.camera_from_model
@@ -91,7 +91,7 @@ def test_each_object_is_opened_among_the_others(path):
 
 def test_the_same_model_may_be_there_twice(path):
     changed(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
-    opened = load_scene_registrations(load_scene(path))
+    _, opened = load_scene_registrations(load_scene(path))
     assert opened[3].mesh is opened[0].mesh
 
 
@@ -155,7 +155,7 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
 def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_path):
     scene = load_scene(path)
     flat = Parallel(40.0, 160.5, 120.5, 320, 240)
-    cameras = (flat, replace(flat, scale=55.5), flat)
+    cameras = (replace(flat, scale=30.0), replace(flat, scale=55.5), flat)
     records = [
         replace(one.record, pose=Pose(camera, one.record.pose.camera_from_model), seen=0.625)
         for one, camera in zip(scene.objects, cameras, strict=True)
@@ -163,11 +163,11 @@ def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_pa
     save_scene(tmp_path / "flat.json", replace(scene.with_records(records), camera=flat))
     data = json.loads((tmp_path / "flat.json").read_text())
     jsonschema.validate(data, scene_schema())
-    assert [one["pose"].get("scale") for one in data["objects"]] == [None, 55.5, None]
+    assert [one["pose"].get("scale") for one in data["objects"]] == [30.0, 55.5, None]
     again = load_scene(tmp_path / "flat.json")
     assert [one.record.pose.camera for one in again.objects] == list(cameras)
     assert [one.record.seen for one in again.objects] == [0.625] * 3
-    opened = load_scene_registrations(again)
+    _, opened = load_scene_registrations(again)
     assert [one.start.camera for one in opened] == list(cameras)
     # Another centre is another camera.
     aside = replace(records[1], pose=Pose(replace(flat, cx=9.0), records[1].pose.camera_from_model))

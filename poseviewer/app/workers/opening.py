@@ -143,14 +143,14 @@ def _open_objects(
     return tuple(one for one, _ in read), tuple(note for _, notes in read for note in notes)
 
 
-def open_scene(path: Path) -> Opened:
-    """All objects of a scene file, the first one picked.
+def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
+    """All objects of a scene file, the first one picked; ``without`` further parts of them, each
+    named as ``ID:PART``.
 
     Raises:
         PoseViewerError: it, or a file that it names, cannot be used.
     """
-    scene = load_scene(path)
-    registrations = load_scene_registrations(scene)
+    scene, registrations = load_scene_registrations(load_scene(path), without)
     objects = [
         SceneObject(
             registration,
