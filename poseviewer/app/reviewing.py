@@ -14,10 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, SearchEnd
+from poseviewer.app.state.document import SceneObject as ObjectAtHand
+from poseviewer.app.state.objects import (
+    AddObject,
+    AlterObject,
+    DuplicateObject,
+    PickObject,
+    RemoveObject,
+)
 from poseviewer.app.state.requests import Annotate, Request, Review, SavePose, Upload
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import case_at, renderer_of
+from poseviewer.app.workers.exporting import picture_of
 from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
@@ -27,7 +35,8 @@ from poseviewer.files.masks import is_same_mask, mask_beside, save_pose_and_mask
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
-from poseviewer.starts.registration import load_model, load_registration
+from poseviewer.geometry.photo import Photo
+from poseviewer.starts.registration import load_model, load_registration, registered
 
 PERIOD_S = 0.8
 """How often a draft is kept: with the main loop's rest, a second is lost to a crash."""
@@ -139,13 +148,21 @@ class Reviewer:
         own, found = session.document, self._found
         if found is None or not _same(own.pose, found.pose):
             return True
-        return not own.registration.compares_same(found.registration)
+        here, there = own.registration, found.registration
+        return here.mask is not there.mask or here.mesh is not there.mesh
 
     def takes(self, request: Request) -> bool:
         """Whether a request is for the review."""
-        return isinstance(request, Review | Annotate | SavePose) or (
-            isinstance(request, Upload) and request.kind != "pose"
-        )
+        match request:
+            case Review() | Annotate() | SavePose():
+                return True
+            case PickObject() | AddObject() | DuplicateObject() | RemoveObject():
+                return True
+            case AlterObject():
+                return request.locked is not None
+            case Upload():
+                return request.kind != "pose"
+        return False
 
     def task_for(self, request: Request, session: Session, record: PoseRecord) -> Task | None:
         """What a request asks for; None where it is done at once. ``record`` is of the session.
@@ -158,6 +175,16 @@ class Reviewer:
                 raise BatchError(
                     "In a review, photo and model are the row's; start poseviewer without `review` "
                     "to open others. A pose file can be opened here."
+                )
+            case PickObject():
+                rows = self._queue.rows
+                places = {row.job.row: place for place, row in enumerate(rows)}
+                wanted = places.get(request.number, self._wanted)
+                return self.step(wanted - self._wanted, session) if wanted != self._wanted else None
+            case AddObject() | DuplicateObject() | RemoveObject() | AlterObject():
+                raise BatchError(
+                    "In a review the objects of an image are rows of the batch, and stay where "
+                    "their rows have them; press one in the list to open its row."
                 )
             case Annotate():
                 row = next(row for row in self._queue.rows if row.job.key == request.key)
@@ -244,7 +271,7 @@ class Reviewer:
     # --- its own ---------------------------------------------------------------------------------
 
     def _open(self, row: r.ReviewRow) -> Opened:
-        job = row.job
+        job, settings = row.job, self._queue.manifest.settings
         model = _model(job.path(job.model))
         photo, start = job.path(job.photo), self._queue.start(row)
         try:
@@ -255,34 +282,72 @@ class Reviewer:
             # It failed for want of a start, maybe: a person can place the model.
             registration = open_files(photo, job.path(job.model), None).document.registration
             registration = replace(registration, mesh=model.mesh, keypoints=model.keypoints)
+        shown = registration.photo
         document = Document(
             registration,
             registration.start,
-            self._queue.manifest.settings,
+            settings,
             photo_path=photo,
             model_path=job.path(job.model),
+            number=job.row,
+            others=self._mates(row, shown),
         )
-        found, draft, shown = document, self._queue.draft(row), registration.photo
+        if document.others:  # the list says of each what came of it
+            document = replace(document, end=self._end(row, registration.start, shown))
+        found, draft = document, self._queue.draft(row)
         restored = draft.is_file()
         if restored:
             record = load_pose(draft, shown.width, shown.height)
             mask, _ = mask_beside(draft, record, shown.width, shown.height)
             mask = registration.mask if is_same_mask(mask, registration.mask) else mask
             mesh = registration.mesh.without(record.without)
-            changed = replace(registration, mask=mask, mesh=mesh)
+            changed = replace(document.registration, mask=mask, mesh=mesh)
             document = replace(document, registration=changed, pose=record.pose)
         said = registration.warnings
         return Opened(document, said, row=job.key, restored=restored, found=found)
 
+    def _mates(self, row: r.ReviewRow, photo: Photo) -> tuple[ObjectAtHand, ...]:
+        """The other objects of a BOP scene's image, where their rows have them, and locked; without
+        those that cannot be used, which is said when their rows are opened.
+        """
+        mates: list[ObjectAtHand] = []
+        for mate in self._queue.rows if self._queue.manifest.scene is not None else ():
+            job, path = mate.job, self._queue.start(mate)
+            if job.photo != row.job.photo or job.row == row.job.row or not mate.result.pose:
+                continue
+            try:
+                model = _model(job.path(job.model))
+                record = load_pose(path, photo.width, photo.height)
+                model = replace(model, mesh=model.mesh.without(record.without))
+            except PoseViewerError:
+                continue
+            mates.append(
+                ObjectAtHand(
+                    registered(photo, model, record.pose, (), None),
+                    record.pose,
+                    self._queue.manifest.settings,
+                    model_path=job.path(job.model),
+                    number=job.row,
+                    locked=True,
+                    end=self._end(mate, record.pose, photo),
+                )
+            )
+        return tuple(mates)
+
+    def _end(self, row: r.ReviewRow, pose: Pose, photo: Photo) -> SearchEnd | None:
+        """How a row's search ended; None where no search led to its pose."""
+        if not row.result.pose:
+            return None
+        record = load_pose(self._queue.start(row), photo.width, photo.height)
+        return None if record.verdict is None else SearchEnd(replace(record, pose=pose))
+
     def _accepting(self, session: Session, record: PoseRecord, leave: bool) -> Task:
         """Draw and keep the pose at hand, away from the main loop."""
         queue, row, document = self._queue, self.row, session.document
-        renderer = renderer_of(document.registration.mesh).clone()
 
         def run(_: Session) -> Iterator[Reviewed]:
-            case = case_at(document.registration, record.pose, document.settings, renderer)
             mask = document.registration.mask
-            result = r.accept_mended(queue, row, record, case.start.picture(), mask)
+            result = r.accept_mended(queue, row, record, picture_of(document), mask)
             yield Reviewed(row, result, leave, document)
 
         return run

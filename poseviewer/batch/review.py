@@ -140,7 +140,8 @@ def accept_mended(
                 f"{fitted}: cannot be written ({error.strerror}); nothing was changed."
             ) from None
     save_pose_and_mask(path, record, mask)
-    save_image(queue.folder / drawn, smaller(picture))
+    for path in (queue.folder / drawn, *_pictures_of_mates(queue, row)):
+        save_image(path, smaller(picture))
     result = _save(
         queue,
         row,
@@ -155,6 +156,15 @@ def accept_mended(
     )
     drop_draft(queue, row)
     return result
+
+
+def _pictures_of_mates(queue: ReviewQueue, row: ReviewRow) -> list[Path]:
+    """The pictures of the other rows that were fitted together with a row: each shows them all."""
+    return [
+        queue.folder / one.result.picture
+        for one in queue.rows
+        if queue.manifest.together and one.job.photo == row.job.photo and one.result.picture
+    ]
 
 
 def take_back(queue: ReviewQueue, row: ReviewRow) -> JobResult:

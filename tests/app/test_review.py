@@ -18,12 +18,14 @@ from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.batch.job import run_job
 from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.batch.scene import SceneOptions
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.running_app import settle
 from tests.app.socket_page import SocketPage
 from tests.scene import make_scene
+from tests.several import make_bop
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +136,50 @@ def test_what_is_hidden_is_kept_with_the_row(out: Path) -> None:
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)
     assert not list((out / "review").glob("*"))
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    """A batch of a BOP scene's image whose three objects were fitted together, a little."""
+    scene, models = make_bop(tmp_path), tmp_path / "models"
+    settings = FitSettings(limits=Limits(10, 600.0))
+    options = SceneOptions(models, together=True)
+    batch = open_batch(scene, tmp_path / "out", settings, None, options)
+    for job in batch.to_do:
+        run_job(job, batch.plan)
+    save_outcome(batch, [])
+    return tmp_path / "out"
+
+
+@pytest.mark.slow
+def test_an_image_is_shown_with_all_its_objects(image: Path) -> None:
+    before, pictures = poses_of(image), pictures_of(image)
+    with reviewing(image) as (app, page):
+        page.wait_until(lambda: page.text_with("1 of 3"))
+        document = app.session.document
+        assert [one.number for one in document.objects] == [1, 2, 3]
+        assert len(document.registration.others) == 2  # what they hide does not count
+        assert all(one.locked for one in document.others)
+        said = [one.verdict for one in document.objects]
+        assert set(said) <= {"found", "doubtful", "lost"}
+        assert all(page.text_with("pv-objects").count(f"<td>{word}</td>") for word in said)
+        # To hide another is no change of the row's pose.
+        other = document.others[0].number
+        page.report(kind="object", wish="hide", number=other)
+        page.wait_until(lambda: not app.session.document.standing[1:])
+        assert not page.text_with("pose changed")
+        page.report(kind="object", wish="unlock", number=other)
+        page.wait_until(lambda: any("rows of the batch" in text for _, text in page.shown.notices))
+        page.report(kind="object", wish="pick", number=other)
+        page.wait_until(lambda: app.session.document.number == other)
+        page.key("ArrowRight")
+        page.wait_until(lambda: page.text_with("pose changed"))
+        page.key("KeyA")
+        page.wait_until(lambda: page.text_with("1 accepted"))
+    changed = [name for name, content in poses_of(image).items() if before.get(name) != content]
+    assert len(changed) == 2  # the one mended, and beside it the one that was found
+    assert all(pictures_of(image)[name] != content for name, content in pictures.items())
+
+
+def pictures_of(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (out / "pictures").glob("*.jpg")}

@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import Case, FitResult
-from poseviewer.app.state.document import SceneObject
+from poseviewer.api import Case, FitResult, picture_of_all
+from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
@@ -30,6 +30,7 @@ from poseviewer.files.scene import SceneObject as FiledObject
 from poseviewer.files.scene import SceneRecord
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.geometry.mask import Mask
+from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
 
 
 def record_of(session: Session) -> PoseRecord:
@@ -122,11 +123,28 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
 
 
 def _overlay(session: Session) -> bytes:
-    """The photo, in its own size, with the model in the look that is shown; PNG."""
+    """The photo, in its own size, with its objects in the look that is shown; PNG."""
     look = session.look
-    picture = _case_of(session).start.picture(look.name, opacity=look.opacity)
+    picture = picture_of(session.document, look.name, look.opacity)
     data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
     return described(data, photo_text(session.document.registration.photo))
+
+
+def picture_of(
+    document: Document, look: str = "outline", opacity: float = SOLID_OPACITY
+) -> Picture:
+    """(height, width, 3) RGB: the photo with the picked object and all that stand in it.
+
+    Raises:
+        PoseViewerError: one of them cannot be compared with the photo.
+    """
+    objects = []
+    for one in document.objects:
+        if one is document or one.stands:
+            own = document.picking(one.number)
+            at = replace(own.registration, start=own.pose)
+            objects.append((at, own.settings, renderer_of(at.mesh).clone()))
+    return picture_of_all(objects, look, opacity)
 
 
 def _case_of(session: Session) -> Case:
