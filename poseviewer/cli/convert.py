@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from poseviewer.files.pose import PoseRecord
 
 SCENE = "scene"
-"""A scene file of several objects; of the formats it is read from BOP, and written as BOP, as glTF,
-or one object of it as any."""
+"""A scene file of several objects: it is read from BOP, and written as BOP, as any of ``OF_SCENES``
+or, one object of it, as any other format.
+"""
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
 
@@ -105,7 +106,7 @@ def _convert_scene(options: Namespace) -> int:
     from poseviewer.batch.annotations import save_image_annotations
     from poseviewer.files.formats.bop import read_bop_image, write_bop_image
     from poseviewer.files.formats.conversion import refuse_existing
-    from poseviewer.files.formats.gltf import write_gltf_scene
+    from poseviewer.files.formats.table import OF_SCENES
     from poseviewer.files.scene import load_scene, save_scene
 
     request = _request(options)
@@ -127,12 +128,12 @@ def _convert_scene(options: Namespace) -> int:
     elif options.out_format == "bop":
         image, written = write_bop_image(scene, options.out, request)
         files = (*written.files, *save_image_annotations(options.out, image, scene))
-    elif options.out_format == "gltf":
-        files = write_gltf_scene(scene, options.out, request).files
+    elif options.out_format in OF_SCENES:
+        files = OF_SCENES[options.out_format](scene, options.out, request).files
     else:
         raise PoseFileError(
             f"{options.out_format} files hold one pose; choose an object of the scene with "
-            "--object ID, or convert all to gltf or bop."
+            f"--object ID, or convert all to bop, {', '.join(OF_SCENES)}."
         )
     for path in files:
         say(f"{options.out_format}: {path}")

@@ -86,39 +86,49 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: Request) -> Written
     refuse_lens(records[0], "glTF")
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
-    known = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
-    meshes = [known[one.model] for one in scene.objects]
-    # Parallel projection has no depth to keep, but what is in front has to stay there.
-    pairs = list(zip(records, meshes, strict=True))
-    ahead = max(
-        in_front(one.pose, mesh).camera_from_model.translation[2]
-        - one.pose.camera_from_model.translation[2]
-        for one, mesh in pairs
-    )
-    shift = RigidTransform(np.eye(3), np.array([0.0, 0.0, ahead]))
-    poses = [replace(one.pose, camera_from_model=shift @ one.pose.camera_from_model)
-             for one in records]  # fmt: skip
-    depths = [view_depths(pose, mesh) for pose, mesh in zip(poses, meshes, strict=True)]
+    known, matrices, span = before_camera(scene)
     unit = request.unit or next(
         (found for one in records if (found := unit_of(one, request)) is not None), None
     )
     scale, file, nodes = 1.0 if unit is None else metres_per_unit(unit), _Glb(), []
     index = {path: file.add_mesh(mesh) for path, mesh in known.items()}
-    for one, pose in zip(scene.objects, poses, strict=True):
-        place = as_4x4(OPENGL_FROM_OPENCV @ pose.camera_from_model) * scale
-        place[3, 3] = 1.0
-        own, camera = pose.camera, scene.camera
-        if isinstance(own, Parallel) and isinstance(camera, Parallel):
-            # As large in the picture by the one camera, and no farther.
-            place[:3, :3] *= own.scale / camera.scale
-            place[:2, 3] *= own.scale / camera.scale
+    for one, place in zip(scene.objects, matrices, strict=True):
+        place = as_4x4(OPENGL_FROM_OPENCV) @ place
+        place[:3] *= scale
         matrix = place.T.reshape(-1).tolist()
         nodes.append(file.add("nodes", name=one.label, mesh=index[one.model], matrix=matrix))
     # From the file's world, OpenGL's axes, to the camera's.
     of_camera = replace(records[0], pose=Pose(scene.camera, OPENGL_FROM_OPENCV.inverse()))
-    span = min(near for near, _ in depths), max(far for _, far in depths)
     photo = replace(request, photo=request.photo or scene.photo)
     return _write_view(file, nodes, of_camera, span, scale, out, photo)
+
+
+def before_camera(
+    scene: SceneRecord,
+) -> tuple[dict[Path, Mesh], list[FloatArray], tuple[float, float]]:
+    """The models of a scene by their files; for each object a 4x4 matrix that puts its model before
+    the scene's camera (OpenCV's axes), as large as it is in the photo; and the depths that hold
+    them all.
+    """
+    known = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
+    pairs = [(one.record.pose, known[one.model]) for one in scene.objects]
+    # Parallel projection has no depth to keep, but what is in front has to stay there.
+    ahead = max(
+        in_front(pose, mesh).camera_from_model.translation[2]
+        - pose.camera_from_model.translation[2]
+        for pose, mesh in pairs
+    )
+    shift, depths, matrices = RigidTransform(np.eye(3), np.array([0.0, 0.0, ahead])), [], []
+    for pose, mesh in pairs:
+        pose = replace(pose, camera_from_model=shift @ pose.camera_from_model)
+        depths.append(view_depths(pose, mesh))
+        place = as_4x4(pose.camera_from_model)
+        if isinstance(pose.camera, Parallel) and isinstance(scene.camera, Parallel):
+            # As large in the picture by the one camera, and no farther.
+            place[:3, :3] *= pose.camera.scale / scene.camera.scale
+            place[:2, 3] *= pose.camera.scale / scene.camera.scale
+        matrices.append(place)
+    return known, matrices, (min(near for near, _ in depths), max(far for _, far in depths))
 
 
 def _write_view(

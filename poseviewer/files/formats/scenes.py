@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -33,29 +35,30 @@ from poseviewer.files.formats.conversion import (
     the_one,
     write_new,
 )
-from poseviewer.files.formats.gltf import in_front, view_depths
+from poseviewer.files.formats.gltf import before_camera, in_front, view_depths
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import GLTF as GLTF_ENDINGS
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene import SceneRecord
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import (
     BLENDER_FROM_GLTF,
     OPENGL_FROM_OPENCV,
     camera_with_rows_from_below,
 )
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 
 SENSOR_MM = 36.0
 """Width of the sensor we claim: both tools want mm, of which only ratios count."""
 IMPORTED = (*GLTF_ENDINGS, ".obj", ".ply", ".stl")
 """What Blender's own importers read."""
-DOC = '''"""A model where poseviewer found it, seen by the camera of the photo, in Blender.
+DOC = '''"""What poseviewer found where it found it, seen by the camera of the photo, in Blender.
 
 Run it with: blender --python {name}
 It adds a scene "poseviewer" and touches no other. Lengths are in the model's unit. Blender's axes:
-x right, y up, z backward in the camera; the world is the model's frame{turned}.
+x right, y up, z backward in the camera; the world is {world}.
 """
 
 '''
@@ -63,8 +66,27 @@ x right, y up, z backward in the camera; the world is the model's frame{turned}.
 
 def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
     """Write a project that names model and photo by their paths from its folder."""
-    camera = camera_with_rows_from_below(require_pinhole(record, "MeshLab"))
     model = require_file(request.model, "model", "MeshLab")
+    return _write_project(record, {model.name: (model, np.eye(4))}, out, request)
+
+
+def write_meshlab_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+    """Write all objects of a scene; the project's world is the camera's frame, OpenCV's axes."""
+    of_camera = replace(scene.objects[0].record, pose=Pose(scene.camera, RigidTransform.identity()))
+    models = {
+        one.id: (one.model, as_4x4(one.record.pose.camera_from_model)) for one in scene.objects
+    }
+    photo = replace(request, photo=request.photo or scene.photo)
+    return _write_project(of_camera, models, out, photo)
+
+
+def _write_project(
+    record: PoseRecord, models: Mapping[str, tuple[Path, FloatArray]], out: Path, request: Request
+) -> Written:
+    """Write models, each by its label with the matrix (4, 4) that puts it into the world, which the
+    record's pose is from.
+    """
+    camera = camera_with_rows_from_below(require_pinhole(record, "MeshLab"))
     photo = require_file(request.photo, "photo", "MeshLab")
     place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
     pixel_mm = SENSOR_MM / camera.width
@@ -80,17 +102,23 @@ def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
         "CameraType": "0",
         "BinaryData": "0",
     }
-    names = [Path(os.path.relpath(path, out.parent)).as_posix() for path in (model, photo)]
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
-    mesh = {"label": model.name, "visible": "1", "filename": names[0]}
-    matrix = add(add(add(root, "MeshGroup"), "MLMesh", mesh), "MLMatrix44")
-    matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in np.eye(4))
+    group = add(root, "MeshGroup")
+    for label, (model, place) in models.items():
+        mesh = {"label": label, "visible": "1", "filename": _from_folder(out, model)}
+        matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
+        matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
     raster = add(add(root, "RasterGroup"), "MLRaster", {"label": photo.name})
     add(raster, "VCGCamera", shot)
-    add(raster, "Plane", {"semantic": "1", "fileName": names[1]})
+    add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, photo)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
     return write_new(request, {out: text})
+
+
+def _from_folder(out: Path, path: Path) -> str:
+    """Where a file is, from the folder of ``out``."""
+    return Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
 
 
 def _words(numbers: Any) -> str:
@@ -148,18 +176,59 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
     """Write the script; it names model and photo by their paths."""
     refuse_lens(record, "Blender")
     model = require_file(request.model, "model", "Blender")
+    _require_imported(model)
+    mesh, is_gltf = load_mesh(model), model.suffix.lower() in GLTF_ENDINGS
+    pose = in_front(record.pose, mesh)
+    world = "the model's frame" + (", turned from y up to z up" if is_gltf else "")
+    view = blender_view(pose, view_depths(pose, mesh), is_gltf)
+    return _write_script([(model, np.eye(4))], world, view, out, request)
+
+
+def write_blender_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+    """Write a script with all objects of a scene; its world is the camera's frame, turned from y
+    up to z up.
+    """
+    refuse_lens(scene.objects[0].record, "Blender")
+    for one in scene.objects:
+        _require_imported(one.model)
+    _, matrices, span = before_camera(scene)
+    upright = as_4x4(BLENDER_FROM_GLTF @ OPENGL_FROM_OPENCV)
+    models = []
+    for one, place in zip(scene.objects, matrices, strict=True):
+        is_gltf = one.model.suffix.lower() in GLTF_ENDINGS  # whose axes the importer has turned
+        turned_back = as_4x4(BLENDER_FROM_GLTF.inverse()) if is_gltf else np.eye(4)
+        models.append((one.model, upright @ place @ turned_back))
+    view = blender_view(Pose(scene.camera, OPENGL_FROM_OPENCV.inverse()), span, is_gltf=True)
+    photo = replace(request, photo=request.photo or scene.photo)
+    world = "the camera's frame, turned from y up to z up"
+    return _write_script(models, world, view, out, photo)
+
+
+def _require_imported(model: Path) -> None:
     if model.suffix.lower() not in IMPORTED:
         raise PoseFileError(
             f"{model.name}: Blender does not import {model.suffix} files; convert the pose "
             "to gltf, which holds the model, and open that."
         )
+
+
+def _write_script(
+    models: Sequence[tuple[Path, FloatArray]],
+    world: str,
+    view: dict[str, Any],
+    out: Path,
+    request: Request,
+) -> Written:
+    """Write models, each with the matrix (4, 4) that moves what Blender imports, and what ``view``
+    says of the camera.
+    """
     if out.suffix.lower() != ".py":
         raise PoseFileError(f"{out.name}: Blender's scripts end in .py; name it so.")
-    mesh, is_gltf, photo = load_mesh(model), model.suffix.lower() in GLTF_ENDINGS, request.photo
-    view = blender_view(in_front(record.pose, mesh), mesh, is_gltf)
+    photo = request.photo
+    listed = [f"    ({_paths(out, path)}, {place.tolist()}),\n" for path, place in models]
     script = (
-        DOC.format(name=out.name, turned=", turned from y up to z up" if is_gltf else "")
-        + f"MODEL = {_paths(out, model)}\n"
+        DOC.format(name=out.name, world=world)
+        + f"MODELS = [\n{''.join(listed)}]\n"
         + f"PHOTO = {_paths(out, photo) if photo else '[]'}\n"
         + f"VIEW = {json.dumps(view, indent=4)}\n\n"
         + files("poseviewer.files.formats").joinpath("blender_scene.txt").read_text("utf-8")
@@ -170,17 +239,14 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
 
 def _paths(out: Path, path: Path) -> str:
     """Where a file is: from the script's folder, and in full, as a list in Python."""
-    whole = path.resolve()
-    near = Path(os.path.relpath(whole, out.resolve().parent)).as_posix()
-    return json.dumps([near, str(whole)], ensure_ascii=False)
+    return json.dumps([_from_folder(out, path), str(path.resolve())], ensure_ascii=False)
 
 
-def blender_view(pose: Pose, mesh: Mesh, is_gltf: bool = False) -> dict[str, Any]:
+def blender_view(pose: Pose, depths: tuple[float, float], is_gltf: bool = False) -> dict[str, Any]:
     """Blender's numbers for the camera; unit of both shifts: the photo's width. ``is_gltf``: the
-    model came in by Blender's importer of glTF, which turns its axes.
+    world is one with y up, as in glTF, and is turned as Blender's importer turns that.
     """
-    camera = pose.camera
-    near, far = view_depths(pose, mesh)
+    camera, (near, far) = pose.camera, depths
     place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()
     if is_gltf:
         place = BLENDER_FROM_GLTF @ place

@@ -8,10 +8,15 @@ from pathlib import Path
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import Format, Request, Written, refuse_existing, size_of
-from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.gltf import GLTF, write_gltf_scene
 from poseviewer.files.formats.matrices import MATRICES, OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
-from poseviewer.files.formats.scenes import BLENDER, MESHLAB
+from poseviewer.files.formats.scenes import (
+    BLENDER,
+    MESHLAB,
+    write_blender_scene,
+    write_meshlab_scene,
+)
 from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
@@ -45,3 +50,9 @@ FORMATS = {
     "blender": BLENDER,
     "meshlab": MESHLAB,
 }
+OF_SCENES = {
+    "gltf": write_gltf_scene,
+    "blender": write_blender_scene,
+    "meshlab": write_meshlab_scene,
+}
+"""Those that one file holds all objects of a scene in."""

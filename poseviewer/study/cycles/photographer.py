@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PhotoFileError, RendererUnavailableError
+from poseviewer.files.formats.gltf import view_depths
 from poseviewer.files.formats.scenes import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
 from poseviewer.files.photo import load_photo, save_image
@@ -112,7 +113,7 @@ class CyclesPhotographer:
     def _job(self, pose: Pose, scene: Scene | None, samples: int) -> Job:
         """What Blender is told; no scene: the silhouette alone."""
         stage = make_stage(self.mesh, self.keypoints, pose)
-        view = blender_view(stage.pose, stage.mesh)
+        view = blender_view(stage.pose, view_depths(stage.pose, stage.mesh))
         view["clip"] = [NEAREST, FURTHEST]
         job: dict[str, Any] = {
             "finishes": list(FINISHES),
