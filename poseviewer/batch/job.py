@@ -177,7 +177,9 @@ def _open_model(
     """A model and its renderer, once for all rows that name it while the file is the same."""
     model = load_model(path)
     model = replace(model, mesh=model.mesh.without(settings.without or ()))
-    return model, make_renderer(model.mesh) if settings.renderer == "software" else None
+    if settings.renderer == "opengl":
+        return model, None
+    return model, make_renderer(model.mesh, settings.renderer)
 
 
 def _keep(job: Job, plan: BatchPlan, fitted: FitResult | PoseRecord, picture: Picture) -> JobResult:

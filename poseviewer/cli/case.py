@@ -49,7 +49,7 @@ def open_case(options: Namespace) -> Case:
         raise SettingsError("--object without --scene; leave it out, or name a scene")
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
-    if settings.renderer == "software":
+    if settings.renderer != "opengl":
         tell_of_compiling()
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
@@ -83,7 +83,7 @@ def open_scene(options: Namespace) -> SceneCase:
         if vars(options).get(name):
             called = name.upper() if name == "photo" else f"--{name}"
             raise SettingsError(f"{called} with --scene, which says it itself; leave it out")
-    if settings.renderer == "software":
+    if settings.renderer != "opengl":
         tell_of_compiling()
     scene = load_scene(options.scene, settings)
     if not options.quiet:
@@ -110,7 +110,7 @@ def open_views(options: Namespace) -> SetCase:
         raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
     if options.model is not None or options.photo is None:
         raise SettingsError("--views SET wants MODEL alone: the set says the photos")
-    if settings.renderer == "software":
+    if settings.renderer != "opengl":
         tell_of_compiling()
     choice = SetChoice(options.photos or (), options.photo_folder, options.rig_object)
     found = load_views(

@@ -65,7 +65,8 @@ class FitSettings:
     """File name of the mask, for the record."""
     without: tuple[str, ...] | None = None
     """Names of the model's parts that are left out as it is loaded: neither compared nor drawn."""
-    renderer: RendererName = "software"
+    renderer: RendererName = "auto"
+    """``auto``: ``gpu`` where there is one and its extra is installed, else ``software``."""
     options: RestartOptions = field(default_factory=RestartOptions)
     """Of the restarted simplex; in files it is called ``rules``."""
     limits: Limits = field(default_factory=Limits)

@@ -158,6 +158,10 @@ class _Renderers:
     def clone(self) -> _Renderers:
         return _Renderers(tuple(one.clone() for one in self.each))
 
+    @property
+    def together(self) -> Any:
+        return getattr(self.each[0], "together", None)
+
 
 class _Run:
     """What has been spent so far, and the best pose on the photo itself."""

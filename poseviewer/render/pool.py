@@ -1,4 +1,4 @@
-"""Many poses at once: clones of a renderer on a few threads.
+"""Many poses at once: clones of a renderer on a few threads, or a GPU that takes them together.
 
 The kernels let go of the interpreter while they run, so threads are enough: nothing is copied, and
 a pose costs no more than on one thread. Idle threads wait, and cost nothing.
@@ -61,7 +61,9 @@ class RendererPool:
         self._free: deque[Any] = deque()
         self._executor: ThreadPoolExecutor | None = None
         self.threads = 1
-        if count > 1 and _can_be_cloned(renderer):
+        # How a renderer on a GPU has poses judged; smaller pictures of one say what it says.
+        self._together: Any = getattr(renderer, "together", None)
+        if self._together is None and count > 1 and _can_be_cloned(renderer):
             self.threads = count
             self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
             self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
@@ -75,11 +77,15 @@ class RendererPool:
         """``function(renderer, item)`` of all items, in their order, as soon as they are known.
         ``at_a_time`` are handed out together.
 
-        At most two chunks for each thread are under way: to stop, stop asking.
+        At most two chunks for each thread are under way, or the batch that a GPU is at: to stop,
+        stop asking.
 
         Raises:
             Exception: whatever ``function`` raised, for the first item for which it did.
         """
+        if self._together is not None:
+            yield from self._together(function, self._renderer, items)
+            return
         if self._executor is None:
             for item in items:
                 yield function(self._renderer, item)

@@ -8,23 +8,23 @@ from poseviewer.errors import RendererUnavailableError
 
 if TYPE_CHECKING:  # the command line asks for the names alone
     from poseviewer.geometry.mesh import Mesh
+    from poseviewer.render.software.renderer import SoftwareRenderer
     from poseviewer.render.types import Renderer
 
-RendererName = Literal["software", "opengl"]
+RendererName = Literal["auto", "software", "gpu", "opengl"]
 
 
-def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
+def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
     """The renderer called ``name``; the first one on a machine takes the time of compiling.
 
     Raises:
-        RendererUnavailableError: ``opengl`` on a machine without it.
+        RendererUnavailableError: ``gpu`` or ``opengl`` on a machine without it.
     """
-    if name == "software":
+    if name != "opengl":
         from poseviewer.render.software.compiled import compile_kernels
-        from poseviewer.render.software.renderer import SoftwareRenderer
 
         compile_kernels()
-        return SoftwareRenderer(mesh)
+        return compiled_renderer(mesh, name)
     from poseviewer.render.opengl.context import opengl_unavailable_reason
     from poseviewer.render.opengl.renderer import OpenGLRenderer
 
@@ -32,3 +32,23 @@ def make_renderer(mesh: Mesh, name: RendererName = "software") -> Renderer:
     if reason:
         raise RendererUnavailableError(reason)
     return OpenGLRenderer(mesh)
+
+
+def compiled_renderer(
+    mesh: Mesh, name: Literal["auto", "software", "gpu"] = "auto"
+) -> SoftwareRenderer:
+    """Of our own rasterisers, whose kernels are compiled: ``auto`` is that on the GPU where there
+    is one and the extra ``gpu`` is installed, else the software renderer.
+
+    Raises:
+        RendererUnavailableError: ``gpu`` on a machine without it.
+    """
+    from poseviewer.render.gpu.device import has_gpu
+
+    if name == "gpu" or (name == "auto" and has_gpu()):
+        from poseviewer.render.gpu.renderer import GpuRenderer
+
+        return GpuRenderer(mesh)
+    from poseviewer.render.software.renderer import SoftwareRenderer
+
+    return SoftwareRenderer(mesh)

@@ -26,10 +26,12 @@ from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.gpu.device import SOFTWARE_VARIABLE, has_gpu
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
 from tests.ctrl_c import ctrl_c_ends_them
+from tests.gpu import require_gpu
 from tests.opengl import require_opengl
 
 
@@ -304,6 +306,22 @@ def test_without_opengl_only_its_own_option_fails(scene, tmp_path):
     assert opengl.returncode == 2, opengl.stderr
     assert "libegl1" in opengl.stderr
     assert opengl.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_fit_on_the_gpu_ends_as_without_it(scene, tmp_path, monkeypatch, capfd):
+    require_gpu(monkeypatch)
+    out, losses = tmp_path / "pose.json", []
+    command = "fit", scene.photo, scene.model, "--pose", scene.start, "--out", out
+    for renderer in ("gpu", "software"):
+        assert run(*command, "--renderer", renderer, "--evaluations", 20) == 0
+        losses.append(json.loads(out.read_text())["loss"])
+    assert losses[0] == pytest.approx(losses[1], abs=1e-3)
+    monkeypatch.delenv(SOFTWARE_VARIABLE)
+    capfd.readouterr()
+    if not has_gpu():
+        assert run(*command, "--renderer", "gpu", "--quiet") == 2
+        assert capfd.readouterr().err.count("\n") == 1
 
 
 def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):

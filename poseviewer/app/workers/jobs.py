@@ -26,6 +26,7 @@ from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
+from poseviewer.render.renderers import compiled_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
 
@@ -48,9 +49,7 @@ def renderer_of(mesh: Mesh) -> SoftwareRenderer:
     """
     made = _made_for(mesh)
     if not made:
-        from poseviewer.render.software.renderer import SoftwareRenderer
-
-        made.append(SoftwareRenderer(mesh))
+        made.append(compiled_renderer(mesh))
     return made[0]
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -141,6 +141,11 @@ class LevelRenderer:
             AttributeError: the renderer that it makes smaller cannot be cloned.
         """
         return LevelRenderer(self._renderer.clone(), self._factor)  # pyright: ignore[reportAttributeAccessIssue] - see above
+
+    @property
+    def together(self) -> Any:
+        """How many poses are judged at once, by the renderer that it makes smaller, if it does."""
+        return getattr(self._renderer, "together", None)
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at the centres of the level's pixels."""

@@ -52,7 +52,7 @@ class SoftwareRenderer:
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
-        other = object.__new__(SoftwareRenderer)
+        other = object.__new__(type(self))
         other.mesh, other.two_sided = self.mesh, self.two_sided
         other._near, other._surface = self._near, self._surface
         other._textures, other._texel_areas = self._textures, self._texel_areas
@@ -222,7 +222,7 @@ class SoftwareRenderer:
         camera = pose.camera
         if self._ids.shape != (camera.height, _padded(camera.width)):
             self._make_picture(camera.width, camera.height)
-        self._camera = _camera_numbers(pose, self._surface.centre, self._near)
+        self._camera = camera_numbers(pose, self._surface.centre, self._near)
         self._drawn = rasterise.rasterise(
             self._drawn,
             (self._surface.vertices, self._surface.faces, self._surface.normals),
@@ -267,7 +267,7 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
-def _camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
+def camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
     """(17,): the pose as the kernels take it, for vertices about ``centre``."""
     camera, transform = pose.camera, pose.camera_from_model
     numbers = np.empty(17)

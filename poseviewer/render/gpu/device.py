@@ -1,0 +1,257 @@
+"""The process's GPU, by wgpu: Vulkan, Metal or Direct3D 12."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import RendererUnavailableError
+from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.render.structure import BLUR_TAPS
+
+SOFTWARE_VARIABLE = "POSEVIEWER_SOFTWARE_ADAPTER"
+"""The environment variable with which an adapter will do that is the processor itself: for tests
+and for the benchmark."""
+KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
+"""Of adapters, the best first."""
+BACKENDS = ("Vulkan", "Metal", "DX12")
+ADVICE = "use --renderer software, or leave --renderer out"
+LANES = 64
+"""Faces that a workgroup draws."""
+GROUPS = 16
+"""Workgroups that share the sums over a pose's pixels: each sums so few that float32 will do."""
+ENTRIES = ("draw", "shade", "blur")
+BINDINGS = 12
+"""Of the shader; the first is the parameters, those from ``WRITTEN`` on are written to."""
+WRITTEN = 8
+PARAMETERS = (
+    "faces",
+    "two_sided",
+    "phase",
+    "levels",
+    "photo_width",
+    "stride",
+    "channels",
+    "kind",
+    "attributes",
+    "terms",
+    "record",
+    "has_edges",
+    "noise",
+)
+"""Of the shader, in its order; 32 bits each."""
+_making = threading.Lock()
+
+
+def gpu_unavailable_reason() -> str | None:
+    """Why there is no GPU here, in a sentence, or None."""
+    try:
+        gpu_device()
+    except RendererUnavailableError as error:
+        return str(error)
+    return None
+
+
+def has_gpu() -> bool:
+    """Whether there is a real one, and what reaches it is installed."""
+    return gpu_unavailable_reason() is None and not gpu_device().is_software
+
+
+@lru_cache(maxsize=2)
+def _device(takes_software: bool) -> Device | RendererUnavailableError:
+    try:
+        return Device(_adapter(takes_software))
+    except RendererUnavailableError as error:
+        return error
+
+
+def gpu_device() -> Device:
+    """The device, made when first asked for; the same one for all threads.
+
+    Raises:
+        RendererUnavailableError: there is no GPU, or no wgpu; the message says what to do.
+    """
+    with _making:
+        found = _device(bool(os.environ.get(SOFTWARE_VARIABLE)))
+    if isinstance(found, RendererUnavailableError):
+        raise found
+    return found
+
+
+def _adapter(takes_software: bool) -> Any:
+    # Mesa's choice of a device looks for a display, and complains where there is none.
+    os.environ.setdefault("NODEVICE_SELECT", "1")
+    try:
+        import greenlet  # noqa: F401 - whoever has the one has the other
+        import wgpu
+        from wgpu.backends.wgpu_native.extras import set_instance_extras
+    except ImportError as error:
+        raise RendererUnavailableError(
+            f"No wgpu here, which reaches the GPU; pip install 'poseviewer[gpu]', or {ADVICE}."
+        ) from error
+    with suppress(RuntimeError):  # whoever uses poseviewer uses wgpu as well, and was the first
+        # OpenGL is left alone: it has no compute shaders everywhere, and one context a process.
+        set_instance_extras(backends=list(BACKENDS))
+    adapters = [
+        one for one in wgpu.gpu.enumerate_adapters_sync() if one.info["backend_type"] in BACKENDS
+    ]
+    if not adapters:
+        raise RendererUnavailableError(
+            "No GPU here (Vulkan, Metal and Direct3D 12 tried); install the GPU's driver, or "
+            f"{ADVICE}."
+        )
+    best = min(adapters, key=lambda one: KINDS.index(one.info["adapter_type"]))
+    if best.info["adapter_type"] == "CPU" and not takes_software:
+        raise RendererUnavailableError(
+            f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
+            f"software renderer is much faster; {ADVICE}."
+        )
+    return best
+
+
+class Device:
+    """A device with the compiled shader, and the buffers that batches share. For all threads."""
+
+    def __init__(self, adapter: Any) -> None:
+        """Raises ``RendererUnavailableError`` where the adapter cannot do it."""
+        import wgpu
+
+        self.name: str = adapter.info["device"]
+        self.is_software: bool = adapter.info["adapter_type"] == "CPU"
+        self.lost = False
+        """Set where it failed once: then it is left alone."""
+        self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
+        """What it raises where it is lost, or its memory is full."""
+        names = (
+            "max-storage-buffer-binding-size",
+            "max-buffer-size",
+            "max-storage-buffers-per-shader-stage",
+        )
+        limits = {name: adapter.limits[name] for name in names}
+        try:
+            self._device = adapter.request_device_sync(required_limits=limits)
+            self._layout, self._pipelines = _compiled(self._device)
+        except (wgpu.GPUError, wgpu.GPUPipelineError, RuntimeError) as error:
+            raise RendererUnavailableError(
+                f"The GPU {self.name} cannot run the shader ({str(error)[:200]}); {ADVICE}."
+            ) from error
+        self._lock = threading.Lock()
+        self._work: dict[str, Any] = {}
+        self._photos: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+    def upload(self, data: NDArray[Any]) -> Any:
+        """A buffer of its own with the ``data``, 32 bits a number."""
+        data = data if data.size else np.zeros(4, data.dtype)
+        usage = self._usage("STORAGE")
+        return self._device.create_buffer_with_data(data=np.ascontiguousarray(data), usage=usage)
+
+    def photo(self, photo: Any, pixels: Callable[[], NDArray[np.float32]]) -> Any:
+        """The buffer of a photo's ``pixels``, kept as long as the photo is."""
+        if photo not in self._photos:
+            self._photos[photo] = self.upload(pixels())
+        return self._photos[photo]
+
+    def sums(
+        self,
+        parameters: dict[str, int | float],
+        inputs: tuple[Any, ...],
+        poses: NDArray[Any],
+        pixels: int,
+    ) -> NDArray[np.float32]:
+        """(poses, ``GROUPS``, record): what each workgroup sums up, see ``moments.wgsl``.
+
+        Args:
+            parameters: those of ``PARAMETERS`` but ``phase``.
+            inputs: buffers of vertices, faces, texels, table, photo and terms.
+            poses: one or more, as the shader's ``Pose``.
+            pixels: of all their boxes.
+        """
+        has_edges, record = bool(parameters["has_edges"]), int(parameters["record"])
+        size = 4 * GROUPS * record * len(poses)
+        with self._lock:
+            of_poses = self._buffer("poses", poses.nbytes)
+            self._device.queue.write_buffer(of_poses, 0, poses)
+            depths, ids = (self._buffer(name, 4 * pixels) for name in ("depths", "ids"))
+            field = self._buffer("field", 8 * pixels if has_edges else 8)
+            sums = self._buffer("sums", size)
+            buffers = of_poses, *inputs, depths, ids, field, sums
+            first, second = (self._group(parameters, phase, buffers) for phase in (0, 1))
+            encoder = self._device.create_command_encoder()
+            for cleared in (depths, ids, *([field] if has_edges else [])):
+                encoder.clear_buffer(cleared)
+            drawing = -(-int(parameters["faces"]) // LANES), len(poses)
+            self._dispatch(encoder, "draw", first, drawing)
+            self._dispatch(encoder, "draw", second, drawing)
+            self._dispatch(encoder, "shade", second, (GROUPS, len(poses)))
+            if has_edges:
+                self._dispatch(encoder, "blur", second, (GROUPS, len(poses)))
+            self._device.queue.submit([encoder.finish()])
+            found = np.frombuffer(self._device.queue.read_buffer(sums, 0, size), np.float32)
+        return found.reshape(len(poses), GROUPS, record)
+
+    def _dispatch(self, encoder: Any, entry: str, group: Any, counts: tuple[int, int]) -> None:
+        work = encoder.begin_compute_pass()
+        work.set_pipeline(self._pipelines[entry])
+        work.set_bind_group(0, group)
+        work.dispatch_workgroups(*counts)
+        work.end()
+
+    def _group(
+        self, parameters: dict[str, int | float], phase: int, buffers: tuple[Any, ...]
+    ) -> Any:
+        numbers = np.zeros(16, np.uint32)
+        for k, name in enumerate(PARAMETERS):
+            value = phase if name == "phase" else parameters[name]
+            numbers[k] = np.float32(value).view(np.uint32) if name == "noise" else value
+        uniform = self._device.create_buffer_with_data(data=numbers, usage=self._usage("UNIFORM"))
+        entries = [
+            {"binding": k, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
+            for k, buffer in enumerate((uniform, *buffers))
+        ]
+        return self._device.create_bind_group(layout=self._layout, entries=entries)
+
+    def _buffer(self, name: str, size: int) -> Any:
+        """The buffer of this name, made anew where it is too small."""
+        kept = self._work.get(name)
+        if kept is None or kept.size < size:
+            room = 1 << max(int(size) - 1, 255).bit_length()
+            kept = self._device.create_buffer(size=room, usage=self._usage("STORAGE"))
+            self._work[name] = kept
+        return kept
+
+    def _usage(self, kind: str) -> int:
+        from wgpu import BufferUsage
+
+        return getattr(BufferUsage, kind) | BufferUsage.COPY_DST | BufferUsage.COPY_SRC
+
+
+def _compiled(device: Any) -> tuple[Any, dict[str, Any]]:
+    """The layout of bind groups, and the pipelines by their entry points."""
+    from wgpu import ShaderStage
+
+    kinds = ["uniform", *["read-only-storage"] * (WRITTEN - 1), *["storage"] * (BINDINGS - WRITTEN)]
+    entries = [
+        {"binding": k, "visibility": ShaderStage.COMPUTE, "buffer": {"type": kind}}
+        for k, kind in enumerate(kinds)
+    ]
+    group = device.create_bind_group_layout(entries=entries)
+    layout = device.create_pipeline_layout(bind_group_layouts=[group])
+    source = (Path(__file__).parent / "moments.wgsl").read_text()
+    for name, numbers in (("grey", GREY_WEIGHTS), ("taps", BLUR_TAPS)):
+        source = source.replace(f"{{{name}}}", ", ".join(repr(float(x)) for x in numbers))
+    module = device.create_shader_module(code=source)
+    return group, {
+        entry: device.create_compute_pipeline(
+            layout=layout, compute={"module": module, "entry_point": entry}
+        )
+        for entry in ENTRIES
+    }

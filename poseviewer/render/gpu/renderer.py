@@ -1,0 +1,378 @@
+"""The loss's moments on the GPU, as a ``Renderer``: the software renderer's, many poses at once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations_with_replacement, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose, level_pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.gpu.device import GROUPS, Device, gpu_device
+from poseviewer.render.gpu.together import ask, run_together
+from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software.rasterise import GUARD_PX
+from poseviewer.render.software.renderer import SoftwareRenderer, camera_numbers
+from poseviewer.render.structure import MARGIN_PX, MODEL_NOISE
+from poseviewer.render.types import Moments, PhotoAttributes
+
+_log = logging.getLogger(__name__)
+MOST_PIXELS = 1 << 23
+"""Of the boxes of one submission: it takes 16 bytes of the GPU's memory for each."""
+POSE = np.dtype(
+    [
+        ("camera", np.float32, 17),
+        ("weighs", np.float32),
+        ("box", np.int32, 4),
+        ("at", np.uint32),
+    ]
+)
+"""The shader's ``Pose``; the box is left, top, width, height."""
+ONE, ATTRIBUTE = 15, 3
+"""Slots of a pixel's values in the shader, from 0 on F: the 1 on the model, and M."""
+ANY_CLASS, COUNT = 255, 254
+"""In the place of a term's class: all pixels; the number of pixels, whatever they weigh."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """A model in the GPU's memory."""
+
+    device: Device
+    vertices: Any
+    faces: Any
+    texels: Any
+    table: Any
+    corners: FloatArray
+    """(8, 3): of the box that it is in."""
+
+
+class GpuRenderer(SoftwareRenderer):
+    """The software renderer, whose moments come from the GPU; pictures are its own.
+
+    Poses whose box reaches behind the near plane are the software renderer's, too; and all are,
+    once the GPU has failed.
+    """
+
+    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
+        """As of the software renderer.
+
+        Raises:
+            RendererUnavailableError: no GPU here; the message says what to do.
+        """
+        device = gpu_device()
+        super().__init__(mesh, two_sided)
+        self._model = self._uploaded(device)
+
+    def clone(self) -> GpuRenderer:
+        """Another one for another thread: the model in the GPU's memory is the same."""
+        other = super().clone()
+        assert isinstance(other, GpuRenderer)
+        other._model = self._model
+        return other
+
+    def reduced(self, faces: int) -> SoftwareRenderer:
+        """A renderer of the model with at most this number of triangles, or of it as it is."""
+        if len(self.mesh.faces) <= faces or self._model.device.lost:
+            return super().reduced(faces)
+        return _simplified(self.mesh, faces, self.two_sided).clone()
+
+    @property
+    def together(self) -> Callable[..., Iterator[Any]] | None:
+        """How a pool has many poses judged: at once; None where the GPU has failed."""
+        return None if self._model.device.lost else run_together
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """The joint moments; together with those of other poses that are asked for meanwhile.
+
+        Raises:
+            ValueError: the pose's camera has another picture size than the photo.
+        """
+        return ask(self, pose, photo)
+
+    def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
+        """The joint moments at each pose."""
+        poses = [level_pose(pose, photo.factor) for pose in poses]
+        if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in poses):
+            raise ValueError("the pose's camera and the photo differ in size")
+        device, found = self._model.device, {}
+        if not device.lost and len(self._surface.faces):
+            try:
+                found = self._on_device(poses, photo)
+            except device.errors as error:
+                device.lost = True
+                _log.warning(
+                    "The GPU %s failed (%s); poseviewer goes on without it, on the processor.",
+                    device.name,
+                    " ".join(str(error).split())[:200],
+                )
+        fixed = replace(photo, factor=1) if photo.factor != 1 else photo
+        return [
+            found[i] if i in found else super(GpuRenderer, self).moments(pose, fixed)
+            for i, pose in enumerate(poses)
+        ]
+
+    def _on_device(self, poses: Sequence[Pose], photo: PhotoAttributes) -> dict[int, Moments]:
+        """The moments of those poses, by their number, that the GPU can do."""
+        sums = Sums.of(photo)
+        margin = 0 if photo.structure is None else MARGIN_PX
+        boxes = self._boxes(poses, margin)
+        model, found = self._model, {}
+        pixels = model.device.photo(photo, lambda: photo_pixels(photo))
+        inputs = model.vertices, model.faces, model.texels, model.table, pixels
+        inputs = *inputs, model.device.upload(sums.terms)
+        parameters = {
+            "faces": len(self._surface.faces),
+            "two_sided": int(self.two_sided),
+            "levels": self._textures[1].shape[1],
+            "photo_width": photo.weights.shape[1],
+            "stride": photo.channels.shape[2] + (1 if photo.structure is None else 4),
+            "channels": photo.channels.shape[2],
+            "kind": sums.kind,
+            "attributes": sums.attributes,
+            "terms": len(sums.terms),
+            "record": sums.attributes + len(sums.terms) + 2,
+            "has_edges": int(photo.structure is not None),
+            "noise": 64.0 * MODEL_NOISE**2,
+        }
+        for numbers in _batches(boxes):
+            given = np.zeros(len(numbers), POSE)
+            given["box"] = boxes[numbers]
+            given["camera"] = [
+                camera_numbers(poses[i], self._surface.centre, self._near) for i in numbers
+            ]
+            given["weighs"] = np.where(given["camera"][:, 16] > 0.0, 1.0, -1.0)
+            areas = given["box"][:, 2].astype(np.int64) * given["box"][:, 3]
+            given["at"] = np.cumsum(areas) - areas
+            raw = model.device.sums(parameters, inputs, given, max(int(areas.sum()), 1))
+            rotations = np.stack([poses[i].camera_from_model.rotation for i in numbers])
+            found.update(zip(numbers, sums.moments(raw, rotations), strict=True))
+        return found
+
+    def _boxes(self, poses: Sequence[Pose], margin: int) -> NDArray[np.int64]:
+        """(poses, 4): left, top, width and height, px, of what holds the model in the picture, with
+        a ``margin``; -1 where it reaches behind the near plane.
+        """
+        rotations = np.stack([pose.camera_from_model.rotation for pose in poses])
+        shifts = np.stack([pose.camera_from_model.translation for pose in poses])
+        corners = np.einsum("pij,cj->pci", rotations, self._model.corners) + shifts[:, None]
+        boxes = np.full((len(poses), 4), -1)
+        for box, pose, points in zip(boxes, poses, corners, strict=True):
+            camera = pose.camera
+            if isinstance(camera, Perspective) and points[:, 2].min() <= 2.0 * self._near:
+                continue
+            seen = camera.project(points)
+            if np.abs(seen).max() < 0.5 * GUARD_PX:
+                size = np.array([camera.width, camera.height])
+                low = np.clip(np.floor(seen.min(axis=0)) - 1 - margin, 0, size)
+                high = np.clip(np.ceil(seen.max(axis=0)) + 1 + margin, low, size)
+                box[:2], box[2:] = low, high - low
+        return boxes
+
+    def _uploaded(self, device: Device) -> _Model:
+        surface, (texels, table) = self._surface, self._textures
+        areas = self._texel_areas[surface.order].astype(np.float32).view(np.int32)
+        faces = np.column_stack([surface.faces, surface.face_texture, areas])
+        low, high = self.mesh.bounds
+        return _Model(
+            device,
+            device.upload(np.column_stack([surface.vertices.T, surface.vertex_data])),
+            device.upload(faces.astype(np.int32)),
+            device.upload(texels.astype(np.float32)),
+            device.upload(table.astype(np.uint32)),
+            np.array(list(product(*zip(low, high, strict=True)))),
+        )
+
+
+@lru_cache(maxsize=8)
+def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> GpuRenderer:
+    return GpuRenderer(simplify(mesh, faces), two_sided)
+
+
+def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
+    """Numbers of the poses that have a box, as many together as a submission takes."""
+    batch, pixels = [], 0
+    for i, (_, _, width, height) in enumerate(boxes.tolist()):
+        if width < 0:
+            continue
+        if batch and pixels + width * height > MOST_PIXELS:
+            yield batch
+            batch, pixels = [], 0
+        batch.append(i)
+        pixels += width * height
+    if batch:
+        yield batch
+
+
+def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
+    """(height, width, stride): F, the weight and, where there is a structure, class and edges; F is
+    about its origin where there is none, and 0 where it does not count.
+    """
+    weights, channels = photo.weights[..., None], photo.channels
+    if photo.structure is None:
+        channels = channels - photo.origin.astype(np.float32)
+    columns = [np.where(weights > 0.0, channels, np.float32(0.0)), weights]
+    if photo.structure is not None:
+        edges = np.moveaxis(photo.photo_moments.edges, 0, 2)
+        columns += [photo.structure.labels[..., None], edges]
+    return np.concatenate(columns, axis=2, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """Which sums over the pixels the GPU gives, and the moments from them."""
+
+    photo: PhotoAttributes
+    kind: int
+    """Of the attributes, as the shader numbers them."""
+    attributes: int
+    """Of the model, but the last one that is 1 on it."""
+    terms: NDArray[np.uint32]
+    """(t, 3): two slots of a pixel's values whose product is summed, and of which class; first the
+    number of pixels, then products of 1, M and F, then by class those of 1 and M.
+    """
+    pairs: NDArray[np.intp]
+    """(2, s): which two of (1, M, F) the products are of."""
+
+    @classmethod
+    def of(cls, photo: PhotoAttributes) -> Sums:
+        """Those that a photo needs."""
+        kind = 1 if photo.colour_reflectance else 0 if photo.structure is None else 2
+        attributes, channels = (4, 12, 6)[kind], photo.channels.shape[2]
+        slots = [ONE, *(ATTRIBUTE + k for k in range(attributes)), *range(channels)]
+        of_model = 1 + attributes
+        pairs = [
+            (i, j)
+            for i, j in combinations_with_replacement(range(len(slots)), 2)
+            if photo.clipped or min(i, j) < of_model
+        ]
+        terms = [(ONE, ONE, COUNT), *((slots[i], slots[j], ANY_CLASS) for i, j in pairs)]
+        if photo.structure is not None:
+            classes = range(len(photo.structure.shares))
+            terms += [(ONE, slot, one) for one in classes for slot in slots[:of_model]]
+        return cls(photo, kind, attributes, np.array(terms, np.uint32), np.array(pairs).T)
+
+    def moments(self, raw: NDArray[np.float32], rotations: FloatArray) -> list[Moments]:
+        """Of each pose, from what its workgroups summed up (poses, groups, record), normals turned
+        by the poses' ``rotations`` (poses, 3, 3).
+        """
+        photo, m, n = self.photo, self.attributes, self.photo.channels.shape[2]
+        raw = raw.astype(float)
+        origin, sums = raw[..., :m], raw[..., m : m + len(self.terms)]
+        pixels, products = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.pairs.shape[1]]
+        size = 1 + m + n
+        second = np.zeros((len(raw), GROUPS, size, size))
+        second[..., self.pairs[0], self.pairs[1]] = products
+        second[..., self.pairs[1], self.pairs[0]] = products
+        # About 1, 0 and 0 in the place of the group's own origin.
+        shift = np.broadcast_to(np.eye(size), second.shape).copy()
+        shift[..., 1 : 1 + m, 0] = origin
+        if photo.clipped:
+            return self._clipped(second, origin, pixels, rotations)
+        total = (shift @ second @ np.swapaxes(shift, -1, -2)).sum(axis=1)
+        turn = self._turn(rotations)
+        of_model = np.r_[1 : 1 + m, 0]  # the last attribute is 1 on the model
+        model = turn @ total[:, of_model[:, None], of_model] @ np.swapaxes(turn, 1, 2)
+        joint = total[:, 1 + m :, of_model]
+        cosines: list[float | None] = [None] * len(raw)
+        if photo.structure is None:
+            whole, mean_of_photo, whitening = photo.photo_sums, photo.origin, None
+            weight = whole.weight
+            share = 1.0 / weight if weight > 0.0 else 0.0
+            first = share * whole.first
+            covariance = share * whole.second - np.outer(first, first)
+            mean_of_photo = photo.origin + first
+        else:
+            fixed = photo.photo_moments
+            first, covariance, whitening = fixed.mean, fixed.covariance, fixed.whitening
+            weight, mean_of_photo = fixed.weight, first
+            share = 1.0 / weight if weight > 0.0 else 0.0
+            by_class = sums[..., 1 + self.pairs.shape[1] :].reshape(len(raw), GROUPS, -1, 1 + m)
+            by_class = (by_class @ np.swapaxes(shift[..., : 1 + m, : 1 + m], -1, -2)).sum(axis=1)
+            joint = np.concatenate([joint, by_class[..., np.r_[1 : 1 + m, 0]]], axis=1)
+            dots, squares = raw[..., -2:].sum(axis=1).T
+            cosines = [d / s**0.5 if s > 0.0 else 0.0 for d, s in zip(dots, squares, strict=True)]
+        joint = joint @ np.swapaxes(turn, 1, 2)
+        n = joint.shape[1]
+        means, covariances = _empty(len(raw), n + m + 1)
+        means[:, :n], means[:, n:] = mean_of_photo, share * model[:, -1]
+        covariances[:, :n, :n] = covariance
+        covariances[:, :n, n:] = share * joint - first[:, None] * means[:, None, n:]
+        covariances[:, n:, :n] = np.swapaxes(covariances[:, :n, n:], 1, 2)
+        covariances[:, n:, n:] = share * model - means[:, n:, None] * means[:, None, n:]
+        if weight <= 0.0:
+            means[:], covariances[:] = 0.0, 0.0
+        return _moments(
+            pixels, np.full(len(raw), weight), means, covariances, n, cosines, whitening
+        )
+
+    def _clipped(
+        self, second: FloatArray, origin: FloatArray, pixels: FloatArray, rotations: FloatArray
+    ) -> list[Moments]:
+        """About each group's mean, then about that of all (Chan, Golub and LeVeque, 1983): where
+        attributes hardly vary their digits are kept.
+        """
+        photo, m = self.photo, self.attributes
+        weights = second[..., 0, 0]
+        each = np.divide(1.0, weights, where=weights > 0.0, out=np.zeros_like(weights))
+        offset = each[..., None] * second[..., 0, 1:]
+        centred = each[..., None, None] * second[..., 1:, 1:] - _outer(offset)
+        offset[..., :m] += origin
+        total = weights.sum(axis=1)
+        share = np.divide(1.0, total, where=total > 0.0, out=np.zeros_like(total))
+        shares = share[:, None] * weights
+        mean = np.einsum("pg,pgi->pi", shares, offset)
+        centred += _outer(offset - mean[:, None])
+        covariance = np.einsum("pg,pgij->pij", shares, centred)
+        n = photo.channels.shape[2]
+        order = np.r_[m : m + n, :m]
+        turn = np.tile(np.eye(n + m), (len(mean), 1, 1))
+        turn[:, n:, n:] = self._turn(rotations)[:, :m, :m]
+        means, covariances = _empty(len(mean), n + m)
+        means[:] = (turn @ mean[:, order, None])[..., 0]
+        means[:, :n] += (total > 0.0)[:, None] * photo.origin
+        covariances[:] = turn @ covariance[:, order[:, None], order] @ np.swapaxes(turn, 1, 2)
+        nothing: list[float | None] = [None] * len(mean)
+        return _moments(pixels, total, means, covariances, n, nothing, None)
+
+    def _turn(self, rotations: FloatArray) -> FloatArray:
+        """(poses, m + 1, m + 1): turns the normals among the attributes."""
+        turn = np.tile(np.eye(self.attributes + 1), (len(rotations), 1, 1))
+        first, step = (3, 6) if self.kind == 2 else (1, 4)
+        for at in range(first, self.attributes, step):
+            turn[:, at : at + 3, at : at + 3] = rotations
+        return turn
+
+
+def _outer(vectors: FloatArray) -> FloatArray:
+    return vectors[..., :, None] * vectors[..., None, :]
+
+
+def _empty(poses: int, size: int) -> tuple[FloatArray, FloatArray]:
+    return np.empty((poses, size)), np.empty((poses, size, size))
+
+
+def _moments(
+    pixels: FloatArray,
+    weights: FloatArray,
+    means: FloatArray,
+    covariances: FloatArray,
+    n: int,
+    cosines: Sequence[float | None],
+    whitening: FloatArray | None,
+) -> list[Moments]:
+    covariances = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+    means.flags.writeable = covariances.flags.writeable = False
+    return [
+        Moments(int(count), float(weight), mean, covariance, n, cosine, whitening)
+        for count, weight, mean, covariance, cosine in zip(
+            pixels, weights, means, covariances, cosines, strict=True
+        )
+    ]

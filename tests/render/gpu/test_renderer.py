@@ -1,0 +1,208 @@
+"""The GPU's moments are the software renderer's; and what is done where it cannot be used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import RendererUnavailableError
+from poseviewer.fit.loss import registration_loss
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.gpu import device as device_of
+from poseviewer.render.gpu import renderer as gpu_renderer
+from poseviewer.render.gpu.renderer import GpuRenderer
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import LevelRenderer, smaller
+from poseviewer.render.renderers import compiled_renderer
+from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.structure import make_structure
+from poseviewer.render.types import Moments, PhotoAttributes
+from tests.gpu import require_gpu
+from tests.meshes import make_box, make_bumpy, make_painted, make_soup, make_sphere
+
+WIDTH, HEIGHT = 128, 96
+POSES = 100
+AGREEMENT = 1e-4
+MESHES = {
+    "box": make_box(),
+    "bumpy": make_bumpy(3),
+    "soup": make_soup(0),
+    "all kinds of reflectance": make_painted(),
+    "tiny triangles": make_sphere(4, radius=0.5),
+}
+LOSSES = {
+    "clipped, grey": (1, {"clipped": True}),
+    "clipped, coloured": (3, {"clipped": True, "colour_reflectance": True}),
+    "region": (3, {"clipped": False}),
+    "region, coloured": (1, {"clipped": False, "colour_reflectance": True}),
+    "classes and edges": (3, {"clipped": False}),
+    "classes and edges, coloured": (3, {"clipped": False, "colour_reflectance": True}),
+}
+
+
+@pytest.fixture(autouse=True)
+def _gpu(monkeypatch):
+    require_gpu(monkeypatch)
+
+
+def make_photo(loss: str, random: np.random.Generator) -> PhotoAttributes:
+    """Patches of noise, of which a fifth does not count; part of it lies outside the region."""
+    n, settings = LOSSES[loss]
+    patches = random.uniform(size=(HEIGHT // 8, WIDTH // 8, n)).repeat(8, axis=0).repeat(8, axis=1)
+    channels = (0.8 * patches + 0.2 * random.uniform(size=(HEIGHT, WIDTH, n))).astype(np.float32)
+    weights = random.uniform(size=(HEIGHT, WIDTH)) * (random.uniform(size=(HEIGHT, WIDTH)) > 0.2)
+    weights[:, :10] = 0.0
+    weights = weights.astype(np.float32)
+    structure = make_structure(channels, weights) if "classes" in loss else None
+    return PhotoAttributes(channels, weights, structure=structure, **settings)
+
+
+def make_pose(random: np.random.Generator, parallel: bool) -> Pose:
+    """The model somewhere in, or partly out of, the picture; sometimes around the camera."""
+    transform = RigidTransform.from_rotation_vector(
+        random.normal(size=3) * 2.0, [*random.uniform(-0.7, 0.7, 2), random.uniform(0.3, 6.0)]
+    )
+    cx, cy = random.uniform(0.2, 0.8, 2) * (WIDTH, HEIGHT)
+    if parallel:
+        return Pose(Parallel(random.uniform(8.0, 60.0), cx, cy, WIDTH, HEIGHT), transform)
+    fx, fy = random.uniform(70.0, 200.0, 2)
+    return Pose(Perspective(fx, fy, cx, cy, WIDTH, HEIGHT), transform)
+
+
+def disagreement(one: Moments, other: Moments) -> float:
+    """The greatest difference, as a share of the attributes' root mean squares."""
+    if one.weight == 0.0:
+        return abs(other.weight)
+    scale = np.sqrt(one.covariance.diagonal() + one.mean**2).clip(1e-6)
+    return max(
+        abs(one.weight / other.weight - 1.0),
+        float(np.max(np.abs(one.mean - other.mean) / scale)),
+        float(np.max(np.abs(one.covariance - other.covariance) / np.outer(scale, scale))),
+        abs((one.edge_cosine or 0.0) - (other.edge_cosine or 0.0)),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
+@pytest.mark.parametrize("name", MESHES)
+def test_gpu_matches_software(name, two_sided):
+    random = np.random.default_rng(7)
+    software = SoftwareRenderer(MESHES[name], two_sided)
+    on_gpu, seen = GpuRenderer(MESHES[name], two_sided), 0
+    for loss in LOSSES:
+        photo = make_photo(loss, random)
+        poses = [make_pose(random, k % 2 == 0) for k in range(POSES // len(LOSSES) + 1)]
+        for pose, found in zip(poses, on_gpu.moments_at(poses, photo), strict=True):
+            wanted = software.moments(pose, photo)
+            seen += wanted.pixels > 100
+            assert found.pixels == wanted.pixels
+            assert found.photo_channels == wanted.photo_channels
+            assert disagreement(wanted, found) < AGREEMENT
+            assert registration_loss(found) == pytest.approx(registration_loss(wanted), abs=1e-3)
+    assert seen > 0.5 * POSES
+    assert on_gpu.together is not None
+
+
+def make_poses(count: int, seed: int = 3) -> list[Pose]:
+    random = np.random.default_rng(seed)
+    return [make_pose(random, parallel=True) for _ in range(count)]
+
+
+def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
+    """As descents and losses over several photos do; also on a level, and where some end sooner."""
+    sizes: list[int] = []
+    judge = GpuRenderer.moments_at
+
+    def counted(self, poses, photo):
+        sizes.append(len(poses))
+        return judge(self, poses, photo)
+
+    monkeypatch.setattr(GpuRenderer, "moments_at", counted)
+    photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
+    level = LevelRenderer(GpuRenderer(MESHES["box"]), 1)
+
+    def chain(renderer, item):
+        return [renderer.moments(pose, photo).weight for pose in item]
+
+    items = [make_poses(1 + i % 3, seed=i) for i in range(6)]
+    with RendererPool(level, 2) as pool:
+        found = list(pool.map(chain, items))
+    assert sizes == [6, 4, 2]
+    software = SoftwareRenderer(MESHES["box"])
+    for weights, item in zip(found, items, strict=True):
+        wanted = [software.moments(pose, photo).weight for pose in item]
+        assert weights == pytest.approx(wanted, rel=1e-6)
+
+
+def test_what_a_task_raises_comes_out_of_the_pool():
+    photo = make_photo("region", np.random.default_rng(1))
+
+    def task(renderer, pose):
+        raise ValueError(f"{renderer.moments(pose, photo).pixels} px")
+
+    with RendererPool(GpuRenderer(MESHES["box"])) as pool, pytest.raises(ValueError, match="px"):
+        list(pool.map(task, make_poses(3)))
+
+
+def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
+    device = device_of.Device(device_of._adapter(takes_software=True))
+    monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
+    renderer, photo = GpuRenderer(MESHES["box"]), make_photo("region", np.random.default_rng(1))
+    poses = make_poses(4)
+    before = renderer.moments_at(poses, photo)
+    device._device.destroy()
+    with RendererPool(renderer) as pool:
+        after = pool.moments_of(poses, photo)
+    for one, other in zip(before, after, strict=True):
+        assert disagreement(one, other) < AGREEMENT
+    renderer.moments_at(poses, photo)
+    assert len(caplog.records) == 1
+    assert "goes on without it" in caplog.text
+    # From now on as if there were none: a thread for each processor, and no model sent to it.
+    assert renderer.clone().together is None
+    with RendererPool(renderer, 2) as pool:
+        assert pool.threads == 2
+
+
+def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch):
+    device = device_of.Device(device_of._adapter(takes_software=True))
+    monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
+    renderer = GpuRenderer(MESHES["box"])
+    width = height = 6_000  # 8 bytes a pixel: more than lavapipe binds
+    photo = PhotoAttributes(
+        np.zeros((height, width, 1), np.float32), np.ones((height, width), np.float32)
+    )
+    pose = Pose(Parallel(8.0, 64.0, 48.0, width, height), make_poses(1)[0].camera_from_model)
+    wanted = SoftwareRenderer(MESHES["box"]).moments(pose, photo)
+    assert disagreement(wanted, renderer.moments(pose, photo)) == 0.0
+    assert "goes on without it" in caplog.text
+
+
+def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
+    monkeypatch.delenv(device_of.SOFTWARE_VARIABLE)
+    if device_of.has_gpu():
+        pytest.skip("a real GPU is here")
+    with pytest.raises(RendererUnavailableError, match="--renderer software") as refused:
+        compiled_renderer(MESHES["box"], "gpu")
+    assert str(refused.value).count(".") <= 3
+    assert type(compiled_renderer(MESHES["box"])) is SoftwareRenderer
+
+
+WITHOUT_WGPU = """
+import sys
+sys.modules["wgpu"] = None
+from poseviewer.render.gpu.device import gpu_unavailable_reason, has_gpu
+print(has_gpu(), gpu_unavailable_reason())
+"""
+
+
+def test_without_wgpu_it_is_said_what_to_install():
+    found = subprocess.run(
+        [sys.executable, "-c", WITHOUT_WGPU], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.startswith("False ")
+    assert "pip install 'poseviewer[gpu]'" in found.stdout
