@@ -6,7 +6,8 @@ a worker dies, Dask gives its jobs to others; those whose results were written a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
 from poseviewer.batch.job import BatchPlan, run_job
@@ -18,17 +19,27 @@ CONNECT_SECONDS = 10.0
 
 
 def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterator[JobResult]:
-    """The results of the jobs as they come, in no order.
+    """The results of the jobs as they come, in no order. A scheduler that goes away and comes back
+    soon is given what it had not done.
 
     Raises:
-        BatchError: Dask is not installed, or no scheduler answers; results cannot be written.
+        BatchError: Dask is not installed, or no scheduler answers (any more); results cannot be
+            written.
+    """
+    left = list(jobs)
+    while left:
+        with _connected(address) as client:
+            left = yield from _results(client, left, plan)
+
+
+def _connected(address: str) -> Any:
+    """A client of the scheduler.
+
+    Raises:
+        BatchError: Dask is not installed, or no scheduler answers.
     """
     try:
-        from distributed import (  # pyright: ignore[reportMissingImports] - an extra
-            Client,
-            KilledWorker,
-            as_completed,
-        )
+        from distributed import Client  # pyright: ignore[reportMissingImports] - an extra
         from distributed.comm.addressing import (  # pyright: ignore[reportMissingImports]
             get_address_host_port,
         )
@@ -36,29 +47,47 @@ def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterat
         raise BatchError(
             "--scheduler needs Dask: pip install 'poseviewer[cluster]', here and on the workers."
         ) from None
+    for handler in logging.getLogger("distributed").handlers:
+        handler.setLevel(logging.CRITICAL)  # of a scheduler that is gone it has tracebacks
     try:
         get_address_host_port(address)  # a client of a wrong address takes long to end
-        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:  # a TimeoutError is an OSError
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
         raise BatchError(
             f"{address}: no Dask scheduler answers there ({reason}); start one with "
-            "`dask scheduler`, or check the address (tcp://HOST:8786)."
+            "`dask scheduler`, or check the address (tcp://HOST:8786). What is done is kept."
         ) from None
-    with client:
-        submitted = _submit(client, jobs, plan)
-        try:
-            for future in as_completed(list(submitted), loop=client.loop):
-                try:
-                    yield future.result()
-                except KilledWorker:
-                    yield failed_result(
-                        submitted[future],
-                        "every worker that fitted it died; is there memory enough for the photo "
-                        "and the model?",
-                    )
-        finally:
-            client.cancel([future for future in submitted if not future.done()])
+
+
+def _results(
+    client: Any, jobs: Sequence[Job], plan: BatchPlan
+) -> Generator[JobResult, None, list[Job]]:
+    """The results of the jobs; those that the scheduler went away with are given back."""
+    from distributed import (  # pyright: ignore[reportMissingImports] - an extra
+        CancelledError,
+        KilledWorker,
+        as_completed,
+    )
+    from distributed.comm import CommClosedError  # pyright: ignore[reportMissingImports]
+
+    submitted, lost = _submit(client, jobs, plan), list[Job]()
+    try:
+        for future in as_completed(list(submitted), loop=client.loop):
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield failed_result(
+                    submitted[future],
+                    "every worker that fitted it died; is there memory enough for the photo "
+                    "and the model?",
+                )
+            except (CancelledError, CommClosedError):
+                lost.append(submitted[future])
+    finally:
+        if running := [future for future in submitted if not future.done()]:
+            client.cancel(running)
+    return lost
 
 
 def _submit(client: Any, jobs: Sequence[Job], plan: BatchPlan) -> dict[Any, Job]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
@@ -23,6 +24,7 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
+LOCK = ".at-work"
 ACCEPTED, MENDED = "accepted", "mended"
 STDS = ("depth_std", "sideways_std", "degrees_std", "px_std")
 """Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
@@ -116,6 +118,29 @@ def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -
     """
     for name in names:
         make_folder(folder / name, BatchError)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other batches out of the folder of results; however this one ends, the system lets them
+    in again.
+
+    Raises:
+        BatchError: another one is at work in it.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):  # Windows, or a disk without locks: as good as it goes
+            import fcntl
+
+            lock = stack.enter_context((folder / LOCK).open("w"))
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise BatchError(
+                    f"{folder}: another batch is at work in it; wait for its end, or name another "
+                    "folder for --out. What is done is not done twice."
+                ) from None
+        yield
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:

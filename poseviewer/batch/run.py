@@ -12,6 +12,7 @@ from poseviewer.batch.report import save_report
 from poseviewer.batch.results import (
     JobResult,
     Manifest,
+    alone_in,
     failed_result,
     known_results,
     make_folders,
@@ -67,7 +68,8 @@ def open_batch(
     """Read the table, or the BOP scene; make the folder of results, and read what is there.
 
     Raises:
-        PoseViewerError: the table or the scene cannot be used, or the folder not made.
+        PoseViewerError: the table or the scene cannot be used, the folder not made, or another
+            batch is at work in it.
     """
     table, folder = Path(table), Path(folder).resolve()
     if table.is_dir():
@@ -78,7 +80,8 @@ def open_batch(
     else:
         manifest = Manifest(load_jobs(table, settings), settings)
     make_folders(folder)
-    save_manifest(folder, manifest)
+    with alone_in(folder):
+        save_manifest(folder, manifest)
     plan = BatchPlan(folder, settings, mask.resolve() if mask else None)
     return Batch(manifest, plan, tuple(known_results(folder, manifest, {})))
 
@@ -91,16 +94,18 @@ def run_batch(
     On all cores of this machine, or on the Dask cluster of a ``scheduler``.
 
     Raises:
-        BatchError: results cannot be written; there is no such scheduler.
+        BatchError: results cannot be written; another batch is at work in the folder; there is no
+            such scheduler.
     """
     if not batch.to_do:
         return
-    if scheduler is None:
-        yield from run_here(batch.to_do, batch.plan, processes or processors())
-        return
-    from poseviewer.batch.cluster import run_on_cluster
+    with alone_in(batch.plan.folder):
+        if scheduler is None:
+            yield from run_here(batch.to_do, batch.plan, processes or processors())
+            return
+        from poseviewer.batch.cluster import run_on_cluster
 
-    yield from run_on_cluster(batch.to_do, batch.plan, scheduler)
+        yield from run_on_cluster(batch.to_do, batch.plan, scheduler)
 
 
 def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:

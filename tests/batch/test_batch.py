@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.batch.results import STDS
+from poseviewer.batch.results import STDS, alone_in
+from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
@@ -180,6 +181,27 @@ def test_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
         assert process.wait(120) == 0
     assert before.items() <= kept(out).items()
     assert [row["reason"] for row in read_results(out)] == [""] * 5
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
+def test_two_batches_in_one_folder_are_told_apart(scene, tmp_path, capsys):
+    """The second is refused while the first is at work, and changes nothing; then it goes on."""
+    folders = [tmp_path / name for name in ("first", "other")]
+    for folder in folders:
+        folder.mkdir()
+    first, other = (
+        write_table(scene, folder, rows) for folder, rows in zip(folders, (1, 2), strict=True)
+    )
+    out = tmp_path / "out"
+    batch = open_batch(first, out, FitSettings())
+    with alone_in(out):  # as a batch holds it
+        manifest = (out / "batch.json").read_bytes()
+        assert run("batch", other, "--out", out, "--quiet", *QUICK) == 2
+        assert "another batch is at work in it" in capsys.readouterr().err
+        with pytest.raises(BatchError, match="another batch"):
+            next(run_batch(batch))
+    assert (out / "batch.json").read_bytes() == manifest
+    assert open_batch(other, out, FitSettings()).jobs != batch.jobs
 
 
 @pytest.mark.slow

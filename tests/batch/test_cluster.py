@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from importlib.util import find_spec
@@ -26,10 +27,12 @@ needs_dask = pytest.mark.skipif(
 class Cluster:
     """A scheduler and two workers of one thread, each a process."""
 
-    def __init__(self, stack: ExitStack, folder: Path) -> None:
+    def __init__(self, stack: ExitStack, folder: Path, port: int = 0) -> None:
         self._stack, self._file = stack, folder / "scheduler.json"
         where = ("--scheduler-file", self._file)
-        self._start(folder, "dask_scheduler", "--port", 0, "--no-dashboard", *where)
+        self.scheduler = self._start(
+            folder, "dask_scheduler", "--port", port, "--no-dashboard", *where
+        )
         wait_until(self._file.exists)
         self.workers = [
             self._start(folder, "dask_worker", "--nthreads", 1, "--no-nanny", "--no-dashboard",
@@ -80,6 +83,54 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
     assert cli.main(["batch", str(table), "--out", str(out), "--evaluations", "400",
                      "--quiet"]) == 0  # fmt: skip
     assert before.items() <= kept(out).items()
+
+
+@needs_dask
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_and_comes_back_is_given_the_rest(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
+    with ExitStack() as stack:
+        first = Cluster(stack, made(tmp_path / "first"))
+        line = command("batch", table, "--out", out, "--scheduler", first.address, "--quiet",
+                       "--evaluations", 400)  # fmt: skip
+        batch = stack.enter_context(subprocess.Popen(line, stderr=subprocess.PIPE, text=True))
+        wait_until(lambda: len(kept(out)) >= 2)
+        for process in (first.scheduler, *first.workers):
+            process.send_signal(signal.SIGKILL)
+        before = kept(out)
+        Cluster(stack, made(tmp_path / "second"), int(first.address.rpartition(":")[2]))
+        _, complaints = batch.communicate(timeout=300)
+        assert (batch.returncode, complaints) == (0, "")
+    assert 2 <= len(before) < 6
+    assert before.items() <= kept(out).items()
+    assert [row["reason"] for row in read_results(out)] == [""] * 6
+
+
+@needs_dask
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_for_good_is_said(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("poseviewer.batch.cluster.CONNECT_SECONDS", 0.5)
+    table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
+    with ExitStack() as stack:
+        cluster = Cluster(stack, made(tmp_path / "cluster"))
+
+        def end() -> None:
+            wait_until(lambda: len(kept(out)) >= 1)
+            cluster.scheduler.send_signal(signal.SIGKILL)
+
+        ending = threading.Thread(target=end)
+        ending.start()
+        assert cli.main(["batch", str(table), "--out", str(out), "--scheduler", cluster.address,
+                         "--evaluations", "400", "--quiet"]) == 2  # fmt: skip
+        ending.join()
+    printed = capsys.readouterr().err
+    assert "no Dask scheduler answers there" in printed.splitlines()[-1]
+    assert kept(out)
+
+
+def made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 @needs_dask
