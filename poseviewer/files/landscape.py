@@ -37,8 +37,13 @@ def landscape_npz_bytes(
     slices: Sequence[Any],
     photo: str = "",
 ) -> bytes:
-    """An archive: ``centre`` and ``spans`` (d,), slices of one size; which ``photo`` it is of."""
+    """An archive: ``centre`` and ``spans`` (d,), the slices, and which ``photo`` it is of. Coarser
+    slices are on the grid of the finest.
+    """
     memory = BytesIO()
+    steps = int(np.lcm.reduce([len(piece.first_values) - 1 for piece in slices]))
+    grids = [_on_grid(piece, steps) for piece in slices]
+    first_values, second_values, losses = (np.array(part) for part in zip(*grids, strict=True))
     np.savez_compressed(
         memory,
         names=np.array(names, dtype=str),
@@ -46,11 +51,21 @@ def landscape_npz_bytes(
         centre=np.asarray(centre, dtype=float),
         spans=np.asarray(scales, dtype=float),
         pairs=np.array([[piece.first, piece.second] for piece in slices]),
-        first_values=np.array([piece.first_values for piece in slices]),
-        second_values=np.array([piece.second_values for piece in slices]),
-        losses=np.array([piece.losses for piece in slices]),
+        first_values=first_values,
+        second_values=second_values,
+        losses=losses,
     )
     return memory.getvalue()
+
+
+def _on_grid(piece: Any, steps: int) -> tuple[Any, Any, Any]:
+    """Values (k,) twice and losses (k, k) of a slice, k = ``steps`` + 1: nan between its own."""
+    stride = steps // max(len(piece.first_values) - 1, 1) or 1
+    losses = np.full((steps + 1, steps + 1), np.nan)
+    losses[::stride, ::stride] = piece.losses
+    own, shares = np.arange(0, steps + 1, stride), np.arange(steps + 1)
+    values = (np.interp(shares, own, of) for of in (piece.first_values, piece.second_values))
+    return *values, losses
 
 
 def landscape_csv_bytes(

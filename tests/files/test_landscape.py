@@ -31,7 +31,7 @@ def make_slices(size: int = 5) -> list[Slice]:
     pieces = []
     for first, second in combinations(range(3), 2):
         losses = random.uniform(size=(size, size))
-        losses[1, 2] = np.nan
+        losses[1:2, 2:3] = np.nan
         x, y = (np.linspace(i, i + 1.0, size) for i in (first, second))
         pieces.append(Slice(first, second, x, y, losses))
     return pieces
@@ -50,6 +50,22 @@ def test_what_is_saved_comes_back():
         assert np.array_equal(arrays["first_values"][i], piece.first_values)
         assert np.array_equal(arrays["second_values"][i], piece.second_values)
         assert np.array_equal(arrays["losses"][i], piece.losses, equal_nan=True)
+
+
+def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
+    """As in the app, while the maps become finer."""
+    (coarse, *_), (_, *fine) = make_slices(3), make_slices(5)
+    arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), [coarse, *fine]))
+    assert np.array_equal(arrays["first_values"][0][::2], coarse.first_values)
+    assert np.array_equal(arrays["losses"][0][::2, ::2], coarse.losses, equal_nan=True)
+    assert np.isnan(arrays["losses"][0][1::2]).all()
+    assert np.array_equal(arrays["losses"][1], fine[0].losses, equal_nan=True)
+    one = make_slices(1)[:1]
+    assert load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), one))["losses"].shape == (
+        1,
+        1,
+        1,
+    )
 
 
 def test_files_hold_no_pickles():
