@@ -6,6 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from poseviewer.app.workers import tasks
 from poseviewer.cli.main import main
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
+from poseviewer.files.state.autosave import load_autosave, save_autosave
 from poseviewer.files.state.uploads import KEPT
 from poseviewer.geometry.camera import Perspective
 from tests.app.running_app import RunningApp, running_app, same_pose, settle
@@ -422,6 +424,29 @@ def test_uploads_that_undo_can_bring_back_stay(running: RunningApp) -> None:
         path = running.app.session.document.photo_path
         assert path is not None
         assert path.read_bytes() == running.scene.photo.read_bytes()
+
+
+def test_uploads_that_another_app_has_open_stay(running: RunningApp) -> None:
+    """Two apps have one state folder; a crash of the other one would need its photo."""
+    uploads = running.state / "uploads"
+    with running.page() as page:
+        page.upload("Photo ...", "others.png", running.scene.photo.read_bytes())
+        page.wait_until(lambda: page.text_with("others.png"))
+        (theirs,) = uploads.glob("*/others.png")
+        page.key("ArrowLeft")
+        own = page.wait_until(lambda: next(running.state.glob("sessions/*.json"), None))
+        kept = load_autosave(own)
+        save_autosave(own.parent, replace(kept, process=1, photo=theirs.resolve()))
+        for _ in range(3):
+            page.key("KeyZ")
+        for number in range(5):  # until undo no longer reaches that photo
+            page.upload("Photo ...", f"{number}.png", running.scene.photo.read_bytes())
+            page.wait_until(lambda n=number: page.text_with(f"**{n}.png**"))
+        for number in range(KEPT + 2):
+            page.upload("Pose file ...", f"{number}.json", b"[%d]" % number)
+            page.wait_until(lambda n=number: any(f"{n}.json" in t for _, t in page.shown.notices))
+    assert theirs not in running.app.session.paths
+    assert theirs.is_file()
 
 
 def test_pages_show_the_same(running: RunningApp) -> None:

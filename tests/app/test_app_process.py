@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import resource
 import shutil
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -133,6 +135,56 @@ def test_a_folder_that_cannot_be_written_to_is_said_and_work_goes_on(
         sessions.unlink()
         page.wait_until(lambda: kept(tmp_path))
         assert sum("a crash would lose" in text for _, text in page.shown.notices) == 1
+        assert app.terminate() == 0
+    assert not [line for line in app.lines if "Traceback" in line]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits another process")
+def test_on_a_full_disk_work_goes_on_and_is_kept_when_there_is_room(
+    scene: Scene, tmp_path: Path
+) -> None:
+    """A limit on the size of files, which the system refuses as it does on a full disk."""
+    saved = scene.photo.with_name("p.pose.json")
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.key("ArrowLeft")
+        page.wait_until(lambda: kept(tmp_path))
+        page.key("KeyS")
+        page.wait_until(saved.exists)
+        before = saved.read_bytes()
+        everything = resource.prlimit(app.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(app.pid, resource.RLIMIT_FSIZE, (100, everything[1]))
+        page.key("ArrowLeft")
+        page.wait_until(lambda: any("a crash would lose" in text for _, text in page.shown.notices))
+        page.key("KeyS")
+        page.upload("Photo ...", "q.png", scene.photo.read_bytes())
+        for words in ("p.pose.json: cannot be written", "q.png: cannot be kept"):
+            page.wait_until(lambda w=words: any(w in text for _, text in page.shown.notices))
+        assert saved.read_bytes() == before
+        page.key("ArrowLeft")
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        resource.prlimit(app.pid, resource.RLIMIT_FSIZE, everything)
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
+        assert saved.read_bytes() != before
+        assert app.terminate() == 0
+    assert not [line for line in app.lines if "Traceback" in line]
+    assert not list(scene.photo.parent.glob(".*.part"))
+
+
+def test_a_state_folder_that_vanishes_is_made_again(scene: Scene, tmp_path: Path) -> None:
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        page.key("ArrowLeft")
+        page.wait_until(lambda: kept(tmp_path))
+        shutil.rmtree(tmp_path / "state")
+        page.key("ArrowLeft")
+        page.wait_until(lambda: kept(tmp_path))
+        page.upload("Photo ...", "q.png", scene.photo.read_bytes())
+        page.wait_until(lambda: page.text_with("**q.png**"))
+        shutil.rmtree(tmp_path / "state")
+        page.key("KeyS")
+        page.wait_until(lambda: page.text_with("no unsaved changes"))
         assert app.terminate() == 0
     assert not [line for line in app.lines if "Traceback" in line]
 

@@ -27,6 +27,7 @@ from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import QuickStartError
 from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_to_open, sort_set
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
+from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import gathered, keep_set
 from poseviewer.files.symmetry import load_symmetry
@@ -102,7 +103,7 @@ class Tasks:
         """
 
         def run(session: Session) -> Iterator[Opened | Asked | Found]:
-            root = keep_set(self._uploads, upload.data, in_use=session.paths)
+            root = keep_set(self._uploads, upload.data, in_use=self._in_use(session))
             beside = upload.becomes != "at hand"
             found = sort_set(
                 files_below(root), upload.kind, None if beside else session.document.model_path
@@ -121,6 +122,10 @@ class Tasks:
         """Go on with what was asked."""
         self.add(lambda now: self._choose(given.choosing, given.answer, given.client, now))
 
+    def _in_use(self, session: Session) -> frozenset[Path]:
+        """What is to stay: other apps may have the same state folder."""
+        return session.paths | files_of_sessions(self._state / "sessions")
+
     def _choose(
         self, choosing: Choosing, answer: str | None, client: int, session: Session
     ) -> Iterator[Opened | Asked | Found]:
@@ -132,8 +137,12 @@ class Tasks:
                 yield open_scene(chosen.scene)
                 return
             models = () if chosen.model is None else (chosen.model, *chosen.others)
-            paths = [gathered(self._uploads, model, in_use=session.paths) for model in models]
-            further = [gathered(self._uploads, m, in_use=session.paths) for m in chosen.objects]
+            paths = [
+                gathered(self._uploads, model, in_use=self._in_use(session)) for model in models
+            ]
+            further = [
+                gathered(self._uploads, m, in_use=self._in_use(session)) for m in chosen.objects
+            ]
             opened = open_chosen(session.document, chosen, paths, further)
             if opened.document is not session.document:
                 yield opened
@@ -148,7 +157,9 @@ class Tasks:
         add: Callable[[CandidateModel], Command],
         session: Session,
     ) -> Iterator[Found]:
-        opened = [open_candidate(gathered(self._uploads, m, in_use=session.paths)) for m in models]
+        opened = [
+            open_candidate(gathered(self._uploads, m, in_use=self._in_use(session))) for m in models
+        ]
         yield Found(
             tuple(add(model) for model, _ in opened),
             tuple(note for _, notes in opened for note in notes),

@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,17 @@ def left_behind(folder: Path) -> list[Path]:
         except AutosaveError as error:
             logger.warning("%s", error)
     return [path for _, path in sorted(found, reverse=True)]
+
+
+def files_of_sessions(folder: Path) -> frozenset[Path]:
+    """The photos and models of all sessions in ``folder``: of apps that run, and left behind."""
+    found = set[Path | None]()
+    for path in folder.glob("session-*.json"):
+        with suppress(AutosaveError):
+            session = load_autosave(path)
+            found.update(session.candidates)
+            found |= {f for one in (session, *session.others) for f in (one.photo, one.model)}
+    return frozenset(path for path in found if path is not None)
 
 
 def discard(path: Path) -> None:
