@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, kept_lately
 from poseviewer.geometry.symmetry import SAME_COSINE, Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 
@@ -90,7 +89,7 @@ class Surface:
         return moved, self.tree.query(moved)[1]
 
 
-@lru_cache(maxsize=4)
+@kept_lately(4)
 def surface_of(mesh: Mesh) -> Surface:
     """The same points each time."""
     random = np.random.default_rng(0)

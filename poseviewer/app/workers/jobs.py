@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from poseviewer.api import Case, make_case
@@ -24,7 +23,7 @@ from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, kept_lately
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import compiled_renderer
 from poseviewer.render.types import Renderer
@@ -34,7 +33,7 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
 
 
-@lru_cache(maxsize=16)
+@kept_lately(16)
 def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
     """A model's renderer, or nothing yet; kept for the models that were at hand lately (renderers
     fill the memory).
