@@ -35,6 +35,8 @@ from poseviewer.files.state.folder import forget_token
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""
 DEFAULT_PORT, PORTS_TRIED = 8080, 100
+LARGEST_MESSAGE = 4_000_000
+"""Bytes: pages send parts of uploads of 512 KiB, and nothing larger."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -141,6 +143,7 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         settings.pop("host", None)
         settings.pop("port", None)
         settings |= {"process_request": _checked(policy, answer), "logger": _log}
+        settings["max_size"] = LARGEST_MESSAGE
         return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]

@@ -7,7 +7,7 @@ import socket
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 import viser
@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from poseviewer.app.below_viser.access import AccessPolicy, Asked, is_loopback
-from poseviewer.app.below_viser.guard import GuardedServer, _listen, serve
+from poseviewer.app.below_viser.guard import LARGEST_MESSAGE, GuardedServer, _listen, serve
 from poseviewer.errors import SettingsError
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
@@ -340,3 +340,16 @@ def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(
     assert all(record.exc_info is None for record in caplog.records)
     assert said[0].getMessage().isprintable()
     assert len(said[0].getMessage()) < 200
+
+
+def test_a_message_larger_than_any_of_a_page_ends_its_page_alone(
+    local: GuardedServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    port = local.policy.port
+    with connect(f"ws://127.0.0.1:{port}/", subprotocols=[PROTOCOL], max_size=None) as page:
+        with suppress(ConnectionClosedError):
+            page.send(bytes(LARGEST_MESSAGE + 1))
+        with pytest.raises(ConnectionClosedError, match="too big"):
+            all(page)  # what the server still sends, until it ends
+    assert websocket(local) == 101  # others are served
+    assert all(record.exc_info is None for record in caplog.records)
