@@ -4,6 +4,7 @@ written back only where it differs.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +25,16 @@ FIRST_STEP = STEPS[1]
 """Open at first: photo and model are there by the command line."""
 SEARCH_STEP = STEPS[2]
 """Opened where an earlier one is when a search begins by its key."""
+
+
+MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
+"""What markdown takes for more than a letter; pictures among it, whose files viser would read."""
+
+
+def plain(text: str) -> str:
+    """A text from a file or a user, as markdown shows it letter for letter."""
+    escaped = text.replace("&", "&amp;")
+    return MARKUP.sub(lambda found: f"&#{ord(found.group())};", escaped)
 
 
 class Field:

@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 import viser
 
 from poseviewer.api import Case
-from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.page.landscape_grid import (
     GridOptions,
     Markers,
@@ -143,7 +143,7 @@ class LandscapePanel:
 
     def note(self, text: str) -> None:
         """Say why there are no maps."""
-        set_properties(self._note, content=text, visible=True)
+        set_properties(self._note, content=plain(text), visible=True)
 
 
 def _grid(session: Session, latest: LandscapeUpdate) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.page.candidates_panel import CandidatesPanel
-from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post
+from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
 from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
@@ -230,7 +229,7 @@ class Page:
                     self._post(Answer(asked.choosing, answer(), asked.client))
 
         with modal:
-            gui.add_markdown(escape(question.text))
+            gui.add_markdown(plain(question.text))
             *options, none = question.options
             if len(options) <= MOST_BUTTONS:
                 for option in options:
@@ -251,7 +250,8 @@ class Page:
         when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
         with modal:
             handle.gui.add_markdown(
-                f"**{offer.photo_name}** with **{offer.model_name}**, last kept on {when}."
+                f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
+                f"{when}."
             )
             again = handle.gui.add_button("Open it again", color="cyan")
             forget = handle.gui.add_button("Forget it", color="gray")

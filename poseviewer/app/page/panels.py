@@ -9,13 +9,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from html import escape
 from typing import Any
 
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.controls import STEPS, Controls, Field, set_properties
+from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
 from poseviewer.app.page.loss_bar import loss_bar
 from poseviewer.app.page.methods_panel import MethodsPanel
@@ -119,8 +118,8 @@ class OpenPanel:
         registration = session.document.registration
         photo, mesh = registration.photo, registration.mesh
         text = (
-            f"**{escape(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
-            f"**{escape(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
+            f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
+            f"**{plain(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
             f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
             f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
         )
@@ -532,7 +531,7 @@ class SavePanel:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
         set_properties(self._save, label=SAVE_ALL if session.document.others else SAVE)
         text = "● unsaved changes" if session.unsaved else "no unsaved changes"
-        lines = (text, escape(where), focal_note(session))
+        lines = (text, plain(where), focal_note(session))
         set_properties(self._state, content="  \n".join(filter(None, lines)))
 
 
@@ -612,7 +611,7 @@ def marks_text(session: Session) -> str:
     if session.tool == "wheels":
         lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
     if marks.note and session.tool in MARKING:
-        lines.append(escape(marks.note))
+        lines.append(plain(marks.note))
     return "  \n".join(lines)
 
 
@@ -670,7 +669,7 @@ def search_text(session: Session) -> str:
     if search is None:
         if overlay is not None and overlay.unexplained is not None:
             return f"**{overlay.unexplained.text}** at this pose"
-        return (overlay.note if overlay else "") or PREPARING
+        return plain(overlay.note if overlay else "") or PREPARING
     if search.latest is None:
         return "Preparing the search ..."
     progress = search.latest.progress
@@ -682,7 +681,7 @@ def search_text(session: Session) -> str:
     together = search.latest.together
     one = None if together is None else session.document.numbered(together.number)
     if one is not None and len(search.objects) > 1:
-        which += f"  \nOf all objects: **{escape(one.label)}**"
+        which += f"  \nOf all objects: **{plain(one.label)}**"
     text = (
         f"Method: {settings.method_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
@@ -699,7 +698,9 @@ def verdict_text(session: Session) -> str:
     if verdict is None:
         return ""
     note = focal_note(session)
-    reasons = "\n".join(f"- {reason}" for reason in (*verdict.reasons, *filter(None, (note,))))
+    reasons = "\n".join(
+        f"- {plain(reason)}" for reason in (*verdict.reasons, *filter(None, (note,)))
+    )
     return (
         f"**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
         f"calibrated on and that looked like this one were right.{sure_text(session)}\n\n{reasons}"
@@ -712,7 +713,7 @@ def sure_text(session: Session) -> str:
     if sure is None:
         return ""
     unit = session.document.registration.mesh.unit
-    return f"\n\n**How sure, if right:** {sure.words(unit)} (standard deviations)."
+    return f"\n\n**How sure, if right:** {plain(sure.words(unit))} (standard deviations)."
 
 
 def review_text(state: ReviewState) -> str:
@@ -724,16 +725,16 @@ def review_text(state: ReviewState) -> str:
         said = f"● pose changed, {said if result.review else 'not accepted yet'}"
     lines = [
         f"**{state.place} of {len(queue.rows)}**, {queue.accepted} accepted",
-        f"row {row.job.row}: {escape(said)}",
+        f"row {row.job.row}: {plain(said)}",
     ]
     if result.failed:
-        lines.append(escape(f"failed: {result.reason}"))
+        lines.append(plain(f"failed: {result.reason}"))
     elif result.start_unexplained is not None:
         share = "-" if result.unexplained is None else f"{result.unexplained:.3f}"
         lines.append(f"unexplained {share}, at the start {result.start_unexplained:.3f}")
     verdict = getattr(result, "verdict", "")
     if verdict and not result.review:
-        lines.append(escape(f"verdict: {verdict}"))
+        lines.append(plain(f"verdict: {verdict}"))
     if state.trouble:
-        lines.append(escape(state.trouble))
+        lines.append(plain(state.trouble))
     return "  \n".join(lines)

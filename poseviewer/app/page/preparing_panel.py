@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from poseviewer.app.page.controls import set_properties
+from poseviewer.app.page.controls import plain, set_properties
 from poseviewer.app.state.session import Session
 
 COMPILING = (
@@ -32,4 +32,4 @@ class PreparingPanel:
             set_properties(self._bar, value=100.0 * share)
             set_properties(self._text, content=COMPILING.format(share=share))
         elif trouble:
-            set_properties(self._text, content=f"**{trouble}**")
+            set_properties(self._text, content=f"**{plain(trouble)}**")
