@@ -86,6 +86,8 @@ class Command(Request):
     """Whether a drag under way is ended first, or its steps would come in the wrong order."""
     keeps_error = False
     """Whether the error message stays: it is about what the user did."""
+    goes_back = False
+    """Whether it leads to where everything was at another time, what is locked as well."""
 
     def __call__(self, session: Session) -> Session:
         """The session after it."""
@@ -350,6 +352,8 @@ class LookFrom(Command):
 class Undo(Command):
     """One step back: of a search, to before it."""
 
+    goes_back = True
+
     def __call__(self, session: Session) -> Session:
         return session.at(*session.history.undo(session.document))
 
@@ -357,6 +361,8 @@ class Undo(Command):
 @dataclass(frozen=True, slots=True)
 class Redo(Command):
     """One step on again."""
+
+    goes_back = True
 
     def __call__(self, session: Session) -> Session:
         return session.at(*session.history.redo(session.document))
@@ -715,6 +721,8 @@ class AcceptSearch(Command):
 @dataclass(frozen=True, slots=True)
 class RevertSearch(Command):
     """Back to the pose before the search; one that runs is stopped."""
+
+    goes_back = True
 
     def __call__(self, session: Session) -> Session:
         return session if session.search is None else Undo()(session)

@@ -36,7 +36,8 @@ def update(session: Session, command: Command) -> Session:
         if session.drag is not None and command.ends_drag:
             before = Release()(session)
         found = command(before)
-        _require_unlocked(before.document, found.document)
+        if not command.goes_back:
+            _require_unlocked(before.document, found.document)
         return found
     except REFUSALS as error:
         return session.with_error(str(error))
