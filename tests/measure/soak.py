@@ -1,25 +1,33 @@
-"""Whether memory grows with work: ``python -m tests.measure.memory``.
+"""Whether anything grows with work: ``python -m tests.measure.soak``.
 
 Evaluations at poses all about the photo, then short fits, each with a problem of its own, as the
-app makes them. Prints the resident memory at intervals; exit code 1 if it grew.
+app makes them, then searches of photos and models that are opened from their files and closed.
+Prints resident memory, threads and open files at intervals; exit code 1 if they grew, or a loss was
+not finite.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import itertools
+import math
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+import poseviewer
 from poseviewer.bench.workload import Workload, load_demo, make_model, make_workload
 from poseviewer.fit.problem import FitProblem, pose_loss
-from poseviewer.fit.settings import Limits
+from poseviewer.fit.settings import METHODS, FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.render.types import PhotoAttributes, Renderer
+from tests.meshes import make_bumpy, make_painted
+from tests.scene import make_scene_of
 
 MOST_GROWTH_MB = 5.0
 SAMPLES, WARM_SAMPLES = 20, 2
@@ -35,6 +43,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--evaluations", type=int, default=100_000)
     parser.add_argument("--fits", type=int, default=1_000)
+    parser.add_argument("--searches", type=int, default=500)
     options = parser.parse_args()
     demo = load_demo()
     case = make_workload(demo, make_model(demo, TRIANGLES), (WIDTH, HEIGHT))
@@ -42,6 +51,8 @@ def main() -> int:
         _watch("evaluations", options.evaluations, evaluations(case.usual, case.model.renderer)),
         _watch("fits", options.fits, fits(case)),
     ]
+    with tempfile.TemporaryDirectory() as made:
+        grown.append(_watch("searches", options.searches, searches(Path(made))))
     return int(max(grown) > MOST_GROWTH_MB)
 
 
@@ -51,7 +62,7 @@ def evaluations(problem: FitProblem, renderer: Renderer) -> Iterator[float]:
     scales = problem.chart.scales(problem.start)
     while True:
         offset = random.uniform(-SPREAD, SPREAD, len(scales)) * random.uniform()
-        yield pose_loss(problem, renderer, problem.start + offset * scales)
+        yield _finite(pose_loss(problem, renderer, problem.start + offset * scales))
 
 
 def fits(case: Workload, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
@@ -66,7 +77,28 @@ def fits(case: Workload, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
             case.usual, photo=own, start=start, limits=Limits(evaluations=evaluations)
         )
         *_, end = fit_pose(problem, case.model.renderer)
-        yield end.loss
+        yield _finite(end.loss)
+
+
+def searches(folder: Path, evaluations: int = FIT_EVALUATIONS) -> Iterator[float]:
+    """Losses that short searches of files end in, each opened anew, of two models in turn, without
+    end.
+    """
+    scenes = []
+    for name, mesh in (("bumpy", make_bumpy(3)), ("painted", make_painted())):
+        (folder / name).mkdir()
+        scenes.append(make_scene_of(mesh, folder / name))
+    for number, scene in enumerate(itertools.cycle(scenes)):
+        limits = Limits(evaluations=evaluations)
+        settings = FitSettings(tuple(METHODS)[number // 2 % 2], seed=number, limits=limits)
+        case = poseviewer.load(scene.photo, scene.model, scene.start, settings)
+        yield [_finite(progress.loss) for progress in case.search(threads=2)][-1]
+
+
+def _finite(loss: float) -> float:
+    if not math.isfinite(loss):
+        raise AssertionError(f"a loss of {loss}")
+    return loss
 
 
 def growth(
@@ -86,13 +118,19 @@ def growth(
 
 
 def _watch(what: str, count: int, work: Iterator[float]) -> float:
-    grown = growth(
-        work,
-        count,
-        resident_mb,
-        lambda done, mb: print(f"{done:8,} {what}: {mb:7.1f} MB", flush=True),
-    )
+    held = list[tuple[int, int]]()
+
+    def say(done: int, mb: float) -> None:
+        folders = (Path("/proc/self") / name for name in ("task", "fd"))
+        threads, files = (len(list(folder.iterdir())) for folder in folders)
+        held.append((threads, files))
+        print(f"{done:8,} {what}: {mb:7.1f} MB, {threads} threads, {files} files", flush=True)
+
+    grown = growth(work, count, resident_mb, say)
     print(f"{what}: grown by {grown:+.2f} MB since the first tenth", flush=True)
+    for now, warm in zip(held[-1], held[WARM_SAMPLES], strict=True):
+        if now > warm:
+            raise AssertionError(f"{what}: {held[WARM_SAMPLES]} became {held[-1]}: threads, files")
     return grown
 
 

@@ -1,4 +1,4 @@
-"""Evaluations and fits leave nothing behind. The long run is ``python -m tests.measure.memory``."""
+"""Work leaves nothing behind. The long run is ``python -m tests.measure.soak``."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from collections.abc import Iterator
 import pytest
 
 from poseviewer.bench.workload import load_demo, make_model, make_workload
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
 from poseviewer.render.software.renderer import SoftwareRenderer
-from tests.measure.memory import evaluations, fits, growth
+from tests.measure.soak import evaluations, fits, growth, searches
 
 pytestmark = pytest.mark.slow
 MOST_BYTES = 30_000
@@ -49,6 +51,19 @@ def test_evaluations_leave_nothing_behind(case):
 @pytest.mark.usefixtures("traced")
 def test_fits_leave_nothing_behind(case):
     assert grown(fits(case, 10), 20) < MOST_BYTES
+
+
+def test_models_that_are_opened_and_closed_leave_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setattr("poseviewer.geometry.mesh.MOST_FACES_KEPT", 0)  # the last one alone
+
+    def opened(count: int) -> int:
+        for _ in range(count):
+            next(work)
+        gc.collect()
+        return sum(isinstance(one, Mesh | Photo) for one in gc.get_objects())
+
+    work = searches(tmp_path, 3)
+    assert opened(4) == opened(4)
 
 
 class Hoarder(SoftwareRenderer):
