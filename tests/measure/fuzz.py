@@ -4,6 +4,9 @@ Each reader (``fuzz_readers``) gets ``--count`` mutants, or as many as fit in it
 ``--seconds``. What is no sentence for the user (``PoseViewerError``) is a finding: another
 exception, a warning, more than 2 s of processor time, more than 1 GB, a crash. Findings are kept in
 ``--keep``; a mutant is made from the seed, the reader's name and its own number alone.
+
+With ``--guided`` what is tried next goes by what the tries before reached in our code and in
+trimesh (atheris, an extra: ``pip install -e '.[fuzz]'``).
 """
 
 from __future__ import annotations
@@ -19,11 +22,11 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import FrameType
+from types import FrameType, FunctionType
 
 from poseviewer.errors import PoseViewerError
 from tests.measure.fuzz_readers import Files, Reader, make_readers
@@ -33,6 +36,8 @@ MOST_S, MOST_BYTES = 2.0, 1 << 30
 PATIENCE_S = 60.0
 """A reader that says nothing for so long is ended from outside."""
 NUMBER = re.compile(rb"-?\d+(\.\d*)?([eE][-+]?\d+)?")
+WATCHED = "poseviewer.files", "trimesh.exchange"
+"""Modules whose branches guide what is tried next."""
 ODD_NUMBERS = (
     b"0", b"-1", b"1e308", b"-1e308", b"1e-320", b"1e999", b"nan", b"NaN", b"Infinity", b"inf",
     b"2147483648", b"4294967295", b"9223372036854775808", b"1" + b"0" * 400, b"1e9", b"0.1",
@@ -199,6 +204,74 @@ def fuzz(
     return findings
 
 
+def fuzz_guided(
+    name: str, reader: Reader, seed: int, count: int, seconds: float, keep: Path | None = None
+) -> list[Finding]:
+    """Give a reader mutants of its first files that reach ever more of the code."""
+    context = multiprocessing.get_context("fork")
+    with tempfile.TemporaryDirectory() as made:
+        ours, theirs = context.Pipe(duplex=False)
+        arguments = (reader, seed, count, seconds, Path(made), theirs)
+        process = context.Process(target=_work_guided, args=arguments)
+        process.start()
+        theirs.close()
+        findings, known, done = [], set[str](), 0
+        while True:
+            try:
+                done, found, files = ours.recv()
+            except EOFError:
+                break
+            if found and NUMBER.sub(b"", found.encode()).decode() not in known:
+                known.add(NUMBER.sub(b"", found.encode()).decode())
+                findings.append(_kept(Finding(name, done, found), files, keep))
+        process.join()
+    print(f"{name:16} {done:7,} guided mutants, {len(findings)} findings", flush=True)
+    return findings
+
+
+def _work_guided(
+    reader: Reader, seed: int, count: int, seconds: float, folder: Path, news: Connection
+) -> None:
+    """In a process of its own, which the fuzzer ends."""
+    import atheris  # pyright: ignore[reportMissingImports] - an extra
+
+    signal.signal(signal.SIGPROF, _stop)
+    for function in _functions():
+        atheris.instrument_func(function)
+    corpus = folder / "corpus"
+    corpus.mkdir()
+    for number, files in enumerate(reader.seeds):
+        (corpus / f"{number}").write_bytes(next(iter(files.values())))
+    first, *_ = reader.seeds
+    done = 0
+
+    def one(data: bytes) -> None:
+        nonlocal done
+        done += 1
+        files = {**first, next(iter(first)): data}
+        found = judge(reader, files, folder / "mutant")
+        if found or done % 100 == 0:
+            news.send((done, found, files if found else {}))
+
+    limits = f"-max_total_time={max(round(seconds), 1)}", f"-runs={count}", "-max_len=20000"
+    quiet = "-verbosity=0", "-rss_limit_mb=0", "-timeout=60"
+    atheris.Setup([sys.argv[0], str(corpus), f"-seed={seed % (1 << 31)}", *limits, *quiet], one)
+    atheris.Fuzz()
+
+
+def _functions() -> Iterator[FunctionType]:
+    """Those of the ``WATCHED`` modules, and of their classes."""
+    for name, module in list(sys.modules.items()):
+        if not name.startswith(WATCHED):
+            continue
+        for held in [*vars(module).values()]:
+            inside = vars(held).values() if isinstance(held, type) else (held,)
+            for one in inside:
+                function = one.__func__ if isinstance(one, classmethod | staticmethod) else one
+                if type(function) is FunctionType and function.__module__ == name:
+                    yield function
+
+
 def _kept(found: Finding, files: Files, keep: Path | None) -> Finding:
     print(f"{found.reader} {found.number}: {found.found}", flush=True)
     if keep is not None:
@@ -216,6 +289,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=20_000, help="of each reader")
     parser.add_argument("--seconds", type=float, help="for all readers together")
     parser.add_argument("--seed", type=int, help="(a new one, which is printed)")
+    parser.add_argument("--guided", action="store_true", help="by what is reached (atheris)")
     parser.add_argument("--keep", type=Path, help="a folder for what is found")
     options = parser.parse_args()
     seed = random.SystemRandom().randrange(1 << 32) if options.seed is None else options.seed
@@ -227,7 +301,8 @@ def main() -> int:
     findings: list[Finding] = []
     for at, name in enumerate(names):
         share = (end - time.monotonic()) / (len(names) - at)
-        findings += fuzz(name, readers[name], seed, options.count, share, options.keep)
+        run = fuzz_guided if options.guided else fuzz
+        findings += run(name, readers[name], seed, options.count, share, options.keep)
     return int(bool(findings))
 
 
