@@ -11,6 +11,7 @@ import viser
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
+from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.candidates_panel import CandidatesPanel
 from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
 from poseviewer.app.page.guide import Guide
@@ -99,6 +100,7 @@ class Page:
         self._offers: list[Any] = []
 
         bound_uploads(server, self.show_error_to)
+        check_values(server)
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:

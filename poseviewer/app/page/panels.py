@@ -373,10 +373,11 @@ class FitPanel:
         read: Callable[[FitSettings], Any],
         change: Callable[[FitSettings, Any], FitSettings],
     ) -> None:
-        field = controls.field(
-            handle, lambda value: c.AlterSettings(lambda settings: change(settings, value))
-        )
-        self._settings.append((field, read))
+        def asked(value: Any) -> Request:
+            bounded = within(handle, value)
+            return c.AlterSettings(lambda settings: change(settings, bounded))
+
+        self._settings.append((controls.field(handle, asked), read))
 
     def _add_settings(self, controls: Controls) -> None:
         gui, setting = controls.gui, partial(self._add_setting, controls)
@@ -558,6 +559,12 @@ class ReviewPanel:
         if self._key != state.row.job.key:
             self._key = state.row.job.key
             set_properties(self._note, value=state.row.result.note)
+
+
+def within(handle: Any, value: Any) -> Any:
+    """A number as its field bounds it, once what is typed there is left."""
+    least, most = getattr(handle, "min", None), getattr(handle, "max", None)
+    return value if least is None or most is None else max(least, min(most, value))
 
 
 def reflectance_text(mesh: Mesh) -> str:

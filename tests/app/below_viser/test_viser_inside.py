@@ -41,6 +41,7 @@ FIELDS = {
         "transferred_bytes",
         "total_bytes",
     ],
+    "GuiUpdateMessage": ["uuid", "updates"],
     "ShareUrlRequest": [],
     "ShareUrlDisconnect": [],
 }
@@ -93,6 +94,15 @@ def test_handlers_and_states_of_uploads_are_there(server: viser.ViserServer):
     assert arguments(interface.register_handler) == ["message_cls", "callback"]
     assert arguments(interface.unregister_handler) == ["message_cls", "callback"]
     assert arguments(server._websock_server.unregister_handler) == ["message_cls", "callback"]
+
+
+def test_the_handler_of_values_is_there(server: viser.ViserServer):
+    gui = server.gui
+    handler = gui._handle_gui_updates
+    assert arguments(handler) == ["client_id", "message"]
+    assert inspect.iscoroutinefunction(handler)
+    assert gui._websock_interface._incoming_handlers[_messages.GuiUpdateMessage] == [handler]
+    assert gui._gui_input_handle_from_uuid == {}
 
 
 def test_handles_have_what_the_page_is_told_by(server: viser.ViserServer):

@@ -1,0 +1,71 @@
+"""What pages send as the value of an input: only what it can have goes on."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.app.running_app import RunningApp, running_app, settle
+from tests.app.socket_page import SocketPage
+from tests.scene import Scene
+
+ODD_VALUES: tuple[tuple[str, Any], ...] = (
+    ("Seed", -1e308),
+    ("Seed", 1e308),
+    ("Seed", math.nan),
+    ("Seed", "1"),
+    ("Seed", None),
+    ("Seed", 2**63),
+    ("Pixels", "no such choice"),
+    ("Method", ""),
+    ("View", 7),
+    ("Grey, not colour", "yes"),
+    ("Name", ["a"]),
+    ("fx  (px)", [1.0]),
+    ("fx  (px)", math.inf),
+)
+
+
+@pytest.fixture(scope="module")
+def running(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
+    with running_app(scene, tmp_path_factory.mktemp("state")) as app:
+        yield app
+
+
+@pytest.mark.parametrize(("label", "value"), ODD_VALUES)
+def test_a_value_that_an_input_cannot_have_goes_no_farther(
+    running: RunningApp, label: str, value: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running.page() as page, SocketPage(running.url) as other:
+        settle(other)
+        document, before = running.app.session.document, page.value(label)
+        page.set(label, value)
+        page.wait_until(lambda: page.value(label) == before)  # it is told what counts
+        assert other.value(label) == before
+        assert running.app.session.document is document
+    with running.page() as later:  # pages to come are served
+        assert later.value(label) == before
+    assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
+
+
+def test_attributes_of_an_input_are_no_page_s_to_set(running: RunningApp) -> None:
+    with running.page() as page:
+        page._send(
+            type="GuiUpdateMessage", uuid=page.uuid("Seed"), updates={"removed": True, "value": 3}
+        )
+        page.set("Seed", 5)
+        page.wait_until(lambda: running.app.session.document.settings.seed == 5)
+        page.key("KeyZ")
+        page.wait_until(lambda: running.app.session.document.settings.seed == 0)
+
+
+def test_settings_are_bounded_as_their_fields_are(running: RunningApp) -> None:
+    with running.page() as page:
+        page.set("Seed", -1)
+        page.set("Most evaluations", 3)
+        page.wait_until(lambda: running.app.session.document.settings.limits.evaluations == 10)
+        assert running.app.session.document.settings.seed == 0
