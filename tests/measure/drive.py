@@ -199,7 +199,10 @@ def _rounds(
         _check_files(hand, folder, scene)
         for _ in range(UNDONE):
             hand.wire.key("KeyZ")
-        now = _kept_by_undo(hand, _download(hand.wire))
+        pose = _download(hand.wire)
+        patience = time.monotonic() + AGREEMENT_S
+        while (now := _kept_by_undo(hand, pose)) != start and time.monotonic() < patience:
+            pass  # the panels follow the pose
         if now != start:
             differ = {
                 k: (start.get(k), now.get(k)) for k in start | now if start.get(k) != now.get(k)

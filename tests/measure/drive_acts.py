@@ -324,6 +324,9 @@ class Hand:
                 near = value * self.chance.uniform(0.8, 1.2) + self.chance.uniform(-0.1, 0.1)
                 value = self.chance.choice((near, near, self.chance.choice(ODD_NUMBERS)))
                 value = round(value, props.get("precision") or 0)  # as the page does
+                self.wire.change(uuid, value)
+                if props.get("min") is not None:  # once the field is left
+                    value = max(props["min"], min(props["max"], value))
             elif kind == "GuiSliderMessage":
                 value = self.chance.uniform(props["min"], props["max"])
             elif kind == "GuiCheckboxMessage":
