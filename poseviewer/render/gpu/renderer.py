@@ -264,8 +264,8 @@ class Sums:
         by the poses' ``rotations`` (poses, 3, 3).
         """
         photo, m, n = self.photo, self.attributes, self.photo.channels.shape[2]
-        raw = raw.astype(float)
-        origin, sums = raw[..., :m], raw[..., m : m + len(self.terms)]
+        numbers: FloatArray = np.asarray(raw, np.float64)
+        origin, sums = numbers[..., :m], numbers[..., m : m + len(self.terms)]
         pixels, products = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.pairs.shape[1]]
         size = 1 + m + n
         second = np.zeros((len(raw), GROUPS, size, size))
@@ -297,7 +297,7 @@ class Sums:
             by_class = sums[..., 1 + self.pairs.shape[1] :].reshape(len(raw), GROUPS, -1, 1 + m)
             by_class = (by_class @ np.swapaxes(shift[..., : 1 + m, : 1 + m], -1, -2)).sum(axis=1)
             joint = np.concatenate([joint, by_class[..., np.r_[1 : 1 + m, 0]]], axis=1)
-            dots, squares = raw[..., -2:].sum(axis=1).T
+            dots, squares = numbers[..., -2:].sum(axis=1).T
             cosines = [d / s**0.5 if s > 0.0 else 0.0 for d, s in zip(dots, squares, strict=True)]
         joint = joint @ np.swapaxes(turn, 1, 2)
         n = joint.shape[1]

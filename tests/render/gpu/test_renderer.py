@@ -172,7 +172,7 @@ def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch)
     device = device_of.Device(device_of._adapter(takes_software=True))
     monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
     renderer = GpuRenderer(MESHES["box"])
-    width = height = 6_000  # 8 bytes a pixel: more than lavapipe binds
+    width = height = 4_200  # 8 bytes a pixel: more than lavapipe binds
     photo = PhotoAttributes(
         np.zeros((height, width, 1), np.float32), np.ones((height, width), np.float32)
     )
