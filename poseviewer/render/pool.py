@@ -68,6 +68,11 @@ class RendererPool:
             self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
             self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
 
+    @property
+    def is_batched(self) -> bool:
+        """Whether it takes many poses together, on a GPU."""
+        return self._together is not None
+
     def map(
         self,
         function: Callable[[Any, Item], Result],

@@ -17,6 +17,8 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.gpu.renderer import GpuRenderer
+from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.automatic import (
     Round,
     StartQuery,
@@ -29,6 +31,7 @@ from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
 from poseviewer.study.real_cases import load_cases
 from poseviewer.vehicle.chart import visible_side
+from tests.gpu import require_gpu
 from tests.measure.auto_start import careless_box, is_right, run_trials
 from tests.scene import Scene
 
@@ -151,3 +154,24 @@ def test_a_table_takes_auto_with_a_box(scene: Scene, tmp_path: Path):
     assert first["reason"] == ""
     assert (out / first["pose"]).is_file()
     assert "the box 'a b' is not four whole numbers" in second["reason"]
+
+
+@pytest.mark.slow
+def test_a_search_over_the_whole_photo_runs_on_the_gpu(scene: Scene, monkeypatch):
+    """Of the 100,000 views that a real GPU tries, as many as the processor can stand in for."""
+    require_gpu(monkeypatch)
+    sizes: list[int] = []
+    judge = GpuRenderer.moments_at
+
+    def counted(self, poses, photo):
+        sizes.append(len(poses))
+        return judge(self, poses, photo)
+
+    monkeypatch.setattr(GpuRenderer, "moments_at", counted)
+    options = ViewOptions(views=120, views_everywhere=300, rounds=(Round(6, 6, 0.12, 40.0),))
+    query = wanted(scene, None, options=options)
+    found = propose(query, GpuRenderer(query.mesh)).found
+    assert sum(sizes) > 300
+    assert max(sizes) > 10
+    by_software = propose(query, SoftwareRenderer(query.mesh)).found
+    assert [one.loss for one in found] == pytest.approx([one.loss for one in by_software], abs=0.01)
