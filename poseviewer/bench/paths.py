@@ -1,7 +1,8 @@
-"""The five ways from a pose to a loss, and how long each stage of each takes.
+"""The six ways from a pose to a loss, and how long each stage of each takes.
 
 a: pyrender, read back, NumPy, as the paper did it. b: our OpenGL renderer. c: our rasteriser's
-images, NumPy. d: rasteriser and sums fused, one thread. e: the same on all cores.
+images, NumPy. d: rasteriser and sums fused, one thread. e: the same on all cores. f: on a GPU, many
+poses in one submission.
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from poseviewer.bench.workload import POSES, Workload
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.problem import pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl.renderer import OpenGLRenderer
@@ -26,13 +27,21 @@ from poseviewer.render.pool import CHUNK, RendererPool
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 
+if TYPE_CHECKING:  # wgpu is an extra
+    from poseviewer.render.gpu.renderer import GpuRenderer
+
 NAMES = {
     "a": "plain: pyrender, read back, NumPy",
     "b": "our OpenGL renderer, NumPy",
     "c": "software, plain: pictures, NumPy",
     "d": "software, fused, one thread",
     "e": "software, fused, all cores",
+    "f": "GPU, many poses at once",
 }
+BATCHES = (1, 32, 512)
+"""Poses that path f judges at once; its other stages are of the last. On a software adapter, which
+no batch makes quicker, the last is left out, and other stages are of the first."""
+BATCH_STAGE = "batch of {}"
 STEP = 2
 """Poses from one image of a run to the next: no image is of the pose before it, and two runs have
 all eight."""
@@ -68,7 +77,7 @@ class StageTime:
     """The time of one stage of one path, ms."""
 
     path: str
-    """A letter, ``a`` to ``e``."""
+    """A letter, ``a`` to ``f``."""
     triangles: int
     """As asked for."""
     width: int
@@ -94,11 +103,18 @@ class SummedImages(SoftwareRenderer):
 
 
 def make_path(work: Workload, letter: str, threads: int) -> Path:
-    """The path of this letter; ``a`` and ``b`` need OpenGL, ``threads`` are those of ``e``."""
+    """The path of this letter; ``a`` and ``b`` need OpenGL, ``f`` a GPU, ``threads`` are those of
+    ``e``.
+    """
     software = work.model.renderer
     if letter == "e":
         pool = RendererPool(software, threads)
         return Path("e", software, partial(_run_batch, work, pool), pool.threads, pool.close)
+    if letter == "f":
+        from poseviewer.render.gpu.renderer import GpuRenderer
+
+        renderer = GpuRenderer(work.model.mesh)
+        return Path("f", renderer, partial(_run_on_gpu, work, renderer))
     if letter == "d":
         return Path("d", software, partial(_run_fused, work))
     sums: Callable[[Any, PhotoAttributes], Moments] = moments_of_images
@@ -169,24 +185,56 @@ def _through_chart(work: Workload, renderer: Renderer, k: int) -> Seconds:
     return seconds
 
 
+def _run_on_gpu(work: Workload, renderer: GpuRenderer, k: int) -> Seconds:
+    """Seconds for one evaluation in batches of several sizes."""
+    photo, pool = work.paper.photo, RendererPool(renderer)
+    batches = BATCHES[:-1] if renderer.device.is_software else BATCHES
+    usual = BATCHES[0 if renderer.device.is_software else -1]
+    seconds = {}
+    for count in batches:
+        seconds[BATCH_STAGE.format(count)] = _time_batch(
+            pool, lambda one, pose: lighting_loss(one.moments(pose, photo)), work.poses, k, count
+        )
+    return seconds | {
+        "total": seconds[BATCH_STAGE.format(usual)],
+        "evaluation": _time_loss(work, work.paper, pool, k, usual),
+        "search": _time_loss(work, work.usual, pool, k, usual),
+    }
+
+
+def _time_loss(
+    work: Workload, problem: FitProblem, pool: RendererPool, k: int, count: int
+) -> float:
+    return _time_batch(pool, lambda one, at: pose_loss(problem, one, at), work.parameters, k, count)
+
+
+def _time_batch(
+    pool: RendererPool,
+    task: Callable[[Renderer, Item], object],
+    items: Sequence[Item],
+    k: int,
+    count: int,
+) -> float:
+    """Seconds for one of a batch."""
+    batch = [items[(k + i) % POSES] for i in range(count)]
+    began = perf_counter()
+    list(pool.map(task, batch))
+    return (perf_counter() - began) / count
+
+
 def _run_batch(work: Workload, pool: RendererPool, k: int) -> Seconds:
     """Seconds for one evaluation, of a batch in which each core does as many as the others."""
-
-    def time(task: Callable[[Renderer, Item], object], items: Sequence[Item]) -> float:
-        batch = [items[(k + i) % POSES] for i in range(CHUNK * pool.threads)]
-        began = perf_counter()
-        list(pool.map(task, batch))
-        return (perf_counter() - began) / len(batch)
-
-    photo = work.paper.photo
-    total = time(lambda one, pose: lighting_loss(one.moments(pose, photo)), work.poses)
-    rasterise = time(lambda one, pose: one.covers(pose).size, work.poses)
+    photo, count = work.paper.photo, CHUNK * pool.threads
+    total = _time_batch(
+        pool, lambda one, pose: lighting_loss(one.moments(pose, photo)), work.poses, k, count
+    )
+    rasterise = _time_batch(pool, lambda one, pose: one.covers(pose).size, work.poses, k, count)
     return {
         "rasterise": rasterise,
         "moments and loss": max(total - rasterise, 0.0),
         "total": total,
-        "evaluation": time(lambda one, at: pose_loss(work.paper, one, at), work.parameters),
-        "search": time(lambda one, at: pose_loss(work.usual, one, at), work.parameters),
+        "evaluation": _time_loss(work, work.paper, pool, k, count),
+        "search": _time_loss(work, work.usual, pool, k, count),
     }
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
-from poseviewer.bench.paths import NAMES, StageTime
+from poseviewer.bench.paths import BATCH_STAGE, BATCHES, NAMES, StageTime
 from poseviewer.bench.run import COVERED, PHOTO, TRIANGLES, BenchReport, ScalingTime
 from poseviewer.bench.searches import FitTime, MapsTime
 from poseviewer.figures.bench_sheet import Bar, BenchSheet, Curve, Panel
@@ -36,6 +36,8 @@ CURVES = {
     ("d", "rasterise"): "  of it: rasterise",
     ("d", "moments"): "  of it: sum",
 }
+ADAPTERS = {"opengl": "OpenGL", "gpu": "GPU"}
+"""Among the versions: what draws for OpenGL and on the GPU."""
 LABELS = {
     TRIANGLES: "triangles",
     COVERED: "pixels that the model covers",
@@ -61,13 +63,18 @@ def as_json_bytes(report: BenchReport) -> bytes:
 def as_text(report: BenchReport, markdown: bool = False) -> str:
     """Machine, versions and tables, for a terminal or as Markdown."""
     cpu, cores = report.machine["cpu"], report.machine["cores"]
-    load, opengl = report.machine["load"], report.versions["opengl"]
+    load, drawn_by = report.machine["load"], _drawn_by(report)
     busy = f", load {load:.1f} at the start" if load is not None else ""
-    packages = ", ".join(f"{k} {v}" for k, v in report.versions.items() if k != "opengl")
-    header = f"{cpu}, {cores} cores{busy}; OpenGL: {opengl or 'none'}.\n{packages}."
-    tables = [_stage_table(report), *_total_tables(report), _whole_table(report)]
+    packages = ", ".join(f"{k} {v}" for k, v in report.versions.items() if k not in ADAPTERS)
+    header = f"{cpu}, {cores} cores{busy}; {drawn_by}.\n{packages}."
+    tables = [_stage_table(report), *_gpu_tables(report), *_total_tables(report)]
+    tables.append(_whole_table(report))
     parts = [table.as_markdown() if markdown else table.as_text() for table in tables]
     return "\n\n".join([header, *parts, *report.notes])
+
+
+def _drawn_by(report: BenchReport) -> str:
+    return "; ".join(f"{name}: {report.versions[key] or 'none'}" for key, name in ADAPTERS.items())
 
 
 def _main_rows(report: BenchReport) -> dict[str, dict[str, StageTime]]:
@@ -111,6 +118,17 @@ def _stage_table(report: BenchReport) -> Table:
         ("path", "draw", "sum", "loss", "total", "least to most", "by chart", "search", "a / this"),
         tuple(rows),
     )
+
+
+def _gpu_tables(report: BenchReport) -> Iterable[Table]:
+    """What batches gain, where there is a GPU."""
+    stages = _main_rows(report).get("f", {})
+    names = [BATCH_STAGE.format(count) for count in BATCHES]
+    names = [name for name in names if name in stages]
+    if names:
+        times = tuple(_ms(stages[name]) for name in names)
+        title = f"One evaluation on {report.versions['gpu']}, ms: by poses at once; medians"
+        yield Table(title, ("path", *names), ((f"f  {NAMES['f']}", *times),))
 
 
 def _total_tables(report: BenchReport) -> Iterable[Table]:
@@ -187,7 +205,7 @@ def make_sheet(report: BenchReport) -> BenchSheet:
         f"One evaluation of a pose: {one.triangles:,} triangles, {one.width}×{one.height}, "  # noqa: RUF001
         f"{one.covered_px:,} covered pixels",
         f"{report.machine['cpu']}, {report.machine['cores']} cores; "
-        f"OpenGL: {report.versions['opengl'] or 'none'}. Medians. "
+        f"{_drawn_by(report)}. Medians. "
         "The paper's own figures (pale) are from its machine of 2010.",
         tuple(bars),
         tuple(panels),

@@ -29,6 +29,7 @@ from poseviewer.bench.workload import (
     make_model,
     make_workload,
 )
+from poseviewer.render.gpu.device import gpu_adapter_name
 from poseviewer.render.opengl.context import opengl_renderer_name, opengl_unavailable_reason
 from poseviewer.render.pool import processors
 from poseviewer.render.software.renderer import SoftwareRenderer
@@ -117,7 +118,8 @@ class BenchReport:
     machine: dict[str, str | int | float | None]
     """Processor, cores, system, and mean load over the minute before."""
     versions: dict[str, str | None]
-    """Of Python and the packages that do the work; ``opengl`` is None where there is none."""
+    """Of Python and the packages that do the work; ``opengl`` and ``gpu``, the adapter of path f,
+    are None where there is none."""
     rows: tuple[StageTime, ...]
     fits: tuple[FitTime, ...]
     maps: tuple[MapsTime, ...]
@@ -132,9 +134,10 @@ def run_bench(options: BenchOptions, tell: Tell) -> BenchReport:
     machine = {"cpu": _cpu(), "cores": processors(), "system": platform.system(), "load": load}
     versions: dict[str, str | None] = {"python": platform.python_version()}
     versions |= {name: version(name) for name in PACKAGES} | {"opengl": opengl_renderer_name()}
+    versions["gpu"] = gpu = gpu_adapter_name()
     reason = opengl_unavailable_reason()
     notes = [f"Paths a and b are left out: {reason}"] if reason else []
-    letters = "cde" if reason else "abcde"
+    letters = ("cde" if reason else "abcde") + ("f" if gpu else "")
     began = perf_counter()
     tell("loading the demo")
     demo = load_demo()

@@ -13,6 +13,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from poseviewer.bench import paths
 from poseviewer.bench import report as reports
 from poseviewer.bench.paths import StageTime, make_path
 from poseviewer.bench.run import (
@@ -33,10 +34,12 @@ from poseviewer.figures.save import save_figure
 from poseviewer.fit.landscape import QUICK_PIXELS, quick_level
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import pose_loss
+from poseviewer.render.gpu.device import gpu_adapter_name, gpu_device
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
+from tests.gpu import require_gpu
 from tests.opengl import require_opengl
 
 STAGES = {
@@ -69,7 +72,7 @@ TINY = BenchOptions(
 ROW = {
     "type": "object",
     "properties": {
-        "path": {"enum": list("abcde")},
+        "path": {"enum": list("abcdef")},
         "stage": {"type": "string"},
         **{k: {"type": "integer", "minimum": 1} for k in ("triangles", "width", "height")},
         **{k: {"type": "integer", "minimum": 1} for k in ("threads", "runs", "faces")},
@@ -84,7 +87,7 @@ SCHEMA = {
         "machine": {"type": "object", "required": ["cpu", "cores", "system", "load"]},
         "versions": {
             "type": "object",
-            "required": ["python", "poseviewer", "numpy", "numba", "opengl"],
+            "required": ["python", "poseviewer", "numpy", "numba", "opengl", "gpu"],
         },
         "rows": {"type": "array", "minItems": 1, "items": ROW},
         "scaling": {"type": "array", "items": {**ROW, "required": [*ROW["required"], "x"]}},
@@ -280,6 +283,29 @@ def test_all_paths_find_the_same_losses(work, letter):
             tolerance = 0.007 if letter == "a" else 1e-4
             assert found == pytest.approx(expected, abs=tolerance)
     path.close()
+
+
+@pytest.mark.slow
+def test_the_gpus_path_is_timed_in_batches_and_marked(demo, monkeypatch):
+    require_gpu(monkeypatch)
+    monkeypatch.setattr(paths, "BATCHES", (1, 2, 5))
+    monkeypatch.setattr(reports, "BATCHES", (1, 2, 5))
+    small = make_workload(demo, make_model(demo, 2_000), (160, 120))
+    rows = paths.measure(small, "df", 1, rounds=1)
+    stages = {"batch of 1", "batch of 2", "total", "evaluation", "search"}
+    if not gpu_device().is_software:
+        stages.add("batch of 5")
+    assert {row.stage for row in rows if row.path == "f"} == stages
+    versions = {"gpu": gpu_adapter_name(), "opengl": None}
+    machine = {"cpu": "", "cores": 1, "load": None}
+    text = reports.as_text(BenchReport(machine, versions, tuple(rows), (), (), (), ()))
+    assert "batch of 2" in text
+    assert str(versions["gpu"]) in text
+    path = make_path(small, "f", 1)
+    for problem in (small.paper, small.usual):
+        losses = [pose_loss(problem, path.renderer, at) for at in small.parameters[:3]]
+        software = [pose_loss(problem, small.model.renderer, at) for at in small.parameters[:3]]
+        assert losses == pytest.approx(software, abs=1e-4)
 
 
 def alike(letter: str, exact: AttributeImage, found: AttributeImage) -> AttributeImage:

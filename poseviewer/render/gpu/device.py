@@ -66,6 +66,14 @@ def has_gpu() -> bool:
     return gpu_unavailable_reason() is None and not gpu_device().is_software
 
 
+def gpu_adapter_name() -> str | None:
+    """Of the GPU, or of the processor that stands for one; None where there is none."""
+    if gpu_unavailable_reason():
+        return None
+    device = gpu_device()
+    return device.name + ", the processor itself: not a GPU's times" * device.is_software
+
+
 @lru_cache(maxsize=2)
 def _device(takes_software: bool) -> Device | RendererUnavailableError:
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose, level_pose
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, kept_lately
 from poseviewer.render.gpu.device import GROUPS, Device, gpu_device
 from poseviewer.render.gpu.together import ask, run_together
 from poseviewer.render.pyramid.simplified import simplify
@@ -80,14 +79,19 @@ class GpuRenderer(SoftwareRenderer):
 
     def reduced(self, faces: int) -> SoftwareRenderer:
         """A renderer of the model with at most this number of triangles, or of it as it is."""
-        if len(self.mesh.faces) <= faces or self._model.device.lost:
+        if len(self.mesh.faces) <= faces or self.device.lost:
             return super().reduced(faces)
         return _simplified(self.mesh, faces, self.two_sided).clone()
 
     @property
+    def device(self) -> Device:
+        """What it judges poses on."""
+        return self._model.device
+
+    @property
     def together(self) -> Callable[..., Iterator[Any]] | None:
         """How a pool has many poses judged: at once; None where the GPU has failed."""
-        return None if self._model.device.lost else run_together
+        return None if self.device.lost else run_together
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """The joint moments; together with those of other poses that are asked for meanwhile.
@@ -102,7 +106,7 @@ class GpuRenderer(SoftwareRenderer):
         poses = [level_pose(pose, photo.factor) for pose in poses]
         if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in poses):
             raise ValueError("the pose's camera and the photo differ in size")
-        device, found = self._model.device, {}
+        device, found = self.device, {}
         if not device.lost and len(self._surface.faces):
             try:
                 found = self._on_device(poses, photo)
@@ -191,7 +195,7 @@ class GpuRenderer(SoftwareRenderer):
         )
 
 
-@lru_cache(maxsize=8)
+@kept_lately(8)
 def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> GpuRenderer:
     return GpuRenderer(simplify(mesh, faces), two_sided)
 
