@@ -74,7 +74,7 @@ from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.geometry.view_set import ViewSet
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
-from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture, View, draw_look
+from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
@@ -171,8 +171,8 @@ def load(
         registration = load_registration(photo, model, start, *more)
     else:
         find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
-        unplaced = model if isinstance(model, LoadedModel) else Path(model)
-        registration = load_with_start(Path(photo), unplaced, find, *more)
+        opened = model if isinstance(model, LoadedModel) else Path(model)
+        registration = load_with_start(Path(photo), opened, find, *more)
     if symmetry is not None:
         registration = with_symmetry(registration, symmetry)
     own = model.mesh if isinstance(model, LoadedModel) else None
@@ -532,7 +532,7 @@ class FitResult:
     def drawn_over(self, picture: Picture, look: str, opacity: float) -> Picture:
         """As ``picture``, over another picture (height, width, 3) than the photo."""
         registration, renderer = self.case.registration, self.case.renderer
-        view = View(picture, registration.mesh, renderer, self.pose, self._relit, opacity)
+        view = ModelInPhoto(picture, registration.mesh, renderer, self.pose, self._relit, opacity)
         drawn = draw_look(look, view)
         if not registration.others:
             return drawn

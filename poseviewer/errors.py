@@ -65,7 +65,7 @@ class SettingsError(PoseViewerError):
 
 
 class BatchError(PoseViewerError):
-    """A batch that cannot be run, or not gone on with."""
+    """A batch that cannot be run, or not continued."""
 
 
 class SingularChartError(PoseViewerError):

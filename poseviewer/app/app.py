@@ -41,9 +41,9 @@ from poseviewer.app.workers.opening import Opened, restore
 from poseviewer.app.workers.others import OthersWorker
 from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
-    Asked,
     Exported,
     Found,
+    PageQuestion,
     Result,
     Reviewed,
     Tasks,
@@ -269,7 +269,7 @@ class App:
                 for command in result.commands:
                     self._command(command)
                 self._page.tell_all(result.warnings)
-            case Asked():
+            case PageQuestion():
                 self._page.ask(result)
             case Exported():
                 self._page.send(result)

@@ -125,7 +125,7 @@ def together(jobs: Iterable[Job]) -> tuple[Job, ...]:
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
     reading = Reading(path, [], BatchError, "table of jobs (CSV)", LARGEST_TABLE)
-    with reading.said():
+    with reading.naming_errors():
         return _rows_in(reading)
 
 

@@ -14,7 +14,7 @@ from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
 
 if TYPE_CHECKING:
-    from poseviewer.files.formats.conversion import Request
+    from poseviewer.files.formats.conversion import ConvertOptions
     from poseviewer.files.pose import PoseRecord
 
 SCENE = "scene"
@@ -75,7 +75,7 @@ def run(options: Namespace) -> int:
                 "format."
             )
         request = _request(options)
-        with Reading(options.source, kind=f"{options.source_format} file").said():
+        with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
             record = read(options.source, request)
         record, request = _with_files(record, request, options.source)
     for warning in record.warnings:
@@ -140,7 +140,7 @@ def _convert_scene(options: Namespace) -> int:
     return 0
 
 
-def _object_of_scene(options: Namespace) -> tuple[PoseRecord, Request]:
+def _object_of_scene(options: Namespace) -> tuple[PoseRecord, ConvertOptions]:
     """The pose of one object of a scene."""
     from poseviewer.files.scene import load_scene
 
@@ -168,8 +168,8 @@ def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
     return path
 
 
-def _request(options: Namespace, **more: Any) -> Request:
-    from poseviewer.files.formats.conversion import Request, require_file
+def _request(options: Namespace, **more: Any) -> ConvertOptions:
+    from poseviewer.files.formats.conversion import ConvertOptions, require_file
     from poseviewer.files.photo import load_photo
 
     of_scene = options.out_format == SCENE  # its --model is a folder
@@ -180,14 +180,16 @@ def _request(options: Namespace, **more: Any) -> Request:
         if not options.object.isdecimal():
             raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
         more["object_id"] = int(options.object)
-    request = made(Request, options, **more)
+    request = made(ConvertOptions, options, **more)
     if options.photo is None or options.photo_size is not None:
         return request
     photo = load_photo(options.photo)
     return replace(request, photo_size=(photo.width, photo.height))
 
 
-def _with_files(record: PoseRecord, request: Request, source: Path) -> tuple[PoseRecord, Request]:
+def _with_files(
+    record: PoseRecord, request: ConvertOptions, source: Path
+) -> tuple[PoseRecord, ConvertOptions]:
     """The photo and model that lie beside the pose, where the user names none; and their names."""
     from poseviewer.files.pose import ModelReference, PhotoReference
 

@@ -1,4 +1,4 @@
-"""Which of several models a photo shows: each is fitted, all are judged on the same pixels."""
+"""Which of several models a photo shows: each is fitted, all are scored on the same pixels."""
 
 from __future__ import annotations
 

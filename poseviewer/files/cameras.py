@@ -89,7 +89,7 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
     """
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
-    with reading.said():
+    with reading.naming_errors():
         found = _cameras_in(reading, path.suffix.lower(), fisheye)
         return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]
 

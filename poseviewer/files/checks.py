@@ -10,6 +10,7 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -20,8 +21,10 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.transform import nearest_rotation
 
+VERSION = 1
+"""Of all our JSON formats."""
 ROUNDING = 1e-6
-"""A rotation this near to orthonormal is taken as rounded, and made exact without a word."""
+"""A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0
 LARGEST_FILE = 10_000_000
 """Bytes: a pose file has some thousand."""
@@ -64,11 +67,10 @@ class Reading:
         name = printable(self.path.name or str(self.path), LONGEST_NAME)
         return self.error_type(f"{name}: {found}; {wanted}.")
 
-    def look(self) -> int:
-        """The file's size in bytes: it is a regular one, not empty, and of ``largest`` at most.
+    def check_size(self) -> int:
+        """The size in bytes of a regular file that is not empty and has ``largest`` bytes at most.
 
-        All that a user names is looked at before it is opened: a pipe would be waited for, and a
-        device never ends.
+        Files are checked before they are opened: reading a pipe blocks, and a device never ends.
         """
         wanted = f"wanted a {self.kind}"
         try:
@@ -90,17 +92,17 @@ class Reading:
         return found.st_size
 
     def open(self) -> IO[bytes]:
-        """The file that was looked at, for reading."""
-        self.look()
+        """The file, once its size is checked, for reading."""
+        self.check_size()
         try:
             return self.path.open("rb")
         except OSError as error:
             raise self.error(f"cannot be read ({error.strerror})", "check the path") from error
 
     @contextmanager
-    def said(self) -> Iterator[None]:
-        """Whatever goes wrong inside becomes an error that names the file: parsers raise anything
-        on damaged files. What nobody foresaw is in the log with its traceback.
+    def naming_errors(self) -> Iterator[None]:
+        """Any exception inside the ``with`` block becomes an error that names the file: parsers
+        raise anything on damaged files. Unforeseen ones go to the log with their traceback.
         """
         try:
             yield
@@ -119,7 +121,7 @@ class Reading:
 
     def load_bytes(self) -> bytes:
         """What the file holds; at most ``largest`` bytes, and not none."""
-        with self.said(), self.open() as file:
+        with self.naming_errors(), self.open() as file:
             data = file.read()
         if not data.strip():
             raise self.error("an empty file", f"wanted a {self.kind}, copy it again")
@@ -153,6 +155,22 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
+    def require_format(self, data: dict[str, Any], name: str) -> None:
+        """Nothing where the object is of our format of that name, or does not say of which."""
+        if data.get("format", name) != name:
+            raise self.error(f"format is {kind_of(data['format'])}", f"wanted {name!r}")
+        version = data.get("version", VERSION)
+        if version is True or version != VERSION:
+            wanted = f"this poseviewer reads version {VERSION}, try a newer one"
+            raise self.error(f"version is {kind_of(version)}", wanted)
+
+    def require_unit(self, data: dict[str, Any], unit: str | None) -> None:
+        """Nothing where the object's lengths are in the model's ``unit``, or it is not said."""
+        own = data.get("unit")
+        if own is not None and unit is not None and own != unit:
+            found = f"lengths in {kind_of(own)}, the model's are in {unit!r}"
+            raise self.error(found, "give them in the model's unit")
+
     def fields(
         self, value: Any, what: str, **checks: Callable[[Reading, Any, str], Any]
     ) -> list[Any]:
@@ -161,7 +179,7 @@ class Reading:
         return [check(self, value.get(key), where + key) for key, check in checks.items()]
 
     def number(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
-        """A number from -``most`` to ``most``; bool is none, though Python thinks so."""
+        """A number from -``most`` to ``most``; not a bool, which is an int in Python."""
         try:
             if isinstance(value, bool) or (isinstance(value, str) and not self.numbers_as_text):
                 raise TypeError
@@ -256,6 +274,12 @@ def kind_of(value: Any) -> str:
         return printable(repr(value), LONGEST_QUOTE)
     except ValueError:  # Python writes no whole number of over 4300 digits
         return "a number of thousands of digits"
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """The JSON Schema (2020-12) of our files: ``pose``, ``scene``, ``symmetry``, ``view_set``."""
+    path = files("poseviewer.files").joinpath(f"{name}.schema.json")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def read_json(path: Path) -> Any:

@@ -1,4 +1,4 @@
-"""What is what among files that came together: a drop, a zip, a folder.
+"""Sort files that came together (a drop, a zip, a folder): photos, models, poses, cameras.
 
 What belongs to what is found by the names inside the files; ``set_questions`` asks about the rest.
 """
@@ -20,7 +20,7 @@ from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import read_json
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, MODEL_NAME, BopImage, load_bop_images
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_photos, read_colmap
 from poseviewer.files.keypoints import FORMAT as KEYPOINTS
 from poseviewer.files.keypoints import keypoints_path
@@ -73,7 +73,7 @@ class ModelFiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class SceneFolder:
     """A BOP scene's folder, or that of a COLMAP model, and its photos."""
 
     cameras: Path
@@ -96,7 +96,7 @@ class Scene:
         """
         image = self.images.get(photo)
         if image is None:
-            request = Request(image=self.photos[photo])
+            request = ConvertOptions(image=self.photos[photo])
             return read_colmap(self.cameras.parent, request).pose.camera_from_model
         found = [one.place for one in image.objects if one.object_id == _number(model)]
         return found[0] if len(found) == 1 else None
@@ -117,7 +117,7 @@ class FileSet:
     poses: tuple[Path, ...] = ()
     keypoints: tuple[Path, ...] = ()
     """Of no model here, by their names."""
-    scenes: tuple[Scene, ...] = ()
+    scenes: tuple[SceneFolder, ...] = ()
     leftovers: tuple[Path, ...] = ()
     """Of no use, as far as can be told."""
     scene_files: tuple[Path, ...] = ()
@@ -129,7 +129,7 @@ class FileSet:
         of_them = self.models, self.photos, self.pictures, self.cameras, self.poses
         return not (any(of_them) or self.scene_files)
 
-    def scene_of(self, photo: Path | None) -> Scene | None:
+    def scene_of(self, photo: Path | None) -> SceneFolder | None:
         """The scene that a photo is from."""
         return next((scene for scene in self.scenes if photo in scene.photos), None)
 
@@ -174,7 +174,7 @@ def is_of_system(name: str) -> bool:
 def sort_set(
     files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
 ) -> FileSet:
-    """What is what among ``files``.
+    """Sort ``files`` by kind.
 
     ``kind``: what the user called them, if so: of a photo all pictures that no model names are
     photos, of a model none is, and of a pose every JSON file is one. ``at_hand``: a model that is
@@ -262,12 +262,12 @@ def _alike(written: str, by_name: ByName) -> Path | None:
     """Of the files of this name, the one whose folders are most like those written."""
     folders = [plain_name(part) for part in written.replace("\\", "/").split("/")][::-1]
 
-    def likeness(path: Path) -> int:
+    def shared_folders(path: Path) -> int:
         parts = [plain_name(part) for part in path.parts][::-1]
         pairs = zip(folders, parts, strict=False)
         return next((i for i, (a, b) in enumerate(pairs) if a != b), len(folders))
 
-    return max(by_name.get(plain_name(bare_name(written)), ()), key=likeness, default=None)
+    return max(by_name.get(plain_name(bare_name(written)), ()), key=shared_folders, default=None)
 
 
 def _without(files: Sequence[Path], those: Collection[Path]) -> tuple[Path, ...]:
@@ -318,7 +318,7 @@ def _kind_of_text(path: Path, sole: bool) -> str:
     return "camera"
 
 
-def _bop_scenes(files: Sequence[Path]) -> Iterator[Scene]:
+def _bop_scenes(files: Sequence[Path]) -> Iterator[SceneFolder]:
     there = set(files)
     for path in files:
         if path.name == CAMERAS:
@@ -327,10 +327,10 @@ def _bop_scenes(files: Sequence[Path]) -> Iterator[Scene]:
             found = {photo: image for photo, image in found.items() if photo in there}
             if found:
                 names = {photo: str(image.number) for photo, image in found.items()}
-                yield Scene(path, names, found)
+                yield SceneFolder(path, names, found)
 
 
-def _colmap_scenes(files: Sequence[Path]) -> Iterator[Scene]:
+def _colmap_scenes(files: Sequence[Path]) -> Iterator[SceneFolder]:
     by_name: dict[str, list[Path]] = defaultdict(list)
     for path in files:
         if path.suffix.lower() in PICTURES:
@@ -341,10 +341,10 @@ def _colmap_scenes(files: Sequence[Path]) -> Iterator[Scene]:
             found = {_alike(name, by_name): name for name in sorted(names)}
             photos = {photo: name for photo, name in found.items() if photo is not None}
             if photos:
-                yield Scene(path, photos)
+                yield SceneFolder(path, photos)
 
 
-def _inside(scenes: Sequence[Scene], files: Sequence[Path]) -> Collection[Path]:
+def _inside(scenes: Sequence[SceneFolder], files: Sequence[Path]) -> Collection[Path]:
     """What belongs to scenes: all of a BOP scene's folder but models, the files and photos of a
     COLMAP model.
     """

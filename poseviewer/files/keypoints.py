@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.checks import Reading
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 from poseviewer.vehicle.parts import find_wheels
 
-FORMAT, VERSION = "poseviewer-keypoints", 1
+FORMAT = "poseviewer-keypoints"
 KIND = "key point file"
 
 
@@ -34,23 +34,14 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
     if not path.exists():
         return find_wheels(mesh)
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
-    with reading.said():
+    with reading.naming_errors():
         return _keypoints_in(reading, mesh)
 
 
 def _keypoints_in(reading: Reading, mesh: Mesh) -> VehicleKeypoints:
     data = reading.load_object()
-    if data.get("format", FORMAT) != FORMAT:
-        raise reading.error(f"not a {KIND}", f"wanted format {FORMAT!r}")
-    version = data.get("version", VERSION)
-    if version is True or version != VERSION:
-        raise reading.error(f"version is {kind_of(version)}", f"this poseviewer reads {VERSION}")
-    unit = data.get("unit")
-    if unit is not None and mesh.unit is not None and unit != mesh.unit:
-        raise reading.error(
-            f"lengths in {kind_of(unit)}, the model's are in {mesh.unit!r}",
-            "give them in the model's unit",
-        )
+    reading.require_format(data, FORMAT)
+    reading.require_unit(data, mesh.unit)
     return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
 
 

@@ -11,7 +11,7 @@ Keys of an archive, with d numbers of the chart, P pairs and grids of k x k poin
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
 
 A table has a row for every evaluated grid point, with the columns ``CSV_COLUMNS``; every number to
-its last digit. An offset is the way from the centre, as a share of the number's span: 0.2 is 20 %.
+its last digit. An offset is the distance from the centre as a share of its scale: 0.2 is 20 %.
 """
 
 from __future__ import annotations

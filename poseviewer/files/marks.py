@@ -53,7 +53,7 @@ def load_pairs(path: str | Path) -> PointPairs:
         QuickStartError: there is no such file, or it holds something else.
     """
     reading = _reading(path)
-    with reading.said():
+    with reading.naming_errors():
         text = reading.load_text()
         rows = _json_rows(reading) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text)
         numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
@@ -70,7 +70,7 @@ def load_wheels(text: str) -> Wheels:
         QuickStartError: it is neither.
     """
     reading = _reading("--wheels" if ";" in text else text)
-    with reading.said():
+    with reading.naming_errors():
         return _wheels_in(reading, text)
 
 

@@ -62,7 +62,7 @@ def load_photo(path: str | Path) -> Photo:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
     """
     reading = _reading(path)
-    with reading.said(), quiet_libraries():
+    with reading.naming_errors(), quiet_libraries():
         return _photo_in(reading)
 
 
@@ -93,7 +93,7 @@ def is_stored_turned(path: str | Path) -> bool:
         PhotoFileError: it cannot be read.
     """
     reading = _reading(path)
-    with reading.said():
+    with reading.naming_errors():
         return _inspect(reading, _load_picture(reading))[0] != 1
 
 
@@ -106,7 +106,7 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
     reading = _reading(path)
     try:
         with (
-            reading.said(),
+            reading.naming_errors(),
             reading.open() as file,
             quiet_libraries(),
             Image.open(file, formats=FORMATS) as image,
@@ -149,7 +149,7 @@ def _load_picture(reading: Reading) -> bytes:
     with reading.open() as file:
         if not _is_heic(file.read(HEIC_START)):
             file.seek(0)
-            with _pictures_said(reading), Image.open(file, formats=FORMATS) as image:
+            with _naming_picture_errors(reading), Image.open(file, formats=FORMATS) as image:
                 _refuse_size(reading, *image.size)
                 most = LARGEST_REST + LARGEST_PIXEL * image.width * image.height
                 reading = replace(reading, largest=min(reading.largest, most))
@@ -161,7 +161,7 @@ def _is_heic(data: bytes) -> bool:
 
 
 @contextmanager
-def _pictures_said(reading: Reading) -> Iterator[None]:
+def _naming_picture_errors(reading: Reading) -> Iterator[None]:
     """What Pillow raises inside, as errors that name the file; nothing of what it warns of: sizes
     are judged here instead.
     """
@@ -184,7 +184,7 @@ def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
 
     Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
     """
-    with _pictures_said(reading), Image.open(BytesIO(data), formats=FORMATS) as image:
+    with _naming_picture_errors(reading), Image.open(BytesIO(data), formats=FORMATS) as image:
         _refuse_size(reading, *image.size)
         exif = image.getexif()
         # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).

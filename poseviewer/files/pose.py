@@ -5,20 +5,25 @@ In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geom
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of, read_json
+from poseviewer.files.checks import (
+    VERSION,
+    Reading,
+    checked_camera,
+    checked_rotation,
+    kind_of,
+    read_json,
+)
 from poseviewer.files.symmetry import symmetry_as_json, symmetry_from_json
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import write_json
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -26,7 +31,7 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 
-FORMAT, VERSION = "poseviewer-pose", 1
+FORMAT = "poseviewer-pose"
 VERDICTS = ("found", "doubtful", "lost")
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
@@ -70,7 +75,7 @@ class ChartParameters:
 
 @dataclass(frozen=True, slots=True)
 class RecordedVerdict:
-    """What was thought of a pose when it was found."""
+    """The verdict on a pose when it was found."""
 
     word: str
     """``found``, ``doubtful`` or ``lost``."""
@@ -117,12 +122,6 @@ class PoseRecord:
     """What the user should know about how the file was read; not written."""
 
 
-def pose_schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of pose files."""
-    text = files("poseviewer.files").joinpath("pose.schema.json").read_text(encoding="utf-8")
-    return json.loads(text)
-
-
 def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
     """The pose in a file, for a photo of ``width`` x ``height`` px.
 
@@ -133,7 +132,7 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
         PoseFileError: there is no such file, or it does not hold a pose.
     """
     reading = Reading(Path(path))
-    with reading.said():
+    with reading.naming_errors():
         return record_from_json(reading, reading.load_json(), width, height)
 
 
@@ -156,14 +155,7 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         PoseFileError: it does not hold a pose.
     """
     data = reading.object(data, "its content")
-    if data.get("format", FORMAT) != FORMAT:
-        raise reading.error(f"format is {kind_of(data['format'])}", f"wanted {FORMAT!r}")
-    version = data.get("version", VERSION)
-    if version is True or version != VERSION:
-        raise reading.error(
-            f"version is {kind_of(version)}",
-            f"this poseviewer reads version {VERSION}, try a newer one",
-        )
+    reading.require_format(data, FORMAT)
 
     def optional(key: str, read: Callable[[Reading, Any, str], Any]) -> Any:
         return None if data.get(key) is None else read(reading, data[key], key)
@@ -214,14 +206,7 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
     Raises:
         PoseFileError: the folder is missing or cannot be written to; a number is not finite.
     """
-    path = Path(path)
-    try:
-        text = json.dumps(record_as_json(record), indent=2, allow_nan=False, ensure_ascii=False)
-    except (ValueError, TypeError) as error:
-        raise PoseFileError(
-            f"{path.name}: the pose holds what JSON cannot ({error}); nothing was written."
-        ) from error
-    write_whole(path, (text + "\n").encode(errors="replace"), PoseFileError)
+    write_json(Path(path), record_as_json(record), PoseFileError)
 
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Keep the libraries that parse files from talking to the user: errors are ours to word."""
+"""Silence the libraries that parse files: error messages are our own."""
 
 from __future__ import annotations
 

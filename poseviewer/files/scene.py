@@ -7,18 +7,16 @@ the same words, without camera and photo. Paths start from the scene's folder.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import Reading, kind_of, read_json
+from poseviewer.files.checks import VERSION, Reading, kind_of, read_json
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import same_undistortion
@@ -30,12 +28,12 @@ from poseviewer.files.pose import (
     record_as_json,
     record_from_json,
 )
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import write_json, write_whole
 from poseviewer.geometry.camera import Camera, Parallel
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mask import Mask
 
-FORMAT, VERSION = "poseviewer-scene", 1
+FORMAT = "poseviewer-scene"
 KIND = "scene file"
 ENDING = ".scene.json"
 OF_SCENE = ("projection", "camera", "distortion", "photo")
@@ -104,12 +102,6 @@ class SceneRecord:
         return ids.index(object_id)
 
 
-def scene_schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of scene files."""
-    text = files("poseviewer.files").joinpath("scene.schema.json").read_text(encoding="utf-8")
-    return json.loads(text)
-
-
 def is_scene(data: Any) -> bool:
     """Whether a file's JSON says that it is a scene."""
     return isinstance(data, dict) and data.get("format") == FORMAT
@@ -135,7 +127,7 @@ def load_scene(path: str | Path) -> SceneRecord:
             there; two objects have one id; a pose file is by another camera.
     """
     reading = Reading(Path(path), kind=KIND)
-    with reading.said():
+    with reading.naming_errors():
         return _scene_in(reading)
 
 
@@ -143,12 +135,7 @@ def _scene_in(reading: Reading) -> SceneRecord:
     data = reading.load_object()
     if not is_scene(data):
         raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {FORMAT!r}")
-    version = data.get("version", VERSION)
-    if version is True or version != VERSION:
-        raise reading.error(
-            f"version is {kind_of(version)}",
-            f"this poseviewer reads version {VERSION}, try a newer one",
-        )
+    reading.require_format(data, FORMAT)
     sizes = reading.fields(data.get("photo"), "photo", width=Reading.size, height=Reading.size)
     if None in sizes:
         raise reading.error("photo.width or photo.height is missing", "wanted the photo's size, px")
@@ -207,13 +194,7 @@ def save_scene(
         **{key: shared[key] for key in OF_SCENE if key in shared},
         "objects": objects,
     }
-    try:
-        text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False)
-    except (ValueError, TypeError) as error:
-        raise PoseFileError(
-            f"{path.name}: the scene holds what JSON cannot ({error}); nothing was written."
-        ) from error
-    write_whole(path, (text + "\n").encode(), PoseFileError)
+    write_json(path, data, PoseFileError)
 
 
 def _object_as_json(path: Path, one: SceneObject, camera: Camera) -> dict[str, Any]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.surface_symmetry import GIVEN_SHAPE, worst_turn
 from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
 
-FORMAT, VERSION = "poseviewer-symmetry", 1
+FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
 ANY = "any"
 """The fold of a continuous symmetry, in files."""
@@ -25,12 +23,6 @@ FIND, NONE = "find", "none"
 """What may be asked for in place of a file."""
 MOST_TURNS = 100
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
-
-
-def symmetry_schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of symmetry files."""
-    text = files("poseviewer.files").joinpath("symmetry.schema.json").read_text(encoding="utf-8")
-    return json.loads(text)
 
 
 def symmetry_path(mesh_path: str | Path) -> Path:
@@ -71,18 +63,10 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
         known = models.get(int(number[1]))
         symmetry = NO_SYMMETRY if known is None else known.symmetry
     else:
-        with reading.said():
+        with reading.naming_errors():
             data = reading.load_object()
-            if data.get("format", FORMAT) != FORMAT:
-                raise reading.error(f"not a {KIND}", f"wanted format {FORMAT!r}")
-            version = data.get("version", VERSION)
-            if version is True or version != VERSION:
-                found = f"version is {kind_of(version)}"
-                raise reading.error(found, f"this poseviewer reads {VERSION}")
-            unit = data.get("unit")
-            if unit is not None and mesh.unit is not None and unit != mesh.unit:
-                found = f"lengths in {kind_of(unit)}, the model's are in {mesh.unit!r}"
-                raise reading.error(found, "give them in the model's unit")
+            reading.require_format(data, FORMAT)
+            reading.require_unit(data, mesh.unit)
             symmetry = symmetry_from_json(reading, data, "")
     if not symmetry.is_none:
         words, off = worst_turn(mesh, symmetry)

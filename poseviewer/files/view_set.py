@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -33,7 +31,7 @@ from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_set import View, ViewSet
 
-FORMAT, VERSION = "poseviewer-views", 1
+FORMAT = "poseviewer-views"
 KIND = "set of photos"
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
 """Where a project's model is."""
@@ -70,12 +68,6 @@ class _Shot:
     mask: Path | None = None
 
 
-def view_set_schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of our own sets."""
-    text = files("poseviewer.files").joinpath("view_set.schema.json").read_text(encoding="utf-8")
-    return json.loads(text)
-
-
 def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:
     """The set in a file or a folder, with its photos, undistorted.
 
@@ -85,7 +77,7 @@ def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:
     """
     path, choice = Path(path), choice or SetChoice()
     reading = Reading(path, kind=KIND)
-    with reading.said():
+    with reading.naming_errors():
         shots, unit, scale = _shots(reading, choice)
         shots = _chosen(reading, shots, choice.photos)
         views = [_view(reading, shot) for shot in shots]
@@ -114,10 +106,7 @@ def _shots(reading: Reading, choice: SetChoice) -> tuple[list[_Shot], str | None
     if data.get("format") != FORMAT:
         found = f"format is {kind_of(data.get('format'))}"
         raise reading.error(found, f"wanted {FORMAT!r}, or nerfstudio's frames")
-    version = data.get("version", VERSION)
-    if version is True or version != VERSION:
-        wanted = f"this poseviewer reads version {VERSION}, try a newer one"
-        raise reading.error(f"version is {kind_of(version)}", wanted)
+    reading.require_format(data, FORMAT)
     unit, scale = reading.text(data.get("unit"), "unit"), data.get("scale", 1.0)
     if "scale" not in data and unit is not None:
         scale = None  # the units tell it

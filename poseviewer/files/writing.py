@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from poseviewer.errors import PoseFileError, PoseViewerError
 
@@ -39,6 +41,21 @@ def write_whole(
             f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
             "check that the folder exists and is yours to write to."
         ) from problem
+
+
+def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
+    """Write what JSON can hold, in UTF-8, as ``write_whole`` does.
+
+    Raises:
+        error: the same, or a number is not finite.
+    """
+    try:
+        text = json.dumps(data, indent=indent, allow_nan=False, ensure_ascii=False)
+    except (ValueError, TypeError) as problem:
+        raise error(
+            f"{path.name}: holds what JSON cannot ({problem}); nothing was written."
+        ) from problem
+    write_whole(path, (text + "\n").encode(errors="replace"), error)
 
 
 def make_folder(

@@ -26,7 +26,7 @@ SMOOTH = 0.02
 """Share of a map's range: where interpolation from a grid was off by less, it is not off by more
 from the next finer one."""
 WHOLE_GRIDS = 2
-"""So many of the first grids are not interpolated: narrow valleys are to be met."""
+"""Number of the first grids that are not interpolated: their points must meet narrow valleys."""
 CHECKED = 8
 """Points of each map that tell how good its interpolation is."""
 
@@ -113,7 +113,7 @@ def landscape(
     pairs: Sequence[Pair] | None = None,
     light: Renderer | RendererPool | None = None,
 ) -> Iterator[Slice]:
-    """The slices through the loss about ``centre`` (d,), within +- ``half_width`` spans of it.
+    """The slices through the loss about ``centre`` (d,), within +- ``half_width`` scales of it.
 
     All pairs (default: of all free numbers) are first seen on a coarse grid, then on finer ones
     down to ``size`` x ``size`` points; no point is evaluated twice, also where slices cross.
@@ -184,7 +184,7 @@ class _Losses:
         self.grids = {pair: np.full((size, size), np.nan) for pair in pairs}
 
     def fill(self, stride: int) -> Iterator[Slice]:
-        """What is not known of every so many rows and columns; after each row its slice."""
+        """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
         rows = _rows_to_fill(self.grids, stride)
         coming = self._find([place for row in rows for place in row.places])
         for row in rows:

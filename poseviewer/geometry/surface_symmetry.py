@@ -50,7 +50,7 @@ ROUND_ANGLES = 2.399963 * np.arange(1, 7)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class SurfacePoints:
     """Points on a mesh, spread evenly."""
 
     points: FloatArray
@@ -90,7 +90,7 @@ class Surface:
 
 
 @kept_lately(4)
-def surface_of(mesh: Mesh) -> Surface:
+def surface_of(mesh: Mesh) -> SurfacePoints:
     """The same points each time."""
     random = np.random.default_rng(0)
     corners, crossed, areas = _triangles(mesh)
@@ -100,7 +100,7 @@ def surface_of(mesh: Mesh) -> Surface:
     tree = KDTree(points)
     near = tree.query(points, COLOUR_NEIGHBOURS)[1]
     colours = _colours(mesh, faces, shares)[near].mean(axis=1)
-    return Surface(points, crossed[faces] / areas[faces, None], colours, tree, mesh.diameter)
+    return SurfacePoints(points, crossed[faces] / areas[faces, None], colours, tree, mesh.diameter)
 
 
 def worst_turn(mesh: Mesh, symmetry: Symmetry) -> tuple[str, float]:

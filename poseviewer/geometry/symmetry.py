@@ -30,7 +30,7 @@ ROUNDING = 1e-12
 MOST_FOLD = 60
 """Steps of a full turn, six degrees each: finer ones are a continuous symmetry to the eye."""
 MOST_ROTATIONS = 2 * MOST_FOLD
-"""Of a prism of so many sides; the icosahedron has 60."""
+"""Of a prism with ``MOST_FOLD`` sides; the icosahedron has 60."""
 MOST_NAMED = 3
 """Turns that a message names."""
 APART = 0.01

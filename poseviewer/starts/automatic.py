@@ -1,4 +1,4 @@
-"""Starts that nobody gives: views from everywhere, tried on a small picture.
+"""Starts without user input: views from all sides, scored on a small picture.
 
 A rectangle about the object fixes where and how large the model is in each view. Views whose
 outline has another shape than the rectangle need no try. The others are scored by the loss of a fit

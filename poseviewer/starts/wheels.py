@@ -180,7 +180,7 @@ def likely_wheels(
 
 
 def _least_loss(inputs: StartInputs, fits: Sequence[WheelFit]) -> WheelFit:
-    """The pose that some lighting explains best, all judged over the whole photo."""
+    """The pose that some lighting explains best, all scored over the whole photo."""
     attributes = make_photo_attributes(inputs.at(fits[0].pose), FitSettings(pixels="whole"))
     renderer = make_renderer(inputs.mesh)
     losses = [lighting_loss(renderer.moments(fit.pose, attributes)) for fit in fits]

@@ -87,7 +87,7 @@ class StudyPhoto:
     photo: Path
     model: Path
     truth: Pose
-    """What fits are judged against."""
+    """The pose that fits are compared with."""
     centre: Pose
     """What starts are drawn about: the truth, or the nearest pose that the fit's camera can have.
     """

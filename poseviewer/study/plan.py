@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, Literal
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.files.checks import read_json
 from poseviewer.files.demo import demo_case
-from poseviewer.files.writing import make_folder, sha256_of, write_whole
+from poseviewer.files.writing import make_folder, sha256_of, write_json
 from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
 from poseviewer.study.photos import DRAWN, KINDS, TRACED, Kind, background_files
 from poseviewer.study.real_cases import CASES, STARTS
@@ -178,7 +177,7 @@ def open_folder(out: Path, about: Mapping[str, Any]) -> None:
     make_folder(out, SettingsError)
     path = out / ABOUT
     if not path.exists():
-        write_whole(path, (json.dumps(about, indent=1) + "\n").encode(), SettingsError)
+        write_json(path, about, SettingsError)
         return
     there = read_json(path)
     there = there if isinstance(there, dict) else {}

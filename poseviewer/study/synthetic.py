@@ -1,4 +1,4 @@
-"""Synthetic photographs with known poses, drawn by another hand than the fit's own rasteriser."""
+"""Synthetic photographs with known poses, drawn by OpenGL, not by the fit's own rasteriser."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class DirectionalLight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lighting:
+class LightSources:
     """Light from everywhere and light from a few directions."""
 
     ambient: FloatArray
@@ -56,7 +56,7 @@ class Lighting:
         object.__setattr__(self, "ambient", frozen_array(self.ambient, (3,)))
 
 
-def random_lighting(rng: np.random.Generator) -> Lighting:
+def random_lighting(rng: np.random.Generator) -> LightSources:
     """Daylight-like: some ambient light, one strong light and often a weak one, slightly tinted.
 
     The strong light comes from within 65 degrees of over the photographer's shoulder.
@@ -64,9 +64,9 @@ def random_lighting(rng: np.random.Generator) -> Lighting:
     ambient = rng.uniform(0.15, 0.4) * _tint(rng)
     key = DirectionalLight(_direction(rng), rng.uniform(0.4, 0.7) * _tint(rng))
     if rng.random() < 0.4:
-        return Lighting(ambient, (key,))
+        return LightSources(ambient, (key,))
     fill = DirectionalLight(_direction(rng), rng.uniform(0.05, 0.2) * _tint(rng))
-    return Lighting(ambient, (key, fill))
+    return LightSources(ambient, (key, fill))
 
 
 def _tint(rng: np.random.Generator) -> FloatArray:
@@ -105,7 +105,7 @@ class Photographer:
         self._canvas: ShadedCanvas | None = None
 
     def cut_out(
-        self, pose: Pose, lighting: Lighting, supersampling: int = 3, shadows: bool = False
+        self, pose: Pose, lighting: LightSources, supersampling: int = 3, shadows: bool = False
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
 
@@ -125,7 +125,7 @@ class Photographer:
     def photograph(
         self,
         pose: Pose,
-        lighting: Lighting,
+        lighting: LightSources,
         background: ArrayLike = (0.7, 0.7, 0.7),
         quality: PhotoQuality | None = None,
         shadows: bool = False,
@@ -146,7 +146,7 @@ class Photographer:
             self._canvas.delete()
             self._canvas = None
 
-    def _draw(self, pose: Pose, lighting: Lighting, shadows: bool) -> NDArray[np.uint8]:
+    def _draw(self, pose: Pose, lighting: LightSources, shadows: bool) -> NDArray[np.uint8]:
         # Importing it makes the OpenGL context, which must not happen before it is wanted.
         from poseviewer.render.opengl.shading import ShadedCanvas
 

@@ -19,7 +19,7 @@ from poseviewer.batch.run import Batch, open_batch, save_outcome
 from poseviewer.batch.scene import SceneOptions
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import read_bop
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
@@ -99,7 +99,7 @@ def test_a_bop_scene_comes_out_as_one(fitted):
             assert deviation["obj_id"] == 5
             assert deviation["covariance"] == known.matrix.tolist()
         own = load_pose(out / row["pose"], 160, 120).pose
-        request = Request(image=str(number), photo_size=(160, 120))
+        request = ConvertOptions(image=str(number), photo_size=(160, 120))
         read = read_bop(out, request).pose
         for place in (own.camera_from_model, read.camera_from_model):
             np.testing.assert_allclose(place.rotation.ravel(), entry["cam_R_m2c"], atol=1e-9)
@@ -142,7 +142,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     kept = out / third.result.pose.replace(".json", ".fitted.json")
     assert kept.read_bytes() == before
     image = str(int(Path(third.job.photo).stem))
-    read = read_bop(out, Request(image=image, photo_size=(160, 120)))
+    read = read_bop(out, ConvertOptions(image=image, photo_size=(160, 120)))
     np.testing.assert_allclose(read.pose.camera_from_model.translation, moved.translation)
     back = review.take_back(again, replace(third, result=again.rows[-1].result))
     assert back.review == ""

@@ -15,9 +15,10 @@ from PIL import Image
 from poseviewer.cli import main as cli
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
-from poseviewer.files.pose import load_pose, pose_schema, save_pose
+from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -67,7 +68,7 @@ def test_a_fit_through_a_lens_finds_the_pose_and_says_whose_it_is(scene, tmp_pat
     assert pose_error(mesh, found.pose, truth).reprojection_px < 1.0
     assert same_undistortion(found.undistortion, Undistortion.of(lens, TAKEN))
     data = json.loads(out.read_text())
-    jsonschema.validate(data, pose_schema())
+    jsonschema.validate(data, json_schema("pose"))
     assert "undistorted photo" in data["distortion"]["note"]
     assert data["distortion"]["coefficients"] == list(lens.coefficients)
     assert data["photo"]["sha256"] == load_photo(photo).sha256

@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
+from poseviewer.files.checks import json_schema
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo, save_image
-from poseviewer.files.pose import load_pose, pose_schema
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
@@ -53,7 +54,7 @@ def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
     assert pose_error(load_mesh(scene.model), found.pose, truth).reprojection_px < 1.0
     assert found.warnings == ()
     data = json.loads(out.read_text())
-    jsonschema.validate(data, pose_schema())
+    jsonschema.validate(data, json_schema("pose"))
     assert data["photo"]["file"] == scene.photo.name
     assert data["settings"]["chart"] == "auto"
     assert 0.0 < data["unexplained"] < 1.0

@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from poseviewer.cli import main as cli
-from poseviewer.files.pose import load_pose, pose_schema, save_pose
+from poseviewer.files.checks import json_schema
+from poseviewer.files.pose import load_pose, save_pose
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 
 
@@ -33,7 +34,7 @@ def test_there_and_back(pose, tmp_path, capsys):
     assert str(out / "images.txt") in capsys.readouterr().out
     assert run("convert", out, "--from", "colmap", back, "--unit", "m") == 0
     data = json.loads(back.read_text())
-    jsonschema.validate(data, pose_schema())
+    jsonschema.validate(data, json_schema("pose"))
     assert data["photo"] == {"file": "000003.png", "width": WIDTH, "height": HEIGHT}
     assert data["model"] == {"unit": "m"}
     found = load_pose(back, WIDTH, HEIGHT).pose.camera_from_model.translation

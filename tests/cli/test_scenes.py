@@ -12,10 +12,11 @@ import trimesh
 
 from poseviewer.api import load_scene as open_scene
 from poseviewer.cli import main as cli
+from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import load_scene, save_scene, scene_schema
+from poseviewer.files.scene import load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
 from tests.several import IDS, MESHES, STARTS, TRUTH, make_bop, make_three
 
@@ -45,7 +46,7 @@ def test_a_scene_is_fitted_and_written_again(path, tmp_path, capsys):
     printed = capsys.readouterr().out
     for name in IDS:
         assert f"{name} (seen to " in printed
-    jsonschema.validate(json.loads(out.read_text()), scene_schema())
+    jsonschema.validate(json.loads(out.read_text()), json_schema("scene"))
     before, after = load_scene(path), load_scene(out)
     for index, one in enumerate(after.objects):
         assert off(after, index) < 0.3 * off(before, index)

@@ -12,7 +12,8 @@ import pytest
 
 import poseviewer
 from poseviewer.cli.main import main
-from poseviewer.files.pose import load_pose, pose_schema
+from poseviewer.files.checks import json_schema
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.transform import RigidTransform
 from tests.view_sets import (
@@ -44,7 +45,7 @@ def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set_and_in_each_photo
     assert "b.png: unexplained" in said
     assert "By each of the 3 photos alone it is" in said
     data = json.loads(out.read_text())
-    jsonschema.validate(data, pose_schema())
+    jsonschema.validate(data, json_schema("pose"))
     assert [(folder / f"o.{name}.png").is_file() for name in "abc"] == [True] * 3
     place = data["set"]["set_from_model"]
     centre = np.array(place["rotation"]) @ MESH.centre + place["translation"]

@@ -57,7 +57,7 @@ def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(
     caplog.set_level(logging.DEBUG, "poseviewer")
     with (
         pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file \(boom\); .*\.$"),
-        Reading(tmp_path / "p.json").said(),
+        Reading(tmp_path / "p.json").naming_errors(),
     ):
         raise IndexError("boom")
     assert "IndexError: boom" in caplog.text

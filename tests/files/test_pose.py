@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
@@ -22,7 +23,6 @@ from poseviewer.files.pose import (
     PoseRecord,
     check_against,
     load_pose,
-    pose_schema,
     save_pose,
 )
 from poseviewer.files.writing import sha256_of
@@ -254,7 +254,7 @@ def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord)
 
 @pytest.fixture(scope="module")
 def validator() -> jsonschema.Draft202012Validator:
-    schema = pose_schema()
+    schema = json_schema("pose")
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import ChartParameters, RecordedVerdict, save_pose
-from poseviewer.files.scene import load_scene, save_scene, scene_schema
+from poseviewer.files.scene import load_scene, save_scene
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.starts.registration import load_scene_registrations
@@ -49,7 +50,7 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     elsewhere.mkdir()
     save_scene(elsewhere / "s.json", told)
     again = load_scene(elsewhere / "s.json")
-    jsonschema.validate(json.loads((elsewhere / "s.json").read_text()), scene_schema())
+    jsonschema.validate(json.loads((elsewhere / "s.json").read_text()), json_schema("scene"))
     assert again.camera == scene.camera
     assert again.photo.resolve() == scene.photo.resolve()
     assert again.objects[0].name == "the ball"
@@ -162,7 +163,7 @@ def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_pa
     ]
     save_scene(tmp_path / "flat.json", replace(scene.with_records(records), camera=flat))
     data = json.loads((tmp_path / "flat.json").read_text())
-    jsonschema.validate(data, scene_schema())
+    jsonschema.validate(data, json_schema("scene"))
     assert [one["pose"].get("scale") for one in data["objects"]] == [30.0, 55.5, None]
     again = load_scene(tmp_path / "flat.json")
     assert [one.record.pose.camera for one in again.objects] == list(cameras)

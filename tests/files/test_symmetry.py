@@ -11,9 +11,10 @@ import pytest
 import trimesh
 
 from poseviewer.errors import MeshFileError, PoseFileError
+from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord, load_pose, pose_schema, save_pose
-from poseviewer.files.symmetry import load_symmetry, symmetry_path, symmetry_schema
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.symmetry import load_symmetry, symmetry_path
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry import Symmetry, Turn
@@ -48,7 +49,7 @@ def test_a_model_without_a_file_has_none(model: Path) -> None:
 
 
 def test_a_file_beside_the_model_is_read(model: Path) -> None:
-    jsonschema.validate(good(), symmetry_schema())
+    jsonschema.validate(good(), json_schema("symmetry"))
     write(model, good())
     assert load_symmetry(model, load_mesh(model)).words == "half a turn about (0, 0, 1)"
 
@@ -57,7 +58,7 @@ def test_a_continuous_one_is_read(tmp_path: Path) -> None:
     model = tmp_path / "can.ply"
     trimesh.creation.cylinder(1.0, 3.0, sections=64).export(model)
     data = good() | {"turns": [{"axis": [0, 0, 1], "fold": "any"}]}
-    jsonschema.validate(data, symmetry_schema())
+    jsonschema.validate(data, json_schema("symmetry"))
     write(model, data)
     assert load_symmetry(model, load_mesh(model)).words == "every turn about (0, 0, 1)"
 
@@ -75,7 +76,7 @@ def test_that_of_a_bop_data_set_is_read(model: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"format": "other"}, "not a symmetry file"),
+        ({"format": "other"}, "format is 'other'"),
         ({"version": 2}, "version is 2"),
         ({"centre": [0, 0]}, "centre is a list of 2"),
         ({"turns": 3}, "turns is 3"),
@@ -130,7 +131,7 @@ def test_pose_files_of_equal_poses_have_one_pose_and_name_the_symmetry(tmp_path:
     for motion in symmetry.transforms():
         path = tmp_path / "p.json"
         save_pose(path, PoseRecord(Pose(camera, place @ motion), symmetry=symmetry))
-        jsonschema.validate(json.loads(path.read_text()), pose_schema())
+        jsonschema.validate(json.loads(path.read_text()), json_schema("pose"))
         read.append(load_pose(path, 160, 120))
         assert read[-1].symmetry.words == symmetry.words
         save_pose(path, read[-1])

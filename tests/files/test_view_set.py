@@ -12,8 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.files.checks import json_schema
 from poseviewer.files.formats.bop import BopObject, save_bop_images
-from poseviewer.files.view_set import SetChoice, load_view_set, view_set_schema
+from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, TRUTH, make_views, write_views
 
@@ -84,7 +85,7 @@ def require_same_cameras(found, names=NAMES) -> None:
 
 
 def test_our_own_file_is_read_and_follows_its_schema(folder):
-    jsonschema.validate(json.loads((folder / "set.json").read_text()), view_set_schema())
+    jsonschema.validate(json.loads((folder / "set.json").read_text()), json_schema("view_set"))
     found = load_view_set(folder / "set.json")
     require_same_cameras(found)
     assert found.scale == 1.0

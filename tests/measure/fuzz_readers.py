@@ -27,7 +27,7 @@ from poseviewer.batch.table import load_jobs
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.formats.bop import load_bop_images
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import load_pairs, load_wheels
@@ -311,7 +311,7 @@ def _cameras() -> tuple[Files, ...]:
 
 def _formats(folder: Path, model: Path) -> Mapping[str, Reader]:
     record, found = perspective_record(), {}
-    request = Request(model=model, photo_size=None, image="3", object_id=5)
+    request = ConvertOptions(model=model, photo_size=None, image="3", object_id=5)
     outs = {
         "opencv": "o.yml", "matrices": "o.json", "nerfstudio": "o.json", "colmap": "", "bop": "",
         "gltf": "o.glb", "meshlab": "o.mlp",
@@ -322,7 +322,7 @@ def _formats(folder: Path, model: Path) -> Mapping[str, Reader]:
         photo = replace(request, photo=folder / "p.png") if name == "meshlab" else request
         FORMATS[name].write(record, place / out, photo)
         files = {p.name: p.read_bytes() for p in sorted(place.iterdir())}
-        asked = Request(photo_size=(200, 150)) if name in ("bop",) else Request()
+        asked = ConvertOptions(photo_size=(200, 150)) if name in ("bop",) else ConvertOptions()
         found[f"{name} pose"] = Reader(
             _reading_of(name, asked, bool(out)),
             tuple(
@@ -333,13 +333,13 @@ def _formats(folder: Path, model: Path) -> Mapping[str, Reader]:
     return found
 
 
-def _reading_of(name: str, request: Request, is_file: bool) -> Callable[[Path], object]:
+def _reading_of(name: str, request: ConvertOptions, is_file: bool) -> Callable[[Path], object]:
     read = FORMATS[name].read
     assert read is not None
     from poseviewer.files.checks import Reading
 
     def run(path: Path) -> None:
-        with Reading(path, kind=f"{name} file").said():  # as `poseviewer convert` does
+        with Reading(path, kind=f"{name} file").naming_errors():  # as `poseviewer convert` does
             read(path if is_file else path.parent, request)
         if name == "bop":
             load_bop_images(path.parent)

@@ -10,7 +10,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl.renderer import OpenGLRenderer
 from poseviewer.study.synthetic import (
     DirectionalLight,
-    Lighting,
+    LightSources,
     Photographer,
     PhotoQuality,
     random_lighting,
@@ -18,7 +18,7 @@ from poseviewer.study.synthetic import (
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 
-LIGHTING = Lighting(
+LIGHTING = LightSources(
     np.array([0.3, 0.25, 0.28]),
     (
         DirectionalLight(np.array([0.3, -0.5, -0.8]), np.array([0.6, 0.55, 0.5])),
@@ -116,7 +116,7 @@ def test_highlights_only_add_light():
 
 def test_shadow_falls_on_the_ground_away_from_the_light():
     light = DirectionalLight(np.array([1.0, -1.0, 0.0]), np.full(3, 0.6))
-    lighting = Lighting(np.full(3, 0.3), (light,))
+    lighting = LightSources(np.full(3, 0.3), (light,))
     camera = Perspective.from_field_of_view(50.0, 240, 180)
     tilt = RigidTransform.from_rotation_vector([0.5, 0.0, 0.0], [0.0, 0.0, 6.0])
     box, slab = make_box((1.0, 1.0, 1.0)), make_box((5.0, 0.02, 5.0))

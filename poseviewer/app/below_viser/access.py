@@ -25,7 +25,7 @@ FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PageRequest:
     """What a request says of itself; each header as often as it was sent."""
 
     target: str
@@ -66,7 +66,7 @@ class AccessPolicy:
         """Browsers share cookies between the ports of a machine; the name keeps them apart."""
         return f"poseviewer_{self.port}"
 
-    def refusal(self, asked: Asked) -> str | None:
+    def refusal(self, asked: PageRequest) -> str | None:
         """Why a request is refused, in one sentence, or None where it may pass."""
         return (
             self._wrong_host(asked)
@@ -75,13 +75,13 @@ class AccessPolicy:
             or self._wrong_query(asked)
         )
 
-    def cookie_to_set(self, asked: Asked) -> str | None:
+    def cookie_to_set(self, asked: PageRequest) -> str | None:
         """The Set-Cookie header for whoever came with the token in the address."""
         if self.token is None or not self._is_token(_token_in(asked.target)):
             return None
         return f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
-    def _wrong_host(self, asked: Asked) -> str | None:
+    def _wrong_host(self, asked: PageRequest) -> str | None:
         if len(asked.hosts) != 1:
             return f"The request names {len(asked.hosts)} hosts, wanted one; open {self._plain_url}"
         name, port = _name_and_port(asked.hosts[0])
@@ -95,7 +95,7 @@ class AccessPolicy:
             f"alone; open {self._plain_url}"
         )
 
-    def _wrong_origin(self, asked: Asked) -> str | None:
+    def _wrong_origin(self, asked: PageRequest) -> str | None:
         if not asked.origins:
             return None
         host = asked.hosts[0].lower()
@@ -106,7 +106,7 @@ class AccessPolicy:
             f"own page may talk to it; open {self._plain_url}"
         )
 
-    def _wrong_token(self, asked: Asked) -> str | None:
+    def _wrong_token(self, asked: PageRequest) -> str | None:
         if self.token is None:
             return None
         given = [_token_in(asked.target), *_cookies_named(self.cookie_name, asked.cookies)]
@@ -118,7 +118,7 @@ class AccessPolicy:
             "with its ?token=..., in this browser."
         )
 
-    def _wrong_query(self, asked: Asked) -> str | None:
+    def _wrong_query(self, asked: PageRequest) -> str | None:
         found = FOREIGN_SOURCES & set(_query(asked.target))
         if not found:
             return None

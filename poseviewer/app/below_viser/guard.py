@@ -28,7 +28,7 @@ from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from poseviewer.app.below_viser.access import AccessPolicy, Asked
+from poseviewer.app.below_viser.access import AccessPolicy, PageRequest
 from poseviewer.errors import SettingsError, printable
 from poseviewer.files.state.folder import forget_token
 
@@ -158,7 +158,7 @@ def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
         sent = (request.headers.get_all(name) for name in ("Host", "Origin", "Cookie"))
-        asked = Asked(request.path, *sent)
+        asked = PageRequest(request.path, *sent)
         refusal = policy.refusal(asked)
         if refusal is not None:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")

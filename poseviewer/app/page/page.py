@@ -35,7 +35,7 @@ from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.requests import Answer, Greet, Report, Restore
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Asked, Exported
+from poseviewer.app.workers.tasks import Exported, PageQuestion
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -213,7 +213,7 @@ class Page:
             async def _(_: viser.GuiEvent) -> None:
                 modal.close()
 
-    def ask(self, asked: Asked) -> None:
+    def ask(self, asked: PageQuestion) -> None:
         """Ask a page what its files do not say; the page may have gone by now."""
         handle = self._server.get_clients().get(asked.client)
         if handle is None:

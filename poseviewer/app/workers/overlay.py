@@ -27,7 +27,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import Relight, View, draw_look, edge_layer, line_scale
+from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
 from poseviewer.render.overlay.sketch import Sketch
 from poseviewer.render.types import AttributeImage, PhotoAttributes
 
@@ -146,7 +146,7 @@ class OverlayDrawer:
 
             relight = relit
         mesh = request.registration.mesh
-        view = View(self._photo, mesh, self._fine, pose, relight, request.opacity)
+        view = ModelInPhoto(self._photo, mesh, self._fine, pose, relight, request.opacity)
         place = (0.0, 0.0, float(photo.width), float(photo.height))
         picture = draw_look(request.look, view)
         others = request.registration.others

@@ -68,7 +68,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
+class PageQuestion:
     """What files do not say, for the page that sent them."""
 
     client: int
@@ -76,7 +76,7 @@ class Asked:
     question: Question
 
 
-Result = Opened | Exported | Found | Reviewed | Asked
+Result = Opened | Exported | Found | Reviewed | PageQuestion
 Task = Callable[[Session], Iterator[Result]]
 """Work on what is open when it begins."""
 
@@ -102,7 +102,7 @@ class Tasks:
         asked.
         """
 
-        def run(session: Session) -> Iterator[Opened | Asked | Found]:
+        def run(session: Session) -> Iterator[Opened | PageQuestion | Found]:
             root = keep_set(self._uploads, upload.data, in_use=self._in_use(session))
             beside = upload.becomes != "at hand"
             found = sort_set(
@@ -128,7 +128,7 @@ class Tasks:
 
     def _choose(
         self, choosing: Choosing, answer: str | None, client: int, session: Session
-    ) -> Iterator[Opened | Asked | Found]:
+    ) -> Iterator[Opened | PageQuestion | Found]:
         try:
             question = choosing.send(answer)
         except StopIteration as end:
@@ -149,7 +149,7 @@ class Tasks:
             else:  # the user wanted none of it, or further objects
                 yield Found(tuple(map(AddObject, opened.objects)), opened.warnings)
         else:
-            yield Asked(client, choosing, question)
+            yield PageQuestion(client, choosing, question)
 
     def _add(
         self,

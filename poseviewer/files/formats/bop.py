@@ -21,8 +21,8 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import bop_cameras, camera_of_matrix
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
+    ConvertOptions,
     Format,
-    Request,
     Written,
     make_record,
     metres_per_unit,
@@ -94,7 +94,7 @@ class BopScene:
     """Whether there is a ``scene_gt.json``."""
 
 
-def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Append a pose to the scene folder ``out``; what is there stays, nothing is said twice.
 
     Raises:
@@ -126,7 +126,7 @@ def write_bop(record: PoseRecord, out: Path, request: Request) -> Written:
     return Written(paths)
 
 
-def write_bop_image(scene: SceneRecord, out: Path, request: Request) -> tuple[int, Written]:
+def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
     """Write all objects of a scene as one image of the BOP scene folder ``out``; returns the
     image's number. Other images stay as they are.
 
@@ -156,7 +156,7 @@ def write_bop_image(scene: SceneRecord, out: Path, request: Request) -> tuple[in
     return number, Written(paths)
 
 
-def read_bop_image(path: Path, request: Request) -> SceneRecord:
+def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
     """All objects of image ``request.image`` of a scene folder, or of its only one; the models are
     those of the folder ``request.model``, called ``obj_000005.ply`` and so on.
 
@@ -194,7 +194,7 @@ def read_bop_image(path: Path, request: Request) -> SceneRecord:
     return SceneRecord(photo, PhotoReference(None, width, height), camera, tuple(objects))
 
 
-def read_bop(path: Path, request: Request) -> PoseRecord:
+def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read one pose of a scene folder: of image ``request.image`` and object ``object_id``.
 
     Either may be left out where there is but one. Lengths are in mm unless ``unit`` says else.
@@ -294,7 +294,7 @@ def scene_text(content: SceneFile) -> bytes:
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
 
-def _entry(record: PoseRecord, request: Request) -> dict[str, Any]:
+def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:
     unit = unit_of(record, request)
     if unit is None:
         raise PoseFileError(
@@ -321,7 +321,7 @@ def _number(given: str | None, pattern: str, name: str | None, what: str, exampl
     return int(text)
 
 
-def _chosen_image(path: Path, poses: SceneFile, request: Request) -> str:
+def _chosen_image(path: Path, poses: SceneFile, request: ConvertOptions) -> str:
     by_number = {str(int(name)): name for name in poses if name.isdecimal()}
     if request.image is None and len(poses) == 1:
         return next(iter(poses))

@@ -30,7 +30,7 @@ METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ConvertOptions:
     """What is not in the file that is read, or is to be other than it says."""
 
     photo: Path | None = None
@@ -71,9 +71,9 @@ class Format:
     the format cannot say the pose.
     """
 
-    write: Callable[[PoseRecord, Path, Request], Written]
+    write: Callable[[PoseRecord, Path, ConvertOptions], Written]
     """Pose, where to, and what else is known."""
-    read: Callable[[Path, Request], PoseRecord] | None
+    read: Callable[[Path, ConvertOptions], PoseRecord] | None
     parallel: bool = False
     """Whether it can say parallel projection."""
     lens_as: LensAs | None = None
@@ -95,7 +95,7 @@ class Format:
         return None if found is None else found[0]
 
     def convert(
-        self, record: PoseRecord, out: Path, request: Request, beside: Callable[[], Path]
+        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Callable[[], Path]
     ) -> Written:
         """Write a pose for the photo as taken where the format has its lens, else for the
         undistorted photo, which is written to ``request.undistorted_photo`` or ``beside()``, and
@@ -141,7 +141,7 @@ class Format:
         return Written(written.files, (note, *written.notes), path)
 
 
-def refuse_existing(request: Request, *paths: Path) -> None:
+def refuse_existing(request: ConvertOptions, *paths: Path) -> None:
     """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
     for path in paths:
         if path.is_dir():
@@ -152,7 +152,9 @@ def refuse_existing(request: Request, *paths: Path) -> None:
             )
 
 
-def write_new(request: Request, contents: Mapping[Path, str | bytes], *notes: str) -> Written:
+def write_new(
+    request: ConvertOptions, contents: Mapping[Path, str | bytes], *notes: str
+) -> Written:
     """Write files that are not there yet, or that the user wants overwritten; all or none.
 
     Raises:
@@ -216,7 +218,7 @@ def require_file(path: Path | None, what: str, tool: str) -> Path:
 
 
 def metres_per_unit(unit: str) -> float:
-    """The size of a length unit; raises PoseFileError where nobody here knows it."""
+    """The size of a length unit; raises PoseFileError where it is unknown."""
     if unit not in METRES:
         raise PoseFileError(
             f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
@@ -224,7 +226,7 @@ def metres_per_unit(unit: str) -> float:
     return METRES[unit]
 
 
-def unit_of(record: PoseRecord, request: Request) -> str | None:
+def unit_of(record: PoseRecord, request: ConvertOptions) -> str | None:
     """The model's unit: what the user says, else what the pose file says."""
     return request.unit or (record.model.unit if record.model else None)
 
@@ -235,7 +237,7 @@ def photo_name(record: PoseRecord) -> str | None:
 
 
 def size_of(
-    reading: Reading, request: Request, width: Any = None, height: Any = None
+    reading: Reading, request: ConvertOptions, width: Any = None, height: Any = None
 ) -> tuple[int, int]:
     """Width and height of the photo in px: what the file says (unchecked), else what the user says.
 
@@ -255,7 +257,11 @@ def size_of(
 
 
 def the_one(
-    reading: Reading, request: Request, kind: str, names: Sequence[str], *entries: Sequence[Any]
+    reading: Reading,
+    request: ConvertOptions,
+    kind: str,
+    names: Sequence[str],
+    *entries: Sequence[Any],
 ) -> Any:
     """The entry that ``request.image`` names, or the only one; ``names`` of all ``kind``.
 
@@ -315,7 +321,7 @@ def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Persp
     return camera, found
 
 
-def _undistorted(record: PoseRecord, request: Request) -> Photo:
+def _undistorted(record: PoseRecord, request: ConvertOptions) -> Photo:
     if request.photo is None:
         raise PoseFileError(
             "The pose is one in the undistorted photo, which has to be written for it, and the "
@@ -347,7 +353,7 @@ def load_photo_of(record: PoseRecord, path: Path) -> Photo:
     return photo
 
 
-def _write(path: Path, picture: Photo, request: Request) -> bool:
+def _write(path: Path, picture: Photo, request: ConvertOptions) -> bool:
     """Write the picture; False where a file was there already, with just these pixels or to be
     replaced.
     """

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.conversion import (
+    ConvertOptions,
     Format,
-    Request,
     Written,
     load_photo_of,
     make_record,
@@ -60,7 +60,7 @@ FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 
-def write_gltf(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a GLB file. Lengths become metres where the model's unit is known."""
     refuse_lens(record, "glTF")
     if out.suffix.lower() != ".glb":
@@ -78,7 +78,7 @@ def write_gltf(record: PoseRecord, out: Path, request: Request) -> Written:
     return _write_view(file, nodes, record, (near, far), scale, out, request)
 
 
-def write_gltf_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
     """Write all objects of a scene as a GLB file. Its world is the camera's frame, with glTF's
     axes; lengths become metres where the models' unit is known.
     """
@@ -138,7 +138,7 @@ def _write_view(
     depths: tuple[float, float],
     scale: float,
     out: Path,
-    request: Request,
+    request: ConvertOptions,
 ) -> Written:
     """Add the camera and the photo behind the furthest depth to the models' ``nodes``, and write.
 
@@ -309,7 +309,7 @@ def _plane(pose: Pose, depth: float) -> FloatArray:
     return pose.camera_from_model.inverse().apply(points)
 
 
-def read_gltf(path: Path, request: Request) -> PoseRecord:
+def read_gltf(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read the camera of a GLB or glTF file: the only one, or that of the node ``request.image``.
 
     The scene's world is taken for the model's frame.
@@ -375,7 +375,9 @@ def _own_matrix(node: dict[str, Any]) -> FloatArray:
     return matrix
 
 
-def _camera(reading: Reading, entry: dict[str, Any], request: Request, metres: float) -> Camera:
+def _camera(
+    reading: Reading, entry: dict[str, Any], request: ConvertOptions, metres: float
+) -> Camera:
     extras = reading.object(entry.get("extras", {}), "extras")
     extras = reading.object(extras.get("poseviewer", {}), "extras.poseviewer")
     width, height = size_of(reading, request, extras.get("width"), extras.get("height"))

@@ -16,8 +16,8 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import camera_of_matrix, lens_of, opencv_storage
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
+    ConvertOptions,
     Format,
-    Request,
     Written,
     json_text,
     make_record,
@@ -70,7 +70,7 @@ def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
 
 
-def write_matrices(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_matrices(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write one JSON file: the pose and its inverse for both kinds of axes, and the camera."""
     opencv = record.pose.camera_from_model
     data: dict[str, Any] = {"conventions": CONVENTIONS}
@@ -88,7 +88,7 @@ def write_matrices(record: PoseRecord, out: Path, request: Request) -> Written:
     return write_new(request, {out: json_text(data)})
 
 
-def read_matrices(path: Path, request: Request) -> PoseRecord:
+def read_matrices(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read such a file; any one of its four matrices is enough."""
     reading = Reading(path)
     data = reading.load_object()
@@ -114,7 +114,7 @@ def _place(reading: Reading, data: dict[str, Any]) -> RigidTransform:
     )
 
 
-def write_opencv(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_opencv(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write YAML or JSON, by the ending."""
     camera, (_, lens) = seen_as_taken(record, "OpenCV", opencv_lens)
     ending, transform = out.suffix.lower(), record.pose.camera_from_model
@@ -139,7 +139,7 @@ def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
     return ("OpenCV fisheye" if lens and lens.model == "fisheye" else "OpenCV"), lens
 
 
-def read_opencv(path: Path, request: Request) -> PoseRecord:
+def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path)
     is_json = path.suffix.lower() == ".json"

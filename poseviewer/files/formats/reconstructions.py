@@ -27,8 +27,8 @@ from poseviewer.files.cameras import colmap_camera, lens_of
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import camera_rows, image_rows, model_file
 from poseviewer.files.formats.conversion import (
+    ConvertOptions,
     Format,
-    Request,
     Written,
     json_text,
     make_record,
@@ -55,7 +55,7 @@ LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
 """What nerfstudio calls OpenCV's lens models, and their coefficients."""
 
 
-def write_colmap(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a model of one camera and one image, without points, into the folder ``out``."""
     camera, (model, distortion) = seen_as_taken(record, "COLMAP", colmap_lens)
     transform = record.pose.camera_from_model
@@ -87,7 +87,7 @@ def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
     return ("FULL_OPENCV", (*k, 0.0, 0.0, 0.0)[:8]) if any(k[4:]) else ("OPENCV", k[:4])
 
 
-def read_colmap(path: Path, request: Request) -> PoseRecord:
+def read_colmap(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read one image of a model, text or binary: ``request.image`` by its name, or the only one.
 
     The model's world is taken for the frame of poseviewer's model.
@@ -151,7 +151,7 @@ def colmap_photos(path: Path) -> list[str]:
     return [" ".join(words[9:]) for words in image_rows(Reading(model_file(path, "images")))]
 
 
-def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a file of one frame; the world is the model's frame."""
     camera, (model, distortion) = seen_as_taken(record, "nerfstudio", nerfstudio_lens)
     name = photo_name(record) or "photo"
@@ -169,7 +169,7 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: Request) -> Written
     return write_new(request, {out: json_text(data)})
 
 
-def read_nerfstudio(path: Path, request: Request) -> PoseRecord:
+def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
     reading = Reading(path)
     data = reading.load_object()

@@ -24,8 +24,8 @@ import numpy as np
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.conversion import (
+    ConvertOptions,
     Format,
-    Request,
     Written,
     make_record,
     refuse_lens,
@@ -64,13 +64,13 @@ x right, y up, z backward in the camera; the world is {world}.
 '''
 
 
-def write_meshlab(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_meshlab(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a project that names model and photo by their paths from its folder."""
     model = require_file(request.model, "model", "MeshLab")
     return _write_project(record, {model.name: (model, np.eye(4))}, out, request)
 
 
-def write_meshlab_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+def write_meshlab_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
     """Write all objects of a scene; the project's world is the camera's frame, OpenCV's axes."""
     of_camera = replace(scene.objects[0].record, pose=Pose(scene.camera, RigidTransform.identity()))
     models = {
@@ -81,7 +81,10 @@ def write_meshlab_scene(scene: SceneRecord, out: Path, request: Request) -> Writ
 
 
 def _write_project(
-    record: PoseRecord, models: Mapping[str, tuple[Path, FloatArray]], out: Path, request: Request
+    record: PoseRecord,
+    models: Mapping[str, tuple[Path, FloatArray]],
+    out: Path,
+    request: ConvertOptions,
 ) -> Written:
     """Write models, each by its label with the matrix (4, 4) that puts it into the world, which the
     record's pose is from.
@@ -125,7 +128,7 @@ def _words(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def read_meshlab(path: Path, request: Request) -> PoseRecord:
+def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read one raster: ``request.image`` by its label, or the only one.
 
     The project's world is taken for the model's frame; a mesh that the project moves is refused.
@@ -172,7 +175,7 @@ def read_meshlab(path: Path, request: Request) -> PoseRecord:
     return make_record(reading, pose, raster.get("label"), request.unit)
 
 
-def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_blender(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write the script; it names model and photo by their paths."""
     refuse_lens(record, "Blender")
     model = require_file(request.model, "model", "Blender")
@@ -184,7 +187,7 @@ def write_blender(record: PoseRecord, out: Path, request: Request) -> Written:
     return _write_script([(model, np.eye(4))], world, view, out, request)
 
 
-def write_blender_scene(scene: SceneRecord, out: Path, request: Request) -> Written:
+def write_blender_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a script with all objects of a scene; its world is the camera's frame, turned from y
     up to z up.
     """
@@ -217,7 +220,7 @@ def _write_script(
     world: str,
     view: dict[str, Any],
     out: Path,
-    request: Request,
+    request: ConvertOptions,
 ) -> Written:
     """Write models, each with the matrix (4, 4) that moves what Blender imports, and what ``view``
     says of the camera.

@@ -7,7 +7,13 @@ from pathlib import Path
 
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
-from poseviewer.files.formats.conversion import Format, Request, Written, refuse_existing, size_of
+from poseviewer.files.formats.conversion import (
+    ConvertOptions,
+    Format,
+    Written,
+    refuse_existing,
+    size_of,
+)
 from poseviewer.files.formats.gltf import GLTF, write_gltf_scene
 from poseviewer.files.formats.matrices import MATRICES, OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
@@ -20,14 +26,14 @@ from poseviewer.files.formats.scenes import (
 from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
-def write_own(record: PoseRecord, out: Path, request: Request) -> Written:
+def write_own(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a pose file of our own."""
     refuse_existing(request, out)
     save_pose(out, record)
     return Written((out,))
 
 
-def read_own(path: Path, request: Request) -> PoseRecord:
+def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read a pose file, which often says the photo's size; if not, the request must."""
     reading = Reading(path)
     data = reading.load_object()

@@ -69,8 +69,8 @@ def load_mesh(path: str | Path) -> Mesh:
     ending = path.suffix.lower()
     kind = f"{ending[1:].upper()} file" if ending in READERS else f"model file ({known})"
     reading = Reading(path, [], MeshFileError, kind, LARGEST_FILE)
-    with reading.said(), quiet_libraries():
-        reading.look()
+    with reading.naming_errors(), quiet_libraries():
+        reading.check_size()
         if ending not in READERS:
             found = f"unknown kind of model file {path.suffix!r}"
             raise reading.error(found, f"wanted one of {known}")

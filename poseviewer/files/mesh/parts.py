@@ -158,7 +158,7 @@ def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
 def material_text(path: Path) -> str:
     """What a material file says; raises MeshFileError where it cannot be one."""
     reading = Reading(path, [], MeshFileError, "material file", LARGEST_MATERIALS)
-    with reading.said(), reading.open() as file:
+    with reading.naming_errors(), reading.open() as file:
         return file.read().decode("utf-8", "replace")
 
 

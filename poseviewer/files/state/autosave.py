@@ -107,7 +107,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     """
     reading = Reading(path, largest=LARGEST_FILE)
     try:
-        with reading.said():
+        with reading.naming_errors():
             return _from_json(reading, reading.load_object())
     except PoseFileError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")

@@ -35,7 +35,7 @@ SOLID_OPACITY = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class ModelInPhoto:
     """A photo, and the model where a pose puts it."""
 
     photo: Picture
@@ -60,7 +60,7 @@ class View:
             )
 
 
-def draw_look(name: str, view: View) -> Picture:
+def draw_look(name: str, view: ModelInPhoto) -> Picture:
     """The photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``.
 
     Raises:
@@ -87,7 +87,7 @@ def draw_look(name: str, view: View) -> Picture:
             raise KeyError(name)
 
 
-def _draw_residual(view: View) -> Picture:
+def _draw_residual(view: ModelInPhoto) -> Picture:
     """What the lighting leaves unexplained: photo minus relit model, blue to red about white."""
     window = model_window(view.mesh, view.pose)
     if window is None:
@@ -121,7 +121,7 @@ def edge_layer(lines: LineDrawing, scale: float) -> Picture:
     return np.rint(np.dstack([colour, 255.0 * opacity])).astype(np.uint8)
 
 
-def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Picture:
+def _draw_lines(view: ModelInPhoto, outline_width: float, edge_strength: float) -> Picture:
     """The silhouette, ``outline_width`` px wide, and the feature edges, in [0, 1] as strong."""
     height, width = view.photo.shape[:2]
     scale = line_scale(width, height)
@@ -141,7 +141,9 @@ def _draw_lines(view: View, outline_width: float, edge_strength: float) -> Pictu
     return picture
 
 
-def _painted(view: View, paint: Callable[[AttributeImage], NDArray], opacity: float) -> Picture:
+def _painted(
+    view: ModelInPhoto, paint: Callable[[AttributeImage], NDArray], opacity: float
+) -> Picture:
     """The photo with ``paint`` (h, w, 1 or 3) in [0, 1] where the model is."""
     picture = view.photo.copy()
     window = model_window(view.mesh, view.pose)
@@ -160,7 +162,7 @@ def _mixed(picture: Picture, colour: ArrayLike, opacity: NDArray) -> Picture:
     return np.clip(np.rint(mixed), 0.0, 255.0).astype(np.uint8)
 
 
-def _relit(view: View, image: AttributeImage) -> FloatArray:
+def _relit(view: ModelInPhoto, image: AttributeImage) -> FloatArray:
     if view.relight is None:
         raise ValueError("the looks `relit` and `residual` need the recovered lighting")
     return np.clip(view.relight(image), 0.0, 1.0)

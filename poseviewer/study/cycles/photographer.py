@@ -30,7 +30,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.study.cycles.stage import (
     FINISHES,
     FURTHEST,
-    Scene,
+    Surroundings,
     corner_colours,
     find_finishes,
     make_stage,
@@ -72,7 +72,7 @@ class CyclesPhotographer:
         self.finishes = find_finishes(mesh)
 
     def photograph(
-        self, pose: Pose, scene: Scene, quality: PhotoQuality, samples: int = SAMPLES
+        self, pose: Pose, scene: Surroundings, quality: PhotoQuality, samples: int = SAMPLES
     ) -> NDArray[np.uint8]:
         """(h, w, 3) RGB.
 
@@ -93,7 +93,7 @@ class CyclesPhotographer:
         return _run(*self._job(pose, None, samples))[..., 3]
 
     def fingerprint(
-        self, pose: Pose, scene: Scene, quality: PhotoQuality, samples: int = SAMPLES
+        self, pose: Pose, scene: Surroundings, quality: PhotoQuality, samples: int = SAMPLES
     ) -> str:
         """The same for what gives the same photo: model, pose, scene, Blender, and this code.
 
@@ -110,7 +110,7 @@ class CyclesPhotographer:
             digest.update(np.ascontiguousarray(array).data)
         return digest.hexdigest()
 
-    def _job(self, pose: Pose, scene: Scene | None, samples: int) -> Job:
+    def _job(self, pose: Pose, scene: Surroundings | None, samples: int) -> Job:
         """What Blender is told; no scene: the silhouette alone."""
         stage = make_stage(self.mesh, self.keypoints, pose)
         view = blender_view(stage.pose, view_depths(stage.pose, stage.mesh))
@@ -145,7 +145,7 @@ class CyclesPhotographer:
 
 
 def draw_traced(
-    photographer: CyclesPhotographer, pose: Pose, scene: Scene, tell: Callable[[str], None]
+    photographer: CyclesPhotographer, pose: Pose, scene: Surroundings, tell: Callable[[str], None]
 ) -> NDArray[np.uint8]:
     """The photo, (h, w, 3) RGB: from the cache, if one like it was drawn before.
 

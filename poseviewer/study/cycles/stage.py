@@ -59,7 +59,7 @@ GLARE, GLARE_FROM = 3.0, 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class StagedVehicle:
     """The vehicle turned upright, and the camera that sees it exactly as the pose does."""
 
     mesh: Mesh
@@ -68,7 +68,7 @@ class Stage:
     """``camera_from_model`` is the camera from the stage."""
 
 
-def make_stage(mesh: Mesh, keypoints: VehicleKeypoints, pose: Pose) -> Stage:
+def make_stage(mesh: Mesh, keypoints: VehicleKeypoints, pose: Pose) -> StagedVehicle:
     """A similarity takes the model to the stage; the camera follows, so the picture is the same:
     under perspective it depends on ratios of lengths alone, under parallel projection its scale
     makes up for them.
@@ -85,7 +85,7 @@ def make_stage(mesh: Mesh, keypoints: VehicleKeypoints, pose: Pose) -> Stage:
     if isinstance(camera, Parallel):
         camera = replace(camera, scale=camera.scale / size)
         translation[2] = PARALLEL_DEPTH
-    return Stage(
+    return StagedVehicle(
         replace(mesh, vertices=placed - floor, normals=mesh.normals @ turn.T),
         Pose(camera, RigidTransform(rotation, translation)),
     )
@@ -134,7 +134,7 @@ def _by_name(name: str) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Surroundings:
     """What a vehicle is photographed in; directions are the stage's: z up, x ahead, y left."""
 
     sun_towards: FloatArray
@@ -161,7 +161,7 @@ def random_scene(
     behind: NDArray[np.uint8] | FloatArray,
     repainted: bool,
     random: np.random.Generator,
-) -> Scene:
+) -> Surroundings:
     """Daylight on a vehicle before a photo (h, w, 3) uint8, or a plain of one colour (3,).
 
     The sun is somewhere on the photographer's side.
@@ -183,7 +183,7 @@ def random_scene(
         around = around_photo(photo)
         ground = linear_from_srgb(picture[-max(1, height // 6) :]).mean(axis=(0, 1))
     paint = np.array(PAINTS[int(random.integers(len(PAINTS)))])
-    return Scene(
+    return Surroundings(
         sun_towards=towards,
         sun_light=random.uniform(0.5, 1.1) * np.array([1.0, 0.95, 0.87]),
         sun_angle=math.radians(random.uniform(*SUN_ANGLE_DEG)),

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
-from poseviewer.app.below_viser.access import AccessPolicy, Asked, is_loopback
+from poseviewer.app.below_viser.access import AccessPolicy, PageRequest, is_loopback
 from poseviewer.app.below_viser.guard import LARGEST_MESSAGE, GuardedServer, _listen, serve
 from poseviewer.errors import SettingsError
 
@@ -145,7 +145,7 @@ def test_foreign_host_names_are_refused(local: GuardedServer, host: str) -> None
     """After DNS rebinding a page's own name leads here: its Origin then fits its Host."""
     policy = local.policy
     host = host.format(port=policy.port)
-    refusal = policy.refusal(Asked("/", [host], [f"http://{host}"]))
+    refusal = policy.refusal(PageRequest("/", [host], [f"http://{host}"]))
     assert refusal is not None
     assert refusal.startswith("The request is for ")
     if host.isascii():

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
@@ -35,11 +35,11 @@ def _record(pose: Pose, unit: str | None) -> PoseRecord:
     return PoseRecord(pose, photo, ModelReference("obj_000005.ply", unit=unit))
 
 
-def write_files(folder: Path) -> tuple[Mesh, Request]:
+def write_files(folder: Path) -> tuple[Mesh, ConvertOptions]:
     """A model and a photo whose red says the column and whose green says the row."""
     mesh = make_bumpy(3)
     model, photo = folder / "obj_000005.ply", folder / "000003.png"
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(str(model))
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.uint8)
     cv2.imwrite(str(photo), np.stack([np.zeros_like(rows), rows, columns], axis=-1))
-    return mesh, Request(photo, model)
+    return mesh, ConvertOptions(photo, model)

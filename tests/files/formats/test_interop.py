@@ -14,7 +14,7 @@ import trimesh
 
 from poseviewer.cli.main import main
 from poseviewer.files.demo import demo_case
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import write_gltf
 from poseviewer.files.formats.matrices import write_opencv
 from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
@@ -158,7 +158,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
         matrix.text = None
         assert (tmp_path / str(mesh.get("filename"))).is_file()
     path.write_text(ElementTree.tostring(project, encoding="unicode"))
-    camera = read_meshlab(path, Request()).pose  # from the project's world
+    camera = read_meshlab(path, ConvertOptions()).pose  # from the project's world
     for one in scene.objects:
         points = load_mesh(one.model).vertices
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]
@@ -168,7 +168,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
 
 def test_blender_draws_the_demo_on_its_photo(tmp_path):
     case = demo_case()
-    request = Request(case.photo, case.model)
+    request = ConvertOptions(case.photo, case.model)
     record = read_own(case.truth, request)
     write_blender(record, tmp_path / "scene.py", request)
     _, drawn = draw_in_blender(tmp_path / "scene.py", 960, 720)

@@ -12,7 +12,7 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.matrices import write_opencv
 from poseviewer.files.formats.reconstructions import (
     colmap_lens,
@@ -121,7 +121,7 @@ def test_what_a_tool_has_not_is_not_said():
     assert colmap_lens(LENSES["prism"]) is None
     assert nerfstudio_lens(LENSES["eight"]) is None
     assert colmap_lens(LENSES["four"]) == ("OPENCV", K4)
-    _, request = Path(), Request()
+    _, request = Path(), ConvertOptions()
     with pytest.raises(PoseFileError, match="cannot hold its lens"):
         write_colmap(record_through(LENSES["prism"]), Path("none"), request)
 
@@ -175,7 +175,7 @@ def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
     record = record_through(LENSES["five"], zoom=0.8)
     out = f"--undistorted-photo {tmp_path / 'flat.png'}"
     assert written("colmap", record, tmp_path, out) == 0
-    found = read_colmap(tmp_path / "out.model", Request())
+    found = read_colmap(tmp_path / "out.model", ConvertOptions())
     assert found.undistortion is None
     assert_same(found, record)
     assert found.photo is not None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import Request
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
@@ -34,7 +34,7 @@ OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 READ = [(name, out) for name, out in OUTS if FORMATS[name].read]
 
 
-def read(name: str, path: Path, request: Request) -> PoseRecord:
+def read(name: str, path: Path, request: ConvertOptions) -> PoseRecord:
     reader = FORMATS[name].read
     assert reader is not None
     return reader(path, request)

@@ -13,7 +13,7 @@ from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import LINE_COLOUR, View, draw_look
+from poseviewer.render.overlay.looks import LINE_COLOUR, ModelInPhoto, draw_look
 from poseviewer.render.overlay.residual import (
     ROUND_RANGES,
     diverging_colours,
@@ -66,9 +66,9 @@ def make_cube() -> Mesh:
     return make_mesh(np.array(vertices), np.array(normals), np.array(faces))
 
 
-def make_view(mesh, pose, relight=None, level=90) -> View:
+def make_view(mesh, pose, relight=None, level=90) -> ModelInPhoto:
     photo = np.full((pose.camera.height, pose.camera.width, 3), level, np.uint8)
-    return View(photo, mesh, SoftwareRenderer(mesh), pose, relight)
+    return ModelInPhoto(photo, mesh, SoftwareRenderer(mesh), pose, relight)
 
 
 def cube_pose(size: int = SIZE) -> Pose:
@@ -171,7 +171,9 @@ def test_residual_is_white_where_the_model_explains_the_photo():
     view = make_view(make_cube(), cube_pose(), lambda image: np.full((*image.mask.shape, 1), 0.4))
     photo = np.full((SIZE, SIZE, 3), 102, np.uint8)
     mask = view.renderer.render(view.pose).mask
-    picture = draw_look("residual", View(photo, view.mesh, view.renderer, view.pose, view.relight))
+    picture = draw_look(
+        "residual", ModelInPhoto(photo, view.mesh, view.renderer, view.pose, view.relight)
+    )
     assert np.all(picture[mask] == np.rint(diverging_colours(np.zeros(1)))[0])
 
 
