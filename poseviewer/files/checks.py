@@ -10,7 +10,6 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -274,12 +273,6 @@ def kind_of(value: Any) -> str:
         return printable(repr(value), LONGEST_QUOTE)
     except ValueError:  # Python writes no whole number of over 4300 digits
         return "a number of thousands of digits"
-
-
-def json_schema(name: str) -> dict[str, Any]:
-    """The JSON Schema (2020-12) of our files: ``pose``, ``scene``, ``symmetry``, ``view_set``."""
-    path = files("poseviewer.files").joinpath(f"{name}.schema.json")
-    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def read_json(path: Path) -> Any:

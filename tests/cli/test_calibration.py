@@ -15,7 +15,6 @@ from PIL import Image
 from poseviewer.cli import main as cli
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
 from poseviewer.files.pose import load_pose, save_pose
@@ -26,6 +25,7 @@ from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import load_registration
 from tests.scene import Scene
+from tests.schemas import json_schema
 
 TAKEN = Perspective(300.0, 300.0, 83.0, 58.0, 160, 120)
 LENSES = {

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.files.checks import json_schema
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo, save_image
@@ -34,6 +33,7 @@ from poseviewer.starts.registration import load_registration
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.gpu import require_gpu
 from tests.opengl import require_opengl
+from tests.schemas import json_schema
 
 
 def run(*arguments: object) -> int:

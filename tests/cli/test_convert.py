@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from poseviewer.cli import main as cli
-from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import load_pose, save_pose
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
+from tests.schemas import json_schema
 
 
 def run(*arguments: object) -> int:

@@ -12,12 +12,12 @@ import trimesh
 
 from poseviewer.api import load_scene as open_scene
 from poseviewer.cli import main as cli
-from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
+from tests.schemas import json_schema
 from tests.several import IDS, MESHES, STARTS, TRUTH, make_bop, make_three
 
 

@@ -12,10 +12,11 @@ import pytest
 
 import poseviewer
 from poseviewer.cli.main import main
-from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.registration import LoadedModel
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.transform import RigidTransform
+from tests.schemas import json_schema
 from tests.view_sets import (
     CAMERAS_FROM_SET,
     DISTANCE,
@@ -76,7 +77,8 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     wrong = replace(good.views[2], camera_from_set=turn @ good.views[2].camera_from_set)
     views = replace(good, views=(*good.views[:2], wrong))
     model = LoadedModel(MESH, "m.ply", "0" * 64, None)
-    found = poseviewer.load_views(views, model, START, view="a.png").fit()
+    settings = FitSettings(limits=Limits(1500))
+    found = poseviewer.load_views(views, model, START, settings, view="a.png").fit()
     assert found.verdict is not None
     assert found.verdict.word != "found"
     assert found.notes[0].startswith("c.png goes least with the others")

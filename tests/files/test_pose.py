@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
@@ -29,6 +28,7 @@ from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
+from tests.schemas import json_schema
 
 WIDTH, HEIGHT = 640, 480
 SHA = "0123456789abcdef" * 4

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.checks import json_schema
 from poseviewer.files.pose import ChartParameters, RecordedVerdict, save_pose
 from poseviewer.files.scene import load_scene, save_scene
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.starts.registration import load_scene_registrations
+from tests.schemas import json_schema
 from tests.several import IDS, STARTS, TRUTH, make_three
 
 

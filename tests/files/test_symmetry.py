@@ -11,7 +11,6 @@ import pytest
 import trimesh
 
 from poseviewer.errors import MeshFileError, PoseFileError
-from poseviewer.files.checks import json_schema
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.symmetry import load_symmetry, symmetry_path
@@ -19,6 +18,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
+from tests.schemas import json_schema
 
 _, _, Z = np.eye(3)
 HALF_TURN = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]

@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError, PoseViewerError
-from poseviewer.files.checks import json_schema
 from poseviewer.files.formats.bop import BopObject, save_bop_images
 from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from tests.schemas import json_schema
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, TRUTH, make_views, write_views
 
 LAST = [0.0, 0.0, 0.0, 1.0]

@@ -158,13 +158,13 @@ def test_pins_are_refused_beside_the_model_and_on_vehicles():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_ring_turns_about_its_axis(camera, axis):
     session = after(make_session(camera), c.ChangeView(rings=True))
-    notify = rings_in_photo(session.document)[axis]
-    step = int(np.argmin(notify[:, 2]))  # its nearest point
-    x, y = notify[step, :2]
-    way = notify[(step + 1) % 72, :2] - notify[step - 1, :2]
-    way = way / np.linalg.norm(way)
+    ring = rings_in_photo(session.document)[axis]
+    step = int(np.argmin(ring[:, 2]))  # its nearest point
+    x, y = ring[step, :2]
+    along = ring[(step + 1) % 72, :2] - ring[step - 1, :2]
+    along = along / np.linalg.norm(along)
     first = after(session, c.Press(x, y, zoom=4.0))
-    turned = after(first, c.DragTo(x + 3.0 * way[0], y + 3.0 * way[1]))
+    turned = after(first, c.DragTo(x + 3.0 * along[0], y + 3.0 * along[1]))
     before, now = (s.document.pose.camera_from_model.rotation for s in (session, turned))
     turn = before.T @ now
     assert turn[axis, axis] == pytest.approx(1.0, abs=1e-9)

@@ -1,0 +1,13 @@
+"""The JSON Schemas (2020-12) of our files."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from typing import Any
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """Of ``pose``, ``scene``, ``symmetry`` or ``view_set`` files."""
+    path = files("poseviewer.files").joinpath(f"{name}.schema.json")
+    return json.loads(path.read_text(encoding="utf-8"))
