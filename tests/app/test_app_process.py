@@ -57,6 +57,11 @@ def start(scene: Scene, tmp_path: Path) -> AppProcess:
     return AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start)
 
 
+def wait_for_offer(page: SocketPage) -> None:
+    """The offer may come before the panels are whole."""
+    page.wait_until(lambda: OFFER in page.shown.modals.values() and "Seed" in page.labels())
+
+
 def kept(tmp_path: Path) -> AutosavedSession | None:
     """The session on disk."""
     found = list((tmp_path / "state" / "sessions").glob("*.json"))
@@ -82,7 +87,7 @@ def crash_in_search(scene: Scene, tmp_path: Path) -> None:
 def test_crash_loses_nothing(scene: Scene, tmp_path: Path, left: AutosavedSession) -> None:
     assert left.settings["seed"] == SEED
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
-        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        wait_for_offer(page)
         assert page.value("Seed") == 0
         page.click("Open it again")
         page.wait_until(lambda: page.value("Seed") == SEED)
@@ -193,7 +198,7 @@ def test_restored_session_outlives_another_crash(
     scene: Scene, tmp_path: Path, left: AutosavedSession
 ) -> None:
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
-        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        wait_for_offer(page)
         page.click("Open it again")
         page.wait_until(lambda: page.value("Seed") == SEED)
         page.wait_until(lambda: kept(tmp_path))
@@ -207,7 +212,7 @@ def test_restored_session_outlives_another_crash(
 @pytest.mark.usefixtures("left")
 def test_forgotten_session_is_not_offered_again(scene: Scene, tmp_path: Path) -> None:
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
-        page.wait_until(lambda: OFFER in page.shown.modals.values())
+        wait_for_offer(page)
         page.click("Forget it")
         page.wait_until(lambda: not page.shown.modals)
         page.wait_until(lambda: kept(tmp_path) is None)
