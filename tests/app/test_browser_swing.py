@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,18 +11,19 @@ from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
+from tests.scene import Scene
 
 pytestmark = pytest.mark.slow
 
-PHOTO = (960, 720)
+PHOTO = (160, 120)
 MAPS = 15
 REGIONS = "document.querySelectorAll('.pv-cell .pv-region').length"
 
 
 @pytest.fixture
-def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppPage]:
-    """The demo, searched."""
-    with AppProcess(tmp_path_factory.mktemp("demo")) as app:
+def page(browser: Browser, tmp_path: Path, scene: Scene) -> Iterator[AppPage]:
+    """A small photo, searched."""
+    with AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start) as app:
         tab = AppPage(browser, app.url, (1440, 720))
         tab.wait_for_text("at this pose")
         tab.page.evaluate("window.poseviewer.placeMaps('beside')")
@@ -47,7 +49,7 @@ def test_how_sure_it_is_is_said_mapped_and_swung(page: AppPage) -> None:
     swung = page.photo_picture()
     keep_picture(page, "swung")
     page.until(lambda: not np.array_equal(page.photo_picture(), swung))
-    page.drag((480, 400), (500, 400), PHOTO)
+    page.drag((86.0, 60.0), (90.0, 60.0), PHOTO)
     page.until(lambda: not swing.is_visible())  # of the dragged pose it is not known
     page.page.keyboard.press("z")
     page.until(swing.is_visible)

@@ -46,7 +46,7 @@ def test_fits_from_equal_starts_are_written_as_one_pose(of_box: Scene, tmp_path:
     symmetry = find_symmetry(mesh).symmetry
     assert len(symmetry.transforms()) == 4
     found = []
-    for number, motion in enumerate(symmetry.transforms()):
+    for number, motion in enumerate(symmetry.transforms()[::3]):
         equal, out = tmp_path / f"start{number}.json", tmp_path / f"pose{number}.json"
         turned = replace(start.pose, camera_from_model=start.pose.camera_from_model @ motion)
         save_pose(equal, PoseRecord(turned))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -141,6 +142,9 @@ def test_searches_without_a_population_are_not_restarted(scene, more):
 def test_a_search_that_ends_in_another_valley_is_mended():
     files = demo_case()
     registration = load_registration(files.photo, files.model, files.start)
+    pixels = cv2.resize(registration.photo.pixels, (320, 240), interpolation=cv2.INTER_AREA)
+    small = replace(registration.photo, pixels=pixels)
+    registration = replace(registration, photo=small, start=registration.start.scaled(1.0 / 3.0))
     problem, _ = make_problem(registration, FitSettings())
     off = 0.35 * np.random.default_rng(2).uniform(-1.0, 1.0, len(problem.start))
     start = problem.start + off * problem.chart.scales(problem.start)

@@ -72,14 +72,14 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     photo = photograph(mesh, chart, seed=1)
     registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
     renderer, random = make_renderer(mesh), np.random.default_rng(8)
-    for _ in range(3):
+    for _ in range(2):
         start = THETA * (1.0 + 0.08 * random.choice([-1.0, 1.0], 6))
         end = fit_from(registration, renderer, start, chart)
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
 
 
 @pytest.mark.parametrize("projection", CAMERAS)
-def test_the_bmw_is_found_from_five_starts_within_4_per_cent(shared_data, projection):
+def test_the_bmw_is_found_from_starts_within_4_per_cent(shared_data, projection):
     path = shared_data / "mesh_bmw_e34" / "car.glb"
     mesh = load_mesh(path)
     keypoints = load_keypoints(path, mesh)
@@ -88,7 +88,7 @@ def test_the_bmw_is_found_from_five_starts_within_4_per_cent(shared_data, projec
     photo = photograph(mesh, chart, seed=2)
     registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
     renderer, random = make_renderer(mesh), np.random.default_rng(4)
-    for _ in range(5):
+    for _ in range(2):
         start = THETA * (1.0 + random.uniform(-0.04, 0.04, 6))
         end = fit_from(registration, renderer, start, chart)
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
