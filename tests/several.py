@@ -12,7 +12,7 @@ import trimesh
 from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PhotoReference, PoseRecord
-from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
+from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Perspective, Pose
@@ -93,7 +93,7 @@ def make_three(folder: Path) -> Path:
     for name, one in zip(IDS, STARTS, strict=True):
         path = folder / f"{name}.ply"
         save_model(path, one.mesh)
-        objects.append(SceneObject(name, path, PoseRecord(one.pose)))
+        objects.append(ObjectRecord(name, path, PoseRecord(one.pose)))
     reference = PhotoReference("three.png", photo.width, photo.height)
     scene = SceneRecord(folder / "three.png", reference, CAMERA, tuple(objects))
     save_scene(folder / "three.scene.json", scene)
@@ -124,7 +124,7 @@ def make_crowd(folder: Path, count: int) -> Path:
         off = FreeBodyChart.near(mesh, pose).to_pose(OFF[number % len(OFF)])
         path = folder / f"{number + 1}.ply"
         save_model(path, mesh)
-        objects.append(SceneObject(str(number + 1), path, PoseRecord(off)))
+        objects.append(ObjectRecord(str(number + 1), path, PoseRecord(off)))
     noisy = cv2.GaussianBlur(lit, (0, 0), 0.6)
     noisy += np.random.default_rng(0).normal(0.0, 0.01, lit.shape)
     save_image(folder / "crowd.png", np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8))

@@ -36,7 +36,7 @@ from poseviewer.files.pose import (
     load_pose,
     save_pose,
 )
-from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
+from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
@@ -262,7 +262,7 @@ def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halve
     poses = start.pose, replace(start.pose, camera_from_model=aside)
     found = PoseRecord(start.pose, verdict=RecordedVerdict("found", 0.99))
     objects = [
-        SceneObject(name, halves, replace(found, pose=pose))
+        ObjectRecord(name, halves, replace(found, pose=pose))
         for name, pose in zip(("a", "a:b"), poses, strict=True)
     ]
     path, out = tmp_path / "two.scene.json", tmp_path / "out.json"

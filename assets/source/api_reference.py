@@ -58,7 +58,7 @@ CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
     ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
     ("poseviewer.files.pose", pose_file, ("PoseRecord", "load_pose", "save_pose")),
-    ("poseviewer.files.scene", scene_file, ("SceneRecord", "SceneObject")),
+    ("poseviewer.files.scene", scene_file, ("SceneRecord", "ObjectRecord")),
     ("poseviewer.files.view_set", view_set_file, ("SetChoice", "load_view_set")),
     ("poseviewer.geometry.view_set", view_set, ("ViewSet", "View")),
     ("poseviewer.errors", errors, ("PoseViewerError",)),

@@ -25,7 +25,7 @@ from poseviewer.files.marks import PointPairs
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose, save_pose
-from poseviewer.files.scene import SceneObject, SceneRecord, save_scene
+from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.starts.placing import surface_point
@@ -285,7 +285,7 @@ def objects(folder: Path) -> None:
     size = shelf.truths[0].camera.width, shelf.truths[0].camera.height
     photo = PhotoReference("shelf.png", *size)
     boxes = [
-        SceneObject(str(number), model, PoseRecord(pose, photo))
+        ObjectRecord(str(number), model, PoseRecord(pose, photo))
         for number, (model, pose) in enumerate(zip(shelf.models, shelf.truths, strict=True), 1)
     ]
     scene = folder / "shelf" / "shelf.scene.json"

@@ -26,7 +26,7 @@ from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, save_pose
-from poseviewer.files.scene import SceneObject, SceneRecord
+from poseviewer.files.scene import ObjectRecord, SceneRecord
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.looks import Picture
@@ -109,7 +109,7 @@ def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bo
         seen = one.photo
         of_photo = PhotoReference(seen.name, seen.width, seen.height, seen.sha256)
         of_model = ModelReference(one.mesh_name, one.mesh_sha256, one.mesh.unit)
-        objects.append(SceneObject(str(number), path, PoseRecord(one.start, of_photo, of_model)))
+        objects.append(ObjectRecord(str(number), path, PoseRecord(one.start, of_photo, of_model)))
     scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
     case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
 

@@ -49,7 +49,7 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class SceneObject:
+class ObjectRecord:
     """A model in a scene."""
 
     id: str
@@ -76,7 +76,7 @@ class SceneRecord:
     photo_reference: PhotoReference
     """The photo's size, which has to be known, and its fingerprint."""
     camera: Camera
-    objects: tuple[SceneObject, ...]
+    objects: tuple[ObjectRecord, ...]
     """One or more, each with an id of its own."""
     undistortion: Undistortion | None = None
     """Where the camera is that of the undistorted photo: how that is made of the one as taken."""
@@ -197,7 +197,7 @@ def save_scene(
     write_json(path, data, PoseFileError)
 
 
-def _object_as_json(path: Path, one: SceneObject, camera: Camera) -> dict[str, Any]:
+def _object_as_json(path: Path, one: ObjectRecord, camera: Camera) -> dict[str, Any]:
     record = record_as_json(one.record)
     data: dict[str, Any] = {"id": one.id}
     if one.name:
@@ -213,7 +213,7 @@ def _object_as_json(path: Path, one: SceneObject, camera: Camera) -> dict[str, A
 
 def _object(
     reading: Reading, entry: Any, what: str, shared: dict[str, Any], whole: PoseRecord
-) -> SceneObject:
+) -> ObjectRecord:
     """An object of a scene; ``shared`` is what that says of all, as it is and as it was read."""
     name, model, mask = reading.fields(
         entry, what, name=Reading.text, model=Reading.object, mask=Reading.text
@@ -242,10 +242,10 @@ def _object(
         model, f"{what}.model", sha256=Reading.text, unit=Reading.text
     ))  # fmt: skip
     record = replace(record, photo=whole.photo, model=known, mask=None, warnings=())
-    return SceneObject(object_id, file, record, name or "", mask)
+    return ObjectRecord(object_id, file, record, name or "", mask)
 
 
-def _require_own_ids(reading: Reading, objects: Sequence[SceneObject]) -> None:
+def _require_own_ids(reading: Reading, objects: Sequence[ObjectRecord]) -> None:
     ids = [one.id for one in objects]
     for number, one in enumerate(ids):
         if one in ids[:number]:

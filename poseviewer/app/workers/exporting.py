@@ -26,8 +26,7 @@ from poseviewer.files.pose import (
     PoseRecord,
     record_as_json,
 )
-from poseviewer.files.scene import SceneObject as FiledObject
-from poseviewer.files.scene import SceneRecord
+from poseviewer.files.scene import ObjectRecord, SceneRecord
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
@@ -66,7 +65,7 @@ def scene_of(session: Session) -> tuple[SceneRecord, dict[str, Mask]]:
         if one is not document:
             record = _plain_record(one) if one.searched is None else one.searched.record
             mask = one.compared_mask
-        objects.append(FiledObject(str(one.number), one.model_path, record, one.name.strip()))
+        objects.append(ObjectRecord(str(one.number), one.model_path, record, one.name.strip()))
         if mask is not None:
             masks[str(one.number)] = mask
     assert document.photo_path is not None  # it was just looked at

@@ -33,7 +33,7 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
-from poseviewer.files.scene import SceneObject, SceneRecord
+from poseviewer.files.scene import ObjectRecord, SceneRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
@@ -190,7 +190,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
         record = PoseRecord(
             Pose(camera, one.place), model=ModelReference(model.name, unit=request.unit or UNIT)
         )
-        objects.append(SceneObject(f"{one.object_id}{again}", model, record))
+        objects.append(ObjectRecord(f"{one.object_id}{again}", model, record))
     return SceneRecord(photo, PhotoReference(None, width, height), camera, tuple(objects))
 
 
