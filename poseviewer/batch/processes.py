@@ -105,7 +105,7 @@ def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
-        os._exit(1)  # nobody is left to hand a result to
+        os._exit(1)  # the process that waits for results has ended
 
 
 def _work(job: Job, plan: BatchPlan) -> JobResult:

@@ -15,8 +15,8 @@ from poseviewer.errors import PoseFileError, PoseViewerError
 def write_whole(
     path: Path, data: bytes, error: type[PoseViewerError], *, private: bool = False
 ) -> None:
-    """Write beside ``path`` and then rename, so that nobody ever sees half a file; a ``private``
-    one nobody else sees at all (mode 0600).
+    """Write beside ``path`` and then rename, so that no reader sees half a file; only its owner
+    can read a ``private`` one (mode 0600).
 
     Raises:
         error: the folder is missing, or cannot be written to.

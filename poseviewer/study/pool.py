@@ -48,8 +48,8 @@ def run_all(tasks: Sequence[Runnable], jobs: int) -> Iterator[Any]:
 
 
 def _end_with_the_study() -> None:
-    """On Ctrl-C, without a word, as the study's own process says what there is to say; and when
-    that process is no more, for which a process of a pool would wait for ever.
+    """End silently on Ctrl-C, which the study's own process reports; and when that process has
+    ended, for which a process of a pool would wait for ever.
     """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     threading.Thread(target=_wait_for_the_end, daemon=True).start()

@@ -54,6 +54,41 @@ def page(tab: AppPage) -> Iterator[AppPage]:
     tab.errors.clear()
 
 
+@pytest.fixture(scope="module")
+def dark(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
+    """A second tab, of a browser that prefers dark pages; the first one prefers light ones."""
+    opened = AppPage(browser, demo.url, color_scheme="dark")
+    yield opened
+    assert opened.errors == []
+    opened.page.close()
+
+
+def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, demo: AppProcess):
+    """The first test, as the hints are about what was done on this app."""
+    tab = AppPage(browser, demo.url)
+    guide = tab.page.locator(".pv-guide")
+    tab.wait_for_text("1 of 4: Drag the model")
+    tab.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
+    tab.wait_for_text("2 of 4: Press space")
+    assert not tab.page.get_by_text("Next: judge").is_visible()
+    tab.page.keyboard.press("Space")
+    tab.wait_for_text("evaluations, restart")
+    tab.wait_for_text("Next: judge")  # the step of the search is open
+    tab.page.keyboard.press("Space")
+    tab.wait_for_text("3 of 4: Press 5")
+    keep_picture(tab, "hints")
+    tab.page.get_by_title("No more hints").click()
+    guide.wait_for(state="hidden")
+    tab.reload()
+    tab.page.keyboard.press("5")
+    tab.page.get_by_text("4 of 4").first.wait_for(state="attached")
+    assert not guide.is_visible()
+    tab.page.keyboard.press("1")
+    tab.open_step(3)
+    tab.page.get_by_role("button", name="Go back").click()
+    tab.page.close()
+
+
 def test_the_page_opens_on_the_demo(page: AppPage):
     assert page.page.title() == "poseviewer"
     assert page.page.locator("link[rel~=icon]").get_attribute("href", timeout=5000)
@@ -280,54 +315,25 @@ def test_a_dropdown_that_is_closed_leaves_the_keys_alone(page: AppPage):
     page.until(lambda: look.input_value() == "outline")
 
 
-def test_a_page_is_light_where_the_browser_prefers_it(browser: Browser, demo: AppProcess):
+def test_a_page_is_light_where_the_browser_prefers_it(page: AppPage, dark: AppPage):
     scheme = "document.documentElement.dataset.mantineColorScheme"
-    for wanted in ("dark", "light"):
-        tab = AppPage(browser, demo.url, color_scheme=wanted)
+    for tab, wanted in ((page, "light"), (dark, "dark")):
         tab.page.wait_for_function(f"{scheme} === '{wanted}'")
-        tab.page.close()
 
 
-def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, tmp_path: Path):
-    with AppProcess(tmp_path) as app:
-        tab = AppPage(browser, app.url)
-        guide = tab.page.locator(".pv-guide")
-        tab.wait_for_text("1 of 4: Drag the model")
-        tab.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
-        tab.wait_for_text("2 of 4: Press space")
-        assert not tab.page.get_by_text("Next: judge").is_visible()
-        tab.page.keyboard.press("Space")
-        tab.wait_for_text("evaluations, restart")
-        tab.wait_for_text("Next: judge")  # the step of the search is open
-        tab.page.keyboard.press("Space")
-        tab.wait_for_text("3 of 4: Press 5")
-        keep_picture(tab, "hints")
-        tab.page.get_by_title("No more hints").click()
-        guide.wait_for(state="hidden")
-        tab.reload()
-        tab.page.keyboard.press("5")
-        tab.page.get_by_text("4 of 4").first.wait_for(state="attached")
-        assert not guide.is_visible()
-        tab.page.close()
-
-
-def test_two_tabs_agree(page: AppPage, browser: Browser, demo: AppProcess):
+def test_two_tabs_agree(page: AppPage, dark: AppPage):
     def shown(tab: AppPage) -> list[str]:
         fields = tab.page.locator("input[inputmode]")
         return fields.evaluate_all("fields => fields.map(field => field.value)")
 
-    other = AppPage(browser, demo.url)
-    try:
-        for tab in (page, other):
-            tab.open_step(2)
-            tab.page.get_by_text("Numbers", exact=True).click()
-        before = shown(page)
-        assert len(before) >= 6
-        page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
-        page.until(lambda: before != shown(page) == shown(other))
-        page.page.keyboard.press("z")
-    finally:
-        other.page.close()
+    for tab in (page, dark):
+        tab.open_step(2)
+        tab.page.get_by_text("Numbers", exact=True).click()
+    before = shown(page)
+    assert len(before) >= 6
+    page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
+    page.until(lambda: before != shown(page) == shown(dark))
+    page.page.keyboard.press("z")
 
 
 def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProcess):

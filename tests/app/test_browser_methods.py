@@ -35,15 +35,21 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
         assert app.interrupt() == 0
 
 
+@pytest.fixture(scope="module")
+def tab(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
+    opened = AppPage(browser, demo.url)
+    opened.wait_for_text("at this pose")
+    opened.page.evaluate("window.poseviewer.placeMaps('beside')")
+    opened.open_step(3)
+    yield opened
+    opened.page.close()
+
+
 @pytest.fixture
-def page(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
-    tab = AppPage(browser, demo.url)
-    tab.wait_for_text("at this pose")
-    tab.page.evaluate("window.poseviewer.placeMaps('beside')")
-    tab.open_step(3)
+def page(tab: AppPage) -> Iterator[AppPage]:
+    """One tab for all tests; each leaves the methods and the maps as they were."""
     yield tab
     assert tab.errors == []
-    tab.page.close()
 
 
 def choose(page: AppPage, label: str, option: str) -> None:

@@ -87,7 +87,7 @@ class ClientScript:
                 self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
 
     def show_guide(self, text: str) -> None:
-        """A hint above the photo for who is new, on pages that have not sent such hints away."""
+        """A hint above the photo for new users, on pages that have not dismissed the hints."""
         with self._telling:
             if self._guide != text:
                 self._guide = text

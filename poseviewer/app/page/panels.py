@@ -59,7 +59,7 @@ BESIDE_RESTART = 1e-3
 AS_IT_IS = "as it is"
 SWING_HINT = "The outline swings through the region of 90 %, the way that is least sure"
 WAITING = '<div class="pv-wait"></div>'
-"""A bar that moves: something is done, nobody knows how long."""
+"""A moving bar, for work of unknown length."""
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 SAVE, SAVE_ALL = "Save pose (S)", "Save scene and pose (S)"

@@ -224,7 +224,7 @@ class SceneObject:
 
     @property
     def awaits_place(self) -> bool:
-        """Whether nobody has said yet where the model is: then a press on the photo does."""
+        """Whether the model has no place in the photo yet: a press on the photo gives it one."""
         own = self.registration
         return own.start_is_guess and self.pose is own.start
 

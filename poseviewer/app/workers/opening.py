@@ -49,7 +49,7 @@ class Opened:
     candidates: Candidates = field(default_factory=Candidates)
     """Models that the photo may show."""
     objects: tuple[CandidateModel, ...] = ()
-    """Models that the photo shows as well, nobody has said where."""
+    """Further models that the photo shows, still without poses."""
     row: str = ""
     """In a review: the key of the row that it is."""
     found: Document | None = None

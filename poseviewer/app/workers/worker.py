@@ -1,7 +1,7 @@
 """The background threads, and the mailbox that the main loop reads. Nothing else knows of threads.
 
 A worker runs one job at a time, an iterator, and publishes its newest item by one assignment. A new
-job displaces the old one between two items; nobody waits for anybody.
+job displaces the old one between two items; no thread waits for another.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ def _read_gltf(path: Path) -> Read:
     # glTF's colours are linear by its specification; trimesh writes them as they are.
     linear = "trimesh" not in str(header.get("asset", {}).get("generator", ""))
     parts, notes = _read_scene(path, linear)
-    # trimesh leaves out pictures that are not there without a word.
+    # trimesh leaves out missing pictures silently.
     gone = _missing_files(path, header, "images")
     return parts, notes + [f"Texture left out: {name} is not there." for name in gone]
 

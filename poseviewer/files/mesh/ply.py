@@ -236,7 +236,7 @@ def _parts(
     per_corner = texcoord is not None and np.array_equal(texcoord[0], 2 * polygons[0])
     triangles = np.maximum(polygons[0] - 2, 0)
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-        return [Part("", vertices, faces)], []  # refused by whoever checks the indices
+        return [Part("", vertices, faces)], []  # refused where indices are checked
     if face_colours is not None or per_corner:
         # What belongs to faces is given to corners, each a vertex of its own.
         source, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)

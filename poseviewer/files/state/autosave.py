@@ -1,4 +1,4 @@
-"""Sessions kept while they run, so that one that ended without a word can be taken up again."""
+"""Sessions saved while they run, so that one that crashed can be opened again."""
 
 from __future__ import annotations
 

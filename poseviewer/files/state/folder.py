@@ -139,7 +139,7 @@ def _token_path(state: Path, host: str, port: int) -> Path:
 
 
 def _read_token(path: Path) -> str | None:
-    """What the file holds, if it is a token that nobody else could have read or written."""
+    """What the file holds, if it is a token that only this user could read and write."""
     try:
         mode = path.lstat().st_mode
         text = path.read_text(encoding="ascii") if stat.S_ISREG(mode) else ""
