@@ -96,16 +96,19 @@ def make_groceries(folder: Path, five: bool = False) -> Groceries:
 
 
 def make_car_behind_post(folder: Path) -> Groceries:
-    """The demo, with a post in front of its car."""
+    """The demo at half its size, with a post in front of its car."""
     folder.mkdir(exist_ok=True)
     demo = demo_case()
-    opened = load_photo(demo.photo)
-    car = load_pose(demo.truth, opened.width, opened.height).pose
-    picture, models, truths = _photographed(
-        folder, opened.pixels / 255.0, car.camera, {"post.glb": POST}
+    opened, start = load_photo(demo.photo), folder / "start.json"
+    car, begin = (
+        load_pose(path, opened.width, opened.height).pose.scaled(0.5)
+        for path in (demo.truth, demo.start)
     )
+    small = cv2.resize(opened.pixels, (480, 360), interpolation=cv2.INTER_AREA)
+    picture, models, truths = _photographed(folder, small / 255.0, car.camera, {"post.glb": POST})
     save_image(folder / "car.png", picture)
-    return Groceries(folder / "car.png", (demo.model, *models), (car, *truths), demo.start)
+    save_pose(start, PoseRecord(begin))
+    return Groceries(folder / "car.png", (demo.model, *models), (car, *truths), start)
 
 
 def _photographed(
