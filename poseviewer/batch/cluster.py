@@ -69,7 +69,7 @@ def _results(
         KilledWorker,
         as_completed,
     )
-    from distributed.comm import CommClosedError  # pyright: ignore[reportMissingImports]
+    from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
 
     submitted, lost = _submit(client, jobs, plan), list[Job]()
     try:

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
+from websockets.typing import Origin
 
 from poseviewer.figures.text_table import Table
 from tests.app.app_process import AppProcess
@@ -34,7 +35,7 @@ MOST_BYTES = 1 << 30
 MOST_LEFT = 200_000_000
 """What may be left of it afterwards: pages, buffers, what Python keeps."""
 WATCHED_S = 0.02
-FOREIGN = "http://evil.example"
+FOREIGN = Origin("http://evil.example")
 SEED = 0
 
 

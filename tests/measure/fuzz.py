@@ -24,9 +24,11 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType, FunctionType
+from typing import Any
 
 from poseviewer.errors import PoseViewerError
 from tests.measure.fuzz_readers import Files, Reader, make_readers
@@ -233,7 +235,7 @@ def _work_guided(
     reader: Reader, seed: int, count: int, seconds: float, folder: Path, news: Connection
 ) -> None:
     """In a process of its own, which the fuzzer ends."""
-    import atheris  # pyright: ignore[reportMissingImports] - an extra
+    atheris: Any = import_module("atheris")  # an extra
 
     signal.signal(signal.SIGPROF, _stop)
     for function in _functions():
