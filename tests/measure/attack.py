@@ -254,6 +254,7 @@ def attack(scene: Scene, folder: Path, share: float, names: list[str]) -> dict[s
         for name in names:
             run, count = ATTACKS[name]
             found[name] = _felt(attacked, run, max(1, round(count * share)))
+            print(f"{name}: {found[name]}", flush=True)
             assert not any("Traceback" in line for line in app.lines), app.lines[-30:]
         assert app.interrupt() == 0
     return found
