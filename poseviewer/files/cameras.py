@@ -94,6 +94,12 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
         return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]
 
 
+DOCUMENT = re.compile(r"^(---(?=\s|\Z)|\.\.\.)", re.MULTILINE)
+"""Where a document of YAML begins or ends."""
+LINES_BEFORE = re.compile(r"\A([ \t\r]*([%#][^\n]*)?\n)*\s*")
+"""Directives, comments and empty lines, before what is of use."""
+
+
 def _cameras_in(reading: Reading, kind: str, fisheye: bool) -> list[FileCamera]:
     if kind in COLMAP_SUFFIXES:
         return _colmap_cameras(reading)
@@ -142,6 +148,8 @@ def opencv_storage(reading: Reading) -> dict[str, Any]:
     steps = (-1 if found in ("]", "}", "</", "/>") else 1 for found in BRACKETS.findall(text))
     if max(accumulate(steps), default=0) > DEEPEST_TEXT:
         raise reading.error("nested too deeply", "wanted a calibration or a pose")
+    if head[:1] != "<":
+        text = _first_document(text)
     data = None
     try:
         with quiet_libraries():
@@ -152,6 +160,18 @@ def opencv_storage(reading: Reading) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise reading.error("not YAML or XML that OpenCV reads", "wanted a whole file")
     return data
+
+
+def _first_document(text: str) -> str:
+    """The first document of a YAML text, no keys where it is a list: OpenCV 5.0 goes on for ever
+    at a ``-`` after the end of one.
+    """
+    marks = list(DOCUMENT.finditer(text))
+    begins = bool(marks) and not LINES_BEFORE.sub("", text[: marks[0].start()])
+    ends = [mark.start() for mark in marks[begins:]]
+    first = text[: ends[0]] if ends else text
+    body = first[marks[0].end() :] if begins else first
+    return "%YAML:1.0\n---\n" if LINES_BEFORE.sub("", body).startswith("-") else first
 
 
 def _tree(node: Any, depth: int) -> Any:

@@ -215,6 +215,10 @@ BROKEN = {
     "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),
     "far.txt": ("1 PINHOLE 640 480 1e9 1 1 1\n", "fx is 1e+09 px"),
     "far.json": ({"K": [[1e308, 0, 4], [0, 9, 3], [0, 0, 1]]}, "at most 1e+30"),
+    "after.yml": ("a: 1\n...\n-x", "no camera_matrix"),
+    "second.yml": ("%YAML:1.0\n---\na: 1\n---\n1\n-x", "no camera_matrix"),
+    "glued.yml": ("%YAML:1.0\n----a\n-M--\nim", "OpenCV reads"),
+    "sequence.yml": ("# none\n---\n- a\n- b\n", "OpenCV reads"),
     "dt.yml": (MATRIX_TEXT.replace("dt: d", "dt: q"), "dt is 'q'"),
     "rows.yml": (MATRIX_TEXT.replace("rows: 3", "rows: -3"), "rows is -3"),
     "count.yml": (MATRIX_TEXT.replace("rows: 3", "rows: 2"), "9 numbers in 2 rows of 3"),
@@ -245,8 +249,9 @@ def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_a_matrix_of_plain_yaml_is_read(tmp_path):
-    (found,) = load_cameras(write(tmp_path / "c.yml", MATRIX_TEXT))
+@pytest.mark.parametrize("more", ["", "---\n- other\n- document\n", "...\n- more\n"])
+def test_a_matrix_of_plain_yaml_is_read(tmp_path, more):
+    (found,) = load_cameras(write(tmp_path / "c.yml", MATRIX_TEXT + more))
     assert (found.camera.fx, found.camera.cx) == (9.0, 4.5)
 
 
