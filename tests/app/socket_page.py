@@ -109,9 +109,11 @@ class SocketPage:
         """When each outline came (``time.perf_counter``), and its points (N, 2, 3)."""
         self._change = threading.Condition()
         self._sequence = time.time_ns() // 1_000_000
-        self.closed = False
+        self.closed, self.why = False, ""
         address = url.rstrip("/").replace("http://", "ws://")
-        self._socket = connect(address, subprotocols=[PROTOCOL], max_size=None, compression=None)
+        self._socket = connect(
+            address, subprotocols=[PROTOCOL], max_size=None, compression=None, ping_interval=None
+        )
         self._reader = threading.Thread(target=self._read, name="page", daemon=True)
         self._reader.start()
         self._send(
@@ -296,9 +298,9 @@ class SocketPage:
                 with self._change:
                     self._take(messages)
                     self._change.notify_all()
-        except (ConnectionClosed, OSError):
+        except (ConnectionClosed, OSError) as error:
             with self._change:
-                self.closed = True
+                self.closed, self.why = True, str(error)
                 self._change.notify_all()
 
     def _take(self, messages: list[Message]) -> None:
@@ -314,7 +316,7 @@ class SocketPage:
 
     def _summary(self) -> str:
         texts = [text[:200] for text in self.texts() if text]
-        return f"notices {self.shown.notices[-3:]}, texts {texts}, nodes {[*self.shown.nodes]}"
+        return f"{self.why} notices {self.shown.notices[-3:]}, texts {texts}, nodes {[*self.shown.nodes]}"
 
 
 def _messages(data: bytes, unpack: zstandard.ZstdDecompressor) -> Iterator[Message]:
