@@ -316,7 +316,8 @@ class SocketPage:
 
     def _summary(self) -> str:
         texts = [text[:200] for text in self.texts() if text]
-        return f"{self.why} notices {self.shown.notices[-3:]}, texts {texts}, nodes {[*self.shown.nodes]}"
+        notices = self.shown.notices[-3:]
+        return f"{self.why} notices {notices}, texts {texts}, nodes {[*self.shown.nodes]}"
 
 
 def _messages(data: bytes, unpack: zstandard.ZstdDecompressor) -> Iterator[Message]:

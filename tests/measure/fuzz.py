@@ -213,7 +213,8 @@ def fuzz_guided(
     context = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as made:
         ours, theirs = context.Pipe(duplex=False)
-        arguments = (reader, seed, count, seconds, Path(made), theirs)
+        folder = Path(made)
+        arguments = (reader, seed, count, seconds, folder, theirs)
         process = context.Process(target=_work_guided, args=arguments)
         process.start()
         theirs.close()
@@ -227,6 +228,10 @@ def fuzz_guided(
                 known.add(NUMBER.sub(b"", found.encode()).decode())
                 findings.append(_kept(Finding(name, done, found), files, keep))
         process.join()
+        for left in sorted(folder.glob("artifact-*")):  # of a try that the fuzzer ended itself
+            ended = f"the process ended ({process.exitcode})"
+            files = {**reader.seeds[0], next(iter(reader.seeds[0])): left.read_bytes()}
+            findings.append(_kept(Finding(name, done, ended), files, keep))
     print(f"{name:16} {done:7,} guided mutants, {len(findings)} findings", flush=True)
     return findings
 
@@ -256,7 +261,7 @@ def _work_guided(
             news.send((done, found, files if found else {}))
 
     limits = f"-max_total_time={max(round(seconds), 1)}", f"-runs={count}", "-max_len=20000"
-    quiet = "-verbosity=0", "-rss_limit_mb=0", "-timeout=60"
+    quiet = "-verbosity=0", "-rss_limit_mb=0", "-timeout=60", f"-artifact_prefix={folder}/artifact-"
     atheris.Setup([sys.argv[0], str(corpus), f"-seed={seed % (1 << 31)}", *limits, *quiet], one)
     atheris.Fuzz()
 

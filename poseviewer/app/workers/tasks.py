@@ -24,12 +24,12 @@ from poseviewer.app.workers.opening import (
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
 from poseviewer.batch.review import ReviewRow
-from poseviewer.errors import QuickStartError
+from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_to_open, sort_set
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.folder import last_pose
-from poseviewer.files.state.uploads import gathered, keep_set
+from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.files.symmetry import load_symmetry
 from poseviewer.geometry.surface_symmetry import find_symmetry
 from poseviewer.geometry.symmetry import NO_SYMMETRY
@@ -88,19 +88,28 @@ class Tasks:
         self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
         self._uploads = state / "uploads"
-        self._waiting: list[tuple[Task, bool]] = []
+        self._waiting: list[tuple[Task, bool, int]] = []
 
-    def add(self, task: Task | None, draws: bool = False) -> None:
+    def add(self, task: Task | None, draws: bool = False, size: int = 0) -> None:
         """Do a task (None: nothing) when those before it are done; one that ``draws`` the model
-        when that is possible.
+        when that is possible. ``size``: bytes that it holds until then.
         """
         if task is not None:
-            self._waiting.append((task, draws))
+            self._waiting.append((task, draws, size))
 
     def add_upload(self, upload: Upload) -> None:
         """Keep uploaded files, and open them on what is open by then; what they do not say is
         asked.
+
+        Raises:
+            FileSetError: those that wait are as much as is held at a time.
         """
+        held = sum(size for *_, size in self._waiting)
+        if held and held + len(upload.data) > LARGEST_UPLOAD:
+            raise FileSetError(
+                f"{display_name(upload.name)}: other uploads are still being read; wait for their "
+                "end, then drop it again."
+            )
 
         def run(session: Session) -> Iterator[Opened | PageQuestion | Found]:
             root = keep_set(self._uploads, upload.data, in_use=self._in_use(session))
@@ -116,7 +125,7 @@ class Tasks:
             add = AddObject if upload.becomes == "object" else AddCandidate
             return self._add(found.models, add, session)
 
-        self.add(run)
+        self.add(run, size=len(upload.data))
 
     def add_answer(self, given: Answer) -> None:
         """Go on with what was asked."""
@@ -185,9 +194,11 @@ class Tasks:
     def start_next(self, now: Session) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
         held = now.preparation is not None and not now.preparation.trouble
-        at = next((i for i, (_, draws) in enumerate(self._waiting) if not (draws and held)), None)
+        at = next(
+            (i for i, (_, draws, _) in enumerate(self._waiting) if not (draws and held)), None
+        )
         if at is not None and not self._worker.busy:
-            task, _ = self._waiting.pop(at)
+            task, *_ = self._waiting.pop(at)
             self._worker.start(lambda: task(now))
 
     def drop(self) -> bool:

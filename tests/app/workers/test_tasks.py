@@ -6,8 +6,12 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.requests import Upload
 from poseviewer.app.workers.tasks import Found, Tasks
+from poseviewer.errors import FileSetError
 from tests.app.state.documents import make_session
 
 PATIENCE_S = 60.0
@@ -41,4 +45,18 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     assert error is None
     assert isinstance(result, Found)
     assert result.commands == (c.Redo(),)
+    tasks.close()
+
+
+def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("poseviewer.app.workers.tasks.LARGEST_UPLOAD", 100)
+    tasks = Tasks(lambda: None, tmp_path)
+    tasks.add_upload(Upload("photo", "large.png", bytes(150), 1))  # one alone is bounded before
+    with pytest.raises(FileSetError, match=r"small.png: other uploads are still being read"):
+        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
+    tasks.drop()
+    for _ in range(10):
+        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
+    with pytest.raises(FileSetError, match="other uploads"):
+        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
     tasks.close()
