@@ -75,11 +75,12 @@ def gpu_adapter_name() -> str | None:
 
 
 @lru_cache(maxsize=2)
-def _device(takes_software: bool) -> Device | RendererUnavailableError:
+def _device(takes_software: bool) -> Device | str:
+    """The device, or why there is none: an error that is kept would keep the frames it passed."""
     try:
         return Device(_adapter(takes_software))
     except RendererUnavailableError as error:
-        return error
+        return str(error)
 
 
 def gpu_device() -> Device:
@@ -90,8 +91,8 @@ def gpu_device() -> Device:
     """
     with _making:
         found = _device(bool(os.environ.get(SOFTWARE_VARIABLE)))
-    if isinstance(found, RendererUnavailableError):
-        raise found
+    if isinstance(found, str):
+        raise RendererUnavailableError(found)
     return found
 
 
