@@ -12,10 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
-from poseviewer.app.state.document import Document, SearchEnd
-from poseviewer.app.state.document import SceneObject as ObjectAtHand
+from poseviewer.app.state.document import Document, SceneObject, SearchEnd
 from poseviewer.app.state.objects import (
     AddObject,
     AlterObject,
@@ -30,6 +27,7 @@ from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Reviewed, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
+from poseviewer.batch.table import file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, sentence_of
 from poseviewer.files.masks import is_same_mask, mask_beside, save_pose_and_mask
 from poseviewer.files.pose import PoseRecord, load_pose
@@ -146,7 +144,7 @@ class Reviewer:
     def mended(self, session: Session) -> bool:
         """Whether the pose at hand, or what is compared there, is another than the row has."""
         own, found = session.document, self._found
-        if found is None or not _same(own.pose, found.pose):
+        if found is None or not own.pose.is_same(found.pose):
             return True
         here, there = own.registration, found.registration
         return here.mask is not there.mask or here.mesh is not there.mesh
@@ -272,7 +270,7 @@ class Reviewer:
 
     def _open(self, row: r.ReviewRow) -> Opened:
         job, settings = row.job, self._queue.manifest.settings
-        model = _model(job.path(job.model))
+        model = _model(job.path(job.model), file_stamp(job.path(job.model)))
         photo, start = job.path(job.photo), self._queue.start(row)
         try:
             registration = load_registration(photo, model, start)
@@ -306,23 +304,23 @@ class Reviewer:
         said = registration.warnings
         return Opened(document, said, row=job.key, restored=restored, found=found)
 
-    def _mates(self, row: r.ReviewRow, photo: Photo) -> tuple[ObjectAtHand, ...]:
+    def _mates(self, row: r.ReviewRow, photo: Photo) -> tuple[SceneObject, ...]:
         """The other objects of a BOP scene's image, where their rows have them, and locked; without
         those that cannot be used, which is said when their rows are opened.
         """
-        mates: list[ObjectAtHand] = []
+        mates: list[SceneObject] = []
         for mate in self._queue.rows if self._queue.manifest.scene is not None else ():
             job, path = mate.job, self._queue.start(mate)
             if job.photo != row.job.photo or job.row == row.job.row or not mate.result.pose:
                 continue
             try:
-                model = _model(job.path(job.model))
+                model = _model(job.path(job.model), file_stamp(job.path(job.model)))
                 record = load_pose(path, photo.width, photo.height)
                 model = replace(model, mesh=model.mesh.without(record.without))
             except PoseViewerError:
                 continue
             mates.append(
-                ObjectAtHand(
+                SceneObject(
                     registered(photo, model, record.pose, (), None),
                     record.pose,
                     self._queue.manifest.settings,
@@ -367,29 +365,12 @@ class Reviewer:
             self._reporter.start(lambda: _reported(queue))
 
 
-def _model(path: Path) -> LoadedModel:
-    """A model, read once for the rows that share it."""
-    try:
-        return _model_as_of(path, path.stat().st_mtime_ns)
-    except OSError:
-        return _model_as_of(path, 0)  # the reader says what is wrong
-
-
 @lru_cache(maxsize=MODELS_KEPT)
-def _model_as_of(path: Path, changed_ns: int) -> LoadedModel:
-    del changed_ns
+def _model(path: Path, stamp: tuple[int, int]) -> LoadedModel:  # noqa: ARG001
+    """A model, read once for the rows that share it, while its file is the same."""
     return load_model(path)
 
 
 def _reported(queue: r.ReviewQueue) -> Iterator[None]:
     r.save_reviewed(queue)
     yield None
-
-
-def _same(one: Pose, other: Pose) -> bool:
-    a, b = one.camera_from_model, other.camera_from_model
-    return (
-        one.camera == other.camera
-        and np.array_equal(a.rotation, b.rotation)
-        and np.array_equal(a.translation, b.translation)
-    )

@@ -105,7 +105,8 @@ def make_car_behind_post(folder: Path) -> Groceries:
         for path in (demo.truth, demo.start)
     )
     small = cv2.resize(opened.pixels, (480, 360), interpolation=cv2.INTER_AREA)
-    picture, models, truths = _photographed(folder, small / 255.0, car.camera, {"post.glb": POST})
+    behind = np.asarray(small, float) / 255.0
+    picture, models, truths = _photographed(folder, behind, car.camera, {"post.glb": POST})
     save_image(folder / "car.png", picture)
     save_pose(start, PoseRecord(begin))
     return Groceries(folder / "car.png", (demo.model, *models), (car, *truths), start)

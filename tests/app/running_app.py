@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.workers.opening import open_files
@@ -63,13 +61,3 @@ def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
 def settle(page: SocketPage) -> None:
     """Wait for the fine drawing of what is shown."""
     page.wait_until(lambda: page.is_shown(PICTURE) and len(page.outline()))
-
-
-def same_pose(one: Pose, other: Pose) -> bool:
-    """Whether two poses are equal to the last digit."""
-    a, b = one.camera_from_model, other.camera_from_model
-    return (
-        one.camera == other.camera
-        and np.array_equal(a.rotation, b.rotation)
-        and np.array_equal(a.translation, b.translation)
-    )

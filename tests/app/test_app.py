@@ -26,7 +26,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave, save_autosave
 from poseviewer.files.state.uploads import KEPT
 from poseviewer.geometry.camera import Perspective
-from tests.app.running_app import RunningApp, running_app, same_pose, settle
+from tests.app.running_app import RunningApp, running_app, settle
 from tests.app.socket_page import PHOTO, SocketPage
 from tests.scene import Scene, make_scene
 from tests.several import make_three
@@ -184,7 +184,7 @@ def test_search_ends_at_the_command_lines_pose(running: RunningApp, tmp_path: Pa
     assert main(["fit", *map(str, files), "--out", str(tmp_path / "fit.json"), "--quiet"]) == 0
     wanted = load_pose(tmp_path / "fit.json", WIDTH, HEIGHT)
     found = load_pose(saved, WIDTH, HEIGHT)
-    assert same_pose(found.pose, wanted.pose)
+    assert found.pose.is_same(wanted.pose)
     assert found.loss == wanted.loss
     assert f"unexplained {wanted.unexplained:.3f}" in status
 
@@ -200,7 +200,7 @@ def test_space_stops_a_search(running: RunningApp) -> None:
         assert search is not None
         assert search.latest is not None
         assert search.latest.progress.status.name == "RUNNING"
-        assert same_pose(running.pose, search.latest.progress.pose)
+        assert running.pose.is_same(search.latest.progress.pose)
         assert {"Keep it", "Go back"} <= page.labels()
         page.click("Go back")
         page.wait_until(lambda: running.pose is pose)
@@ -219,7 +219,7 @@ def test_picked_point_of_a_map_is_the_pose(running: RunningApp) -> None:
         wanted = np.array(latest.parameters)
         wanted[0] = x[0] + 0.75 * (x[-1] - x[0])
         wanted[2] = y[0] + 0.5 * (y[-1] - y[0])
-        assert same_pose(running.pose, latest.case.problem.chart.to_pose(wanted))
+        assert running.pose.is_same(latest.case.problem.chart.to_pose(wanted))
         page.wait_until(lambda: not np.array_equal(page.outline(), before))
         page.key("KeyZ")
         page.wait_until(lambda: np.array_equal(page.outline(), before))
@@ -233,11 +233,11 @@ def test_saved_pose_loads_to_the_last_digit(running: RunningApp) -> None:
         kept = running.pose
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))
-        assert same_pose(load_pose(saved, WIDTH, HEIGHT).pose, kept)
+        assert load_pose(saved, WIDTH, HEIGHT).pose.is_same(kept)
         drag_and_settle(page, (-9.0, 2.0))
-        assert not same_pose(running.pose, kept)
+        assert not running.pose.is_same(kept)
         page.upload("Pose file ...", "p.pose.json", saved.read_bytes())
-        page.wait_until(lambda: same_pose(running.pose, kept))
+        page.wait_until(lambda: running.pose.is_same(kept))
 
 
 def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
@@ -491,7 +491,7 @@ def test_pose_can_be_downloaded(running: RunningApp) -> None:
         (content,) = page.shown.downloads.values()
         path = running.state.parent / "downloaded.json"
         path.write_bytes(content)
-        assert same_pose(load_pose(path, WIDTH, HEIGHT).pose, running.pose)
+        assert load_pose(path, WIDTH, HEIGHT).pose.is_same(running.pose)
 
 
 def _is_json(data: bytes) -> bool:
@@ -517,5 +517,5 @@ def test_why_kernels_could_not_be_compiled_is_said_and_the_model_is_still_placed
         page.wait_until(lambda: any("no space left" in text for _, text in page.shown.notices))
         page.key("ArrowLeft")
         page.wait_until(lambda: not np.array_equal(page.outline(), first))
-        assert not same_pose(app.pose, before)
+        assert not app.pose.is_same(before)
         assert "Search (space)" in page.labels()

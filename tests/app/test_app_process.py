@@ -20,7 +20,7 @@ from websockets.typing import Origin
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
 from tests.app.app_process import AppProcess
-from tests.app.running_app import same_pose, settle
+from tests.app.running_app import settle
 from tests.app.socket_page import PROTOCOL, SocketPage
 from tests.scene import Scene, make_scene
 
@@ -97,13 +97,13 @@ def test_crash_loses_nothing(scene: Scene, tmp_path: Path, left: AutosavedSessio
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))
         found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
-        assert same_pose(found.pose, left.pose.pose)
+        assert found.pose.is_same(left.pose.pose)
         page.key("KeyR")  # back to the start, which is not the pose that was kept
         page.wait_until(lambda: page.text_with("● unsaved"))
         page.key("KeyS")
         page.wait_until(lambda: page.text_with("no unsaved changes"))
         found = load_pose(scene.photo.with_name("p.pose.json"), 160, 120)
-        assert same_pose(found.pose, left.start.pose)
+        assert found.pose.is_same(left.start.pose)
         assert app.terminate() == 0
     assert kept(tmp_path) is None
     with start(scene, tmp_path) as app, SocketPage(app.url) as page:
@@ -123,7 +123,7 @@ def test_a_drag_right_before_a_search_is_kept_within_a_second(scene: Scene, tmp_
     left = kept(tmp_path)
     assert left is not None
     before = load_pose(scene.start, 160, 120)
-    assert not same_pose(left.pose.pose, before.pose)
+    assert not left.pose.pose.is_same(before.pose)
 
 
 def test_a_folder_that_cannot_be_written_to_is_said_and_work_goes_on(
@@ -205,7 +205,7 @@ def test_restored_session_outlives_another_crash(
         app.kill()
     again = kept(tmp_path)
     assert again is not None
-    assert same_pose(again.pose.pose, left.pose.pose)
+    assert again.pose.pose.is_same(left.pose.pose)
     assert again.settings == left.settings
 
 
