@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -29,6 +30,8 @@ WHOLE_GRIDS = 2
 """Number of the first grids that are not interpolated: their points must meet narrow valleys."""
 CHECKED = 8
 """Points of each map that tell how good its interpolation is."""
+GOOD = 0.01
+"""Share of a map's range by which 19 of 20 of its losses may be off: its colours do not show it."""
 
 Pair = tuple[int, int]
 Place = frozenset[tuple[int, int]]
@@ -124,7 +127,8 @@ def landscape(
     With a ``light`` renderer, whose model is drawn sooner, the finer grids are its own, brought to
     the ``renderer``'s by what they differ on the first grid, and interpolated where they are
     smooth; the centre and the surroundings of each slice's minimum are then the ``renderer``'s
-    again, and the last slice of each pair says how good the others are.
+    again. Points drawn at random tell how good the others are, and while that is not ``GOOD``, the
+    difference is taken on the next finer grid. Each pair's last slice says it.
 
     Raises:
         SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
@@ -151,10 +155,14 @@ def landscape(
             yield from own.fill(stride)
         return
     lighter = _Losses(problem, light, centre, values, pairs)
-    for _ in lighter.fill(first):
-        pass
-    more = {pair: _between(own.grids[pair] - lighter.grids[pair], first, 1) for pair in pairs}
+    deque(lighter.fill(first), maxlen=0)
+
+    def difference(stride: int) -> dict[Pair, FloatArray]:
+        return {p: _between(own.grids[p] - lighter.grids[p], stride, 1) for p in pairs}
+
+    more = difference(first)
     guesses: dict[Pair, FloatArray] = {}
+    slices: dict[Pair, Slice] = {}
     for level, stride in enumerate(finer, 1):
         if level >= WHOLE_GRIDS:
             for pair in pairs:
@@ -163,7 +171,14 @@ def landscape(
         for piece in lighter.fill(stride):
             pair = piece.first, piece.second
             yield replace(piece, losses=piece.losses + more[pair])
-    yield from own.checked({pair: lighter.grids[pair] + more[pair] for pair in pairs})
+    for stride in (first, *finer):
+        for piece in own.fill(stride):  # what is known stays until all of it is better
+            yield slices[piece.first, piece.second]
+        more = difference(stride)
+        slices = own.checked({pair: lighter.grids[pair] + more[pair] for pair in pairs})
+        yield from slices.values()
+        if all((piece.error or 0.0) <= GOOD for piece in slices.values()):
+            break
 
 
 class _Losses:
@@ -195,32 +210,31 @@ class _Losses:
             self.grids[row.pair][row.row, row.columns] = known
             yield self._slice(row.pair, self.grids[row.pair].copy())
 
-    def checked(self, guesses: Mapping[Pair, FloatArray]) -> Iterator[Slice]:
-        """Slices of ``guesses`` (k, k), better where it counts, and how good they are."""
+    def checked(self, guesses: Mapping[Pair, FloatArray]) -> dict[Pair, Slice]:
+        """Slices of ``guesses`` (k, k), better where it counts, and how good they are where nothing
+        of them is known.
+        """
         size, random = len(self._values), np.random.default_rng(0)
-        asked = {pair: random.integers(size, size=(CHECKED, 2)) for pair in guesses}
-        points = {
-            pair: np.vstack([asked[pair], _about(guess), [[size // 2, size // 2]]])
-            for pair, guess in guesses.items()
-        }
-        places = {
-            pair: [
-                _place(size // 2, {pair[0]: column, pair[1]: row}) for row, column in rows.tolist()
-            ]
-            for pair, rows in points.items()
-        }
-        for _ in self._find([place for own in places.values() for place in own]):
-            pass
-        slices, off = {}, []
+        off: list[float] = []
+        slices: dict[Pair, Slice] = {}
         for pair, guess in guesses.items():
-            found = np.array([self._known[place] for place in places[pair]])
-            at = tuple(points[pair].T)
-            off.append(np.abs(guess[at] - found)[:CHECKED] / max(np.ptp(guess), 1e-12))
-            losses = np.where(np.isnan(self.grids[pair]), guess, self.grids[pair])
+            asked = random.integers(size, size=(CHECKED, 2))
+            points = np.vstack([asked, _about(guess), [[size // 2, size // 2]]])
+            places = [
+                _place(size // 2, {pair[0]: column, pair[1]: row})
+                for row, column in points.tolist()
+            ]
+            deque(self._find(places), maxlen=0)
+            at, grid = tuple(points.T), self.grids[pair]
+            found = np.array([self._known[place] for place in places])
+            aside = np.isnan(grid[at])[:CHECKED]
+            away = np.abs(guess[at] - found)[:CHECKED] / max(np.ptp(guess), 1e-12)
+            off.extend(away[aside].tolist())
+            losses = np.where(np.isnan(grid), guess, grid)
             losses[at] = found
             slices[pair] = self._slice(pair, losses)
-        error = float(np.quantile(off, 0.95))
-        yield from (replace(piece, error=error) for piece in slices.values())
+        error = float(np.quantile(off, 0.95)) if off else 0.0
+        return {pair: replace(piece, error=error) for pair, piece in slices.items()}
 
     def _find(self, places: Sequence[Place]) -> Iterator[None]:
         """Evaluates those that are not known, one a step."""

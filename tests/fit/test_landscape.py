@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.landscape import Slice, landscape, slice_minimum, strides
+from poseviewer.fit.landscape import GOOD, Slice, landscape, slice_minimum, strides
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -243,6 +243,34 @@ def test_a_light_model_and_interpolation_do_nearly_as_well():
         assert least == wanted
     error = next(iter(fast.values())).error or 0.0
     assert 0.0 < np.quantile(off, 0.95) < 2.0 * error < 0.01
+
+
+class WavyRenderer(CountingRenderer):
+    """More loss and less, by waves that the first grid is too coarse for."""
+
+    def moments(self, pose, photo) -> Moments:
+        found = super().moments(pose, photo)
+        covariance = found.covariance.copy()
+        covariance[0, 1] *= 1.0 - 0.05 * np.sin(60.0 * pose.camera_from_model.translation[0])
+        covariance[1, 0] = covariance[0, 1]
+        return replace(found, covariance=covariance)
+
+
+def test_where_a_light_model_is_not_good_enough_more_points_are_the_renderers_own():
+    problem, centre = make_problem(2), np.array([0.03, -0.05])
+    (exact,) = finished(problem, centre, size=41).values()
+    renderer, light = CountingRenderer(), WavyRenderer()
+    errors = []
+    for piece in landscape(problem, renderer, centre, size=41, light=light):
+        if piece.error is not None and piece.error not in errors:
+            errors.append(piece.error)
+    off = np.abs(piece.losses - exact.losses) / np.ptp(exact.losses)
+    assert errors[0] > GOOD
+    assert piece.complete
+    assert piece.error is not None
+    assert piece.error <= GOOD
+    assert np.quantile(off, 0.95) < 1.5 * GOOD
+    assert len(renderer.seen) > 0.05 * 41**2
 
 
 def test_few_points_are_all_the_renderers_own():
