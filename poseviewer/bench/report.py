@@ -171,7 +171,8 @@ def _fit_name(fit: FitTime) -> str:
     level = "" if fit.factor == 1 else f" ({fit.coarse_evaluations:,} on the photo / {fit.factor})"
     cores = "1 core" if fit.threads == 1 else f"{fit.threads} cores"
     if fit.method != "lit":
-        return f"fit of the demo, --method {fit.method}, {cores}{level}"
+        free = ", focal length too" if fit.free_focal else ""
+        return f"fit of the demo{free}, --method {fit.method}, {cores}{level}"
     return f"search of the demo from 8 % off, path {fit.path}, {cores}{level}"
 
 

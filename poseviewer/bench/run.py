@@ -209,7 +209,9 @@ def _time_fits(demo: Demo, options: BenchOptions, letters: str, tell: Tell) -> l
             fits.append(time_fit(demo, letter, most_s))
     tell(f"fitting by both methods, for {limit_s:.0f} s at most each")
     renderer = SoftwareRenderer(demo.registration.mesh)
-    fits.append(time_method(demo, renderer, "default", processors(), limit_s))
+    for free in (False, True):
+        found = time_method(demo, renderer, "default", processors(), limit_s, free_focal=free)
+        fits.append(found)
     fits.append(time_method(demo, renderer, "paper", 1, limit_s))  # it uses one thread
     return fits
 

@@ -15,8 +15,9 @@ from poseviewer.bench.workload import Demo, Workload, lit_problem
 from poseviewer.fit.landscape import QUICK_SIZES, Pair, free_pairs, landscape, quick_level
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.search import until_focal_settles
 from poseviewer.fit.settings import FitSettings, Limits, Method
-from poseviewer.fit.stages import fit_pose, make_stages
+from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.levels import Level, lighter_level
@@ -53,6 +54,8 @@ class FitTime:
     limit_s: float
     cut_short: bool
     """Whether the limit ended it."""
+    free_focal: bool = False
+    """Whether the focal length was searched for too, as a seventh number."""
 
     @property
     def end(self) -> str:
@@ -121,12 +124,22 @@ def time_fit(demo: Demo, letter: str, limit_s: float) -> FitTime:
 
 
 def time_method(
-    demo: Demo, renderer: SoftwareRenderer, method: Method, threads: int, limit_s: float
+    demo: Demo,
+    renderer: SoftwareRenderer,
+    method: Method,
+    threads: int,
+    limit_s: float,
+    *,
+    free_focal: bool = False,
 ) -> FitTime:
-    """What ``fit --method`` does on the demo; ``renderer`` is of its model."""
-    settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
+    """What ``fit --method`` does on the demo, without the verdict and what follows from it;
+    ``renderer`` is of its model.
+    """
+    settings = FitSettings(method=method, free_focal=free_focal, limits=Limits(seconds=limit_s))
     problem, _ = make_problem(demo.registration, settings)
-    return _time_fit(demo, problem, renderer, method, "d" if threads == 1 else "e", threads)
+    path = "d" if threads == 1 else "e"
+    found = _time_fit(demo, problem, renderer, method, path, threads)
+    return replace(found, free_focal=free_focal)
 
 
 def _time_fit(
@@ -141,7 +154,7 @@ def _time_fit(
         stage.level.renderer.moments(start, stage.level.photo)
     coarse, before = 0, 0
     end: FitProgress | None = None
-    for end in fit_pose(problem, renderer, threads):
+    for end in until_focal_settles(problem, renderer, threads):
         coarse += (end.evaluations - before) * (end.factor > 1)
         before = end.evaluations
     assert end is not None  # a search yields at least once

@@ -58,7 +58,7 @@ def search(
     Gathering the verdict's features takes a few hundred evaluations more, which are not counted.
     """
     began = time.perf_counter()
-    for progress in _until_focal_settles(problem, renderer, threads):
+    for progress in until_focal_settles(problem, renderer, threads):
         if progress.status is Status.RUNNING:
             yield progress
             continue
@@ -165,10 +165,12 @@ def is_taken(after: FitProgress, before: FitProgress, strategy: Strategy) -> boo
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, ELSEWHERE_THRESHOLD)
 
 
-def _until_focal_settles(
+def until_focal_settles(
     problem: FitProblem, renderer: Renderer, threads: int
 ) -> Iterator[FitProgress]:
-    """As ``fit_pose``, continued while the focal length moves far."""
+    """As ``fit_pose``, continued while the focal length moves far: a search but for what follows
+    its end.
+    """
     limits = problem.limits
     done: FitProgress | None = None
     for number in range(1, MOST_SEARCHES + 1):

@@ -149,9 +149,17 @@ def test_the_json_is_as_described(report):
 
 @pytest.mark.slow
 def test_searches_and_maps_are_real_ones(report):
-    assert [fit.method for fit in report.fits] == ["lit", "lit", "lit", "default", "paper"]
+    assert [fit.method for fit in report.fits] == [
+        "lit",
+        "lit",
+        "lit",
+        "default",
+        "default",
+        "paper",
+    ]
+    assert [fit.free_focal for fit in report.fits] == [False, False, False, False, True, False]
     assert [fit.path for fit in report.fits[:3]] == ["d", "e", "a"]
-    assert report.fits[3].factor > report.fits[4].factor == 1
+    assert report.fits[3].factor == report.fits[4].factor > report.fits[5].factor == 1
     for fit in report.fits:
         assert fit.cut_short
         assert fit.evaluations >= 1
