@@ -6,12 +6,12 @@ import os
 
 import pytest
 
-from poseviewer.render.gpu.device import SOFTWARE_VARIABLE, gpu_unavailable_reason
+from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_unavailable_reason
 
 
 def require_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let software adapters do; skip where there is not even one, but fail on a CI machine."""
-    monkeypatch.setenv(SOFTWARE_VARIABLE, "1")
+    monkeypatch.setenv(ADAPTER_VARIABLE, "software")
     reason = gpu_unavailable_reason()
     if reason and os.environ.get("CI"):
         pytest.fail(reason)

@@ -18,10 +18,11 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.structure import BLUR_TAPS
 
-SOFTWARE_VARIABLE = "POSEVIEWER_SOFTWARE_ADAPTER"
-"""The environment variable with which an adapter will do that is the processor itself: for tests
-and for the benchmark."""
-KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
+ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
+"""The environment variable that says which adapter will do: ``none``; or ``software``, one that is
+the processor itself, for tests and for the benchmark, if there is no GPU. Unset: a GPU."""
+REAL = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU")
+KINDS = (*REAL, "Unknown", "CPU")
 """Of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
 ADVICE = "use --renderer software, or leave --renderer out"
@@ -63,7 +64,7 @@ def gpu_unavailable_reason() -> str | None:
 
 def has_gpu() -> bool:
     """Whether there is a real one, and what reaches it is installed."""
-    return gpu_unavailable_reason() is None and not gpu_device().is_software
+    return gpu_unavailable_reason() is None and gpu_device().is_real
 
 
 def gpu_adapter_name() -> str | None:
@@ -75,10 +76,10 @@ def gpu_adapter_name() -> str | None:
 
 
 @lru_cache(maxsize=2)
-def _device(takes_software: bool) -> Device | str:
+def _device(wanted: str) -> Device | str:
     """The device, or why there is none: an error that is kept would keep the frames it passed."""
     try:
-        return Device(_adapter(takes_software))
+        return Device(find_adapter(wanted))
     except RendererUnavailableError as error:
         return str(error)
 
@@ -90,13 +91,22 @@ def gpu_device() -> Device:
         RendererUnavailableError: there is no GPU, or no wgpu; the message says what to do.
     """
     with _making:
-        found = _device(bool(os.environ.get(SOFTWARE_VARIABLE)))
+        found = _device(os.environ.get(ADAPTER_VARIABLE, ""))
     if isinstance(found, str):
         raise RendererUnavailableError(found)
     return found
 
 
-def _adapter(takes_software: bool) -> Any:
+def find_adapter(wanted: str) -> Any:
+    """The best adapter of those that are ``wanted``, see ``ADAPTER_VARIABLE``.
+
+    Raises:
+        RendererUnavailableError: there is none, or no wgpu; the message says what to do.
+    """
+    if wanted not in ("", "software"):
+        raise RendererUnavailableError(
+            f"{ADAPTER_VARIABLE} is {wanted!r}: no GPU is looked for; unset it, or {ADVICE}."
+        )
     # Mesa's choice of a device looks for a display, and complains where there is none.
     os.environ.setdefault("NODEVICE_SELECT", "1")
     try:
@@ -119,7 +129,7 @@ def _adapter(takes_software: bool) -> Any:
             f"{ADVICE}."
         )
     best = min(adapters, key=lambda one: KINDS.index(one.info["adapter_type"]))
-    if best.info["adapter_type"] == "CPU" and not takes_software:
+    if best.info["adapter_type"] == "CPU" and wanted != "software":
         raise RendererUnavailableError(
             f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
             f"software renderer is much faster; {ADVICE}."
@@ -136,6 +146,7 @@ class Device:
 
         self.name: str = adapter.info["device"]
         self.is_software: bool = adapter.info["adapter_type"] == "CPU"
+        self.is_real: bool = adapter.info["adapter_type"] in REAL
         self.lost = False
         """Set where it failed once: then it is left alone."""
         self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
@@ -165,9 +176,10 @@ class Device:
 
     def photo(self, photo: Any, pixels: Callable[[], NDArray[np.float32]]) -> Any:
         """The buffer of a photo's ``pixels``, kept as long as the photo is."""
-        if photo not in self._photos:
-            self._photos[photo] = self.upload(pixels())
-        return self._photos[photo]
+        with self._lock:
+            if photo not in self._photos:
+                self._photos[photo] = self.upload(pixels())
+            return self._photos[photo]
 
     def sums(
         self,

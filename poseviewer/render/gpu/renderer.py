@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -103,13 +103,13 @@ class GpuRenderer(SoftwareRenderer):
 
     def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
         """The joint moments at each pose."""
-        poses = [level_pose(pose, photo.factor) for pose in poses]
-        if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in poses):
+        on_level = [level_pose(pose, photo.factor) for pose in poses]
+        if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in on_level):
             raise ValueError("the pose's camera and the photo differ in size")
         device, found = self.device, {}
         if not device.lost and len(self._surface.faces):
             try:
-                found = self._on_device(poses, photo)
+                found = self._on_device(on_level, photo)
             except device.errors as error:
                 device.lost = True
                 _log.warning(
@@ -117,9 +117,8 @@ class GpuRenderer(SoftwareRenderer):
                     device.name,
                     " ".join(str(error).split())[:200],
                 )
-        fixed = replace(photo, factor=1) if photo.factor != 1 else photo
         return [
-            found[i] if i in found else super(GpuRenderer, self).moments(pose, fixed)
+            found[i] if i in found else super(GpuRenderer, self).moments(pose, photo)
             for i, pose in enumerate(poses)
         ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -138,6 +139,24 @@ def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
         assert weights == pytest.approx(wanted, rel=1e-6)
 
 
+def test_threads_share_the_gpu():
+    """The app's searches, maps and proposals have a thread each."""
+    random = np.random.default_rng(5)
+    photos, poses = [make_photo("region", random) for _ in range(3)], make_poses(4)
+    renderer, software = GpuRenderer(MESHES["box"]), SoftwareRenderer(MESHES["box"])
+
+    def judge(photo):
+        own = renderer.clone()
+        return [own.moments_at(poses, photo) for _ in range(5)]
+
+    with ThreadPoolExecutor(3) as threads:
+        found = list(threads.map(judge, photos))
+    for photo, rounds in zip(photos, found, strict=True):
+        for moments in rounds:
+            for pose, one in zip(poses, moments, strict=True):
+                assert disagreement(software.moments(pose, photo), one) < AGREEMENT
+
+
 def test_what_a_task_raises_comes_out_of_the_pool():
     photo = make_photo("region", np.random.default_rng(1))
 
@@ -149,7 +168,7 @@ def test_what_a_task_raises_comes_out_of_the_pool():
 
 
 def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
-    device = device_of.Device(device_of._adapter(takes_software=True))
+    device = device_of.Device(device_of.find_adapter("software"))
     monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
     renderer, photo = GpuRenderer(MESHES["box"]), make_photo("region", np.random.default_rng(1))
     poses = make_poses(4)
@@ -169,7 +188,7 @@ def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
 
 
 def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch):
-    device = device_of.Device(device_of._adapter(takes_software=True))
+    device = device_of.Device(device_of.find_adapter("software"))
     monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
     renderer = GpuRenderer(MESHES["box"])
     width = height = 4_200  # 8 bytes a pixel: more than lavapipe binds
@@ -183,7 +202,7 @@ def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch)
 
 
 def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
-    monkeypatch.delenv(device_of.SOFTWARE_VARIABLE)
+    monkeypatch.delenv(device_of.ADAPTER_VARIABLE)
     if device_of.has_gpu():
         pytest.skip("a real GPU is here")
     with pytest.raises(RendererUnavailableError, match="--renderer software") as refused:
