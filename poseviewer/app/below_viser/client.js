@@ -3,8 +3,8 @@
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
 // (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
 // at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest and most (bytes and files of an upload), title, style,
-// icon.
+// where ctrl is held), largest and most (bytes and files of an upload), large (whether a large map is
+// open), title, style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -634,7 +634,7 @@ function findSteps() {
 // The maps lie beside the photo, below it, or are away; below, the photo is fitted above them.
 const BESIDE_WIDTH = 420; // CSS px
 const BELOW_SHARE = 0.29; // of the window's height
-const BELOW_HEAD = 84; // CSS px: the strip's title, its buttons and margins
+const BELOW_HEAD = 62; // CSS px: the strip's buttons and margins
 
 function placeOfMaps() {
   const chosen = stored(localStorage, "maps");
@@ -647,8 +647,9 @@ function placeOfMaps() {
 }
 
 let arranged = "";
+let aside = CONFIG.large; // a large map has no room below the photo: it lies beside meanwhile
 function arrange(only) {
-  const place = placeOfMaps();
+  const place = aside && placeOfMaps() === "below" ? "beside" : placeOfMaps();
   const message = {
     kind: "arrange", maps: place,
     light: window.matchMedia("(prefers-color-scheme: light)").matches,
@@ -673,12 +674,23 @@ listen(window.matchMedia("(prefers-color-scheme: light)"), "change", arrangeSoon
 
 function placeMaps(place) {
   stored(localStorage, "maps", place);
+  aside = false;
+  moveMaps(place);
+}
+
+function setLarge(open) {
+  aside = open;
+  if (placeOfMaps() === "below") moveMaps(open ? "beside" : "below");
+}
+
+function moveMaps(place) {
   if (place === "below") { arrange(); return; }
   // The width first: a window that is docked keeps the one that it floats with.
   arrange("width");
   const until = performance.now() + 3000;
   (function whenNarrow() {
-    const box = document.querySelector(".pv-places").getBoundingClientRect();
+    const panel = document.querySelector(".pv-places").closest(".mantine-ScrollArea-root");
+    const box = panel.getBoundingClientRect();
     if (box.width < window.innerWidth / 2 || performance.now() > until) arrange();
     else requestAnimationFrame(whenNarrow);
   })();
@@ -783,7 +795,7 @@ window.poseviewer = {
     kept = null;
   },
   setHint(text) { state.hint = text; showHint(); },
-  setGuide, setPen, forgetStrokes,
+  setGuide, setPen, setLarge, forgetStrokes,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.

@@ -38,6 +38,8 @@ ORDER = -10.0
 """The maps come first; what is made later would come last by itself."""
 LARGE_ORDER = ORDER - 0.5
 """Large ones are over them: of two losses there are two."""
+PLACES_ORDER, CHOICES_ORDER = ORDER - 1.0, ORDER - 0.9
+"""First of all where the maps lie, then what is shown of them: ``page.css`` counts on it."""
 CLEAR, TEXT, GRID, RIM = "rgba(0,0,0,0)", "#8a92a0", "rgba(128,128,128,.25)", "#1a1b1e"
 """Seen on a dark and on a light page."""
 POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", "#ffffff", "#ffd166"
@@ -46,7 +48,7 @@ COLOURS = "Viridis_r"
 CONTOURS = 14
 WHOSE: dict[str, Whose] = {
     "the chosen method's": "chosen",
-    "ours": "default",
+    METHODS["default"]: "default",
     METHODS["paper"]: "paper",
     "both": "both",
 }
@@ -65,7 +67,7 @@ class LandscapePanel:
         self._note = gui.add_markdown("Drawing the maps ...", order=ORDER + 1)
         self._large: list[viser.GuiPlotlyHandle] = []
         self._whose = controls.field(
-            gui.add_dropdown("Whose loss", tuple(WHOSE)),
+            gui.add_dropdown("Whose loss", tuple(WHOSE), order=CHOICES_ORDER),
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
         self._surface = controls.field(
@@ -79,11 +81,11 @@ class LandscapePanel:
             order=LARGE_ORDER + 0.4,
         )
         self._range = controls.field(
-            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
+            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0, order=CHOICES_ORDER + 0.1),
             lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
         )
         self._shared = controls.field(
-            gui.add_checkbox("One colour scale for all", False),
+            gui.add_checkbox("One colour scale", False, order=CHOICES_ORDER + 0.2),
             lambda on: c.ChangeLandscape(shared_scale=on),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):

@@ -10,7 +10,7 @@ import viser
 
 from poseviewer.app.below_viser.client_script import Placement, place_panel
 
-PANEL_WIDTHS, MAPS_WIDTHS = (300, 240), (420, 300)
+PANEL_WIDTHS, MAPS_WIDTHS = (300, 260), (420, 300)
 """CSS px: at the left, and of maps beside the photo; in a wide and in a small window."""
 WIDE_WINDOW = 1280
 """CSS px: in a window less wide the panels leave room to the photo."""
@@ -19,7 +19,7 @@ MARGIN = 6
 LARGEST_WINDOW = 16_384
 """CSS px: more is no window."""
 PLACES = (
-    '<div class="pv-places">Maps: '
+    '<div class="pv-places"><b>Loss landscape</b> &nbsp;'
     + " ".join(
         f'<button type="button" data-place="{place}" onclick="poseviewer.placeMaps(\'{place}\')">'
         f"{place}</button>"

@@ -11,7 +11,7 @@ def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
     overlay, latest = session.overlay, session.own_search
     pose = None if overlay is None else overlay.unexplained
-    marks: dict[str, float | None] = {}
+    marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
         progress = latest.progress
         scale = progress.scale
@@ -33,6 +33,6 @@ def loss_bar(session: Session) -> str:
     key = "".join(f'<span><i class="pv-{name}"></i>{name}</span>' for name in places)
     said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")
     return (
-        f'<div class="pv-loss" title="{said}"><div class="pv-line">{drawn}</div>'
-        f"<div><span>0</span>{key}<span>1</span></div></div>"
+        f'<div class="pv-loss" title="{said}"><div><span>0</span><div class="pv-line">{drawn}</div>'
+        f"<span>1</span></div><div>{key}</div></div>"
     )

@@ -15,7 +15,7 @@ from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.candidates_panel import CandidatesPanel
 from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
 from poseviewer.app.page.guide import Guide
-from poseviewer.app.page.landscape import ORDER, LandscapePanel
+from poseviewer.app.page.landscape import PLACES_ORDER, LandscapePanel
 from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
 from poseviewer.app.page.objects_panel import ObjectsPanel
 from poseviewer.app.page.panels import (
@@ -88,7 +88,7 @@ class Page:
         self._maps = gui.add_panel()
         tab = self._maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
         with tab:
-            gui.add_html(PLACES, order=ORDER - 1.0)
+            gui.add_html(PLACES, order=PLACES_ORDER)
             self._landscape = LandscapePanel(controls, tab)
         self._maps.dock_right()
         self._maps.set_width(MAPS_WIDTHS[0])
@@ -118,6 +118,7 @@ class Page:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
+            self._script.show_large(session.maps.large is not None)
             self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
             if self._review is None:
                 self._script.show_guide(self._guide.text(session))

@@ -58,14 +58,16 @@ def symmetric_range(residuals: FloatArray) -> int:
 
 
 def _draw_bar(picture: NDArray[np.uint8], covered: NDArray[np.bool_], limit: int) -> None:
-    """Draw the colour bar into the corner where it hides least of the model."""
+    """Draw the colour bar into the corner where it hides least of the model, the upper ones first:
+    below, a page has its hints.
+    """
     height, width = picture.shape[:2]
     if min(height, width) < SMALLEST_FOR_BAR:
         return
     bar = _bar(limit, max(0.42, max(height, width) / 2000.0), width)
     h, w = bar.shape[:2]
     gap = max(4, round(max(height, width) / 120))
-    corners = [(y, x) for y in (height - h - gap, gap) for x in (gap, width - w - gap)]
+    corners = [(y, x) for y in (gap, height - h - gap) for x in (gap, width - w - gap)]
     y, x = min(corners, key=lambda c: int(covered[c[0] : c[0] + h, c[1] : c[1] + w].sum()))
     picture[y : y + h, x : x + w] = bar
 
