@@ -32,7 +32,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "others MODEL", "more, to tell which one it is", Path, nargs="*")
     option(parser, "--pose POSE.json", "the start", Path)
     option(parser, "--last", "start from the pose saved last")
-    add_fields(parser, FitSettings, {name: COMPARED[name] for name in ("mask", "without")})
+    fields = {name: COMPARED[name] for name in ("mask", "without")}
+    add_fields(parser, FitSettings, {"method": ("--method", "chosen at first"), **fields})
     add_server(parser)
     add_calibration(parser)
 
@@ -113,19 +114,24 @@ def run(options: Namespace) -> int:
     from poseviewer.app.serving import serve_app
 
     def open_first() -> tuple[Opened, None]:
+        from poseviewer.app.workers.opening import by_method
+
+        return by_method(opened(), options.method or "default"), None
+
+    def opened() -> Opened:
         from poseviewer.app.workers.opening import open_files, open_scene, placed
         from poseviewer.files.demo import demo_case
         from poseviewer.files.state.folder import last_pose
 
         if photo is not None and scene:
-            return open_scene(photo, options.without or ()), None
+            return open_scene(photo, options.without or ())
         if photo is None or model is None:
             case = demo_case("perspective")
-            return open_files(case.photo, case.model, case.start), None
+            return open_files(case.photo, case.model, case.start)
         start = last_pose() if options.last else pose
         hidden = options.mask, options.without or ()
-        opened = open_files(photo, model, start, calibration, others, *hidden, objects)
-        return opened if place is None or start is not None else placed(opened, place), None
+        found = open_files(photo, model, start, calibration, others, *hidden, objects)
+        return found if place is None or start is not None else placed(found, place)
 
     serve_app(
         open_first,

@@ -25,7 +25,10 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.optimise.restarts import RestartOptions
 
 SEARCHED = {
-    "method": ("--method", "ours, or exactly the paper's: grey, clip or whole, no coarser levels"),
+    "method": (
+        "--method",
+        "classes and edges, or exactly the paper's: grey, clip or whole, no coarser levels",
+    ),
     "lock": ("--lock NAME,...", "parameters of the chart to hold", names),
     "seed": ("--seed SEED", None, int),
 }

@@ -14,8 +14,8 @@ from poseviewer.render.renderers import RendererName
 Method = Literal["default", "paper"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
-METHODS: dict[Method, str] = {"default": "ours", "paper": "Jayawardena 2010"}
-"""What people call them."""
+METHODS: dict[Method, str] = {"default": "classes and edges", "paper": "Jayawardena 2010"}
+"""What people call them: by what the default compares besides light, and by who wrote the paper."""
 OF_METHOD = ("grey", "colour_reflectance", "pixels")
 """The settings that each method has its own of: what it compares."""
 
@@ -45,7 +45,7 @@ class FitSettings:
     """
 
     method: Method = "default"
-    """Ours, or exactly the paper's (``fit.paper``), kept as a reference."""
+    """The default, or exactly the paper's (``fit.paper``), kept as a reference."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""

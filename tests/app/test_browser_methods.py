@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Locator
 from playwright.sync_api import TimeoutError as NotInTime
 
 from poseviewer.api import load
@@ -23,6 +23,7 @@ EVALUATIONS = 60
 MAPS = 15
 PRESS_MS = 5000
 DOTS = "document.querySelectorAll('.pv-cell .pv-dots').length"
+LIE = "document.documentElement.dataset.poseviewerMaps === '{}'"
 SHOWN = "document.querySelectorAll('.pv-cell image').length"
 CORNERS = """() => [...document.querySelectorAll('.pv-cell .pv-dots')].map(
     dots => dots.lastChild.getAttribute('d').split('M').length - 1)"""
@@ -30,7 +31,7 @@ CORNERS = """() => [...document.querySelectorAll('.pv-cell .pv-dots')].map(
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
-    with AppProcess(tmp_path_factory.mktemp("demo")) as app:
+    with AppProcess(tmp_path_factory.mktemp("demo"), "--method", "paper") as app:
         yield app
         assert app.interrupt() == 0
 
@@ -85,7 +86,7 @@ def limit(page: AppPage, evaluations: int) -> None:
 def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     page: AppPage, demo: AppProcess
 ):
-    choose(page, "Method", "Jayawardena 2010")
+    assert chosen(page, "Method") == "Jayawardena 2010"
     page.until(lambda: chosen(page, "Pixels") == "what the model covers")
     page.wait_for_text("Jayawardena 2010, clipped")  # over the maps
     page.page.get_by_label("Outlines of the candidates").check()
@@ -106,7 +107,7 @@ def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     pose = fitted.problem.chart.to_pose(np.array(found["chart"]["numbers"]))
     assert fitted.at(pose).loss == pytest.approx(found["loss"], abs=1e-6)
     page.page.get_by_role("button", name="Go back").click()
-    choose(page, "Method", "ours")
+    choose(page, "Method", "classes and edges")
 
 
 def outlines_of_candidates(page: AppPage) -> int:
@@ -119,15 +120,27 @@ def outlines_of_candidates(page: AppPage) -> int:
     )
 
 
+def is_within(page: AppPage, element: Locator) -> bool:
+    """Whether all of an element lies in the window."""
+    box, window = element.bounding_box(), page.page.viewport_size
+    assert window is not None
+    if box is None:  # the panel is moved
+        return False
+    right, bottom = box["x"] + box["width"], box["y"] + box["height"]
+    return right <= window["width"] and bottom <= window["height"]
+
+
 def test_both_landscapes_can_be_compared_and_opened_large(page: AppPage):
     choose(page, "Whose loss", "both")
     page.page.wait_for_function(
         f"document.querySelectorAll('.pv-cell image').length === {2 * MAPS}"
     )
     shown = page.page.locator(".pv-key b").all_text_contents()
-    assert shown == ["ours", "Jayawardena 2010, clipped"]
+    assert shown == ["classes and edges", "Jayawardena 2010, clipped"]
     centres = page.page.locator(".pv-land").evaluate_all("maps => maps.map(m => m.dataset.centre)")
     assert centres[0] == centres[1]
+    page.page.evaluate("window.poseviewer.placeMaps('below')")
+    page.page.wait_for_function(LIE.format("below"))
     cell = page.page.locator(".pv-cell").first
     cell.hover()
     cell.get_by_role("button").dispatch_event("pointerdown")
@@ -135,9 +148,12 @@ def test_both_landscapes_can_be_compared_and_opened_large(page: AppPage):
     page.until(lambda: plots.count() == 2)
     titles = page.page.locator(".js-plotly-plot .gtitle")
     page.until(lambda: titles.all_text_contents() == shown)
+    page.page.wait_for_function(LIE.format("beside"))  # below there is no room for it
+    page.until(lambda: is_within(page, plots.first))
     keep_picture(page, "both_large")
     page.page.get_by_role("button", name="Close the large map").click()
     plots.first.wait_for(state="hidden")
+    page.page.wait_for_function(LIE.format("below"))
     keep_picture(page, "both")
     choose(page, "Whose loss", "the chosen method's")
     page.page.wait_for_function(f"{SHOWN} === {MAPS}")
@@ -155,7 +171,7 @@ def test_both_methods_are_compared_and_either_end_can_be_taken(page: AppPage, de
     rows = {row[0]: row[1:] for row in table.evaluate_all(CELLS)}
     assert rows["evaluations"] == [str(EVALUATIONS)] * 2
     taken = {}
-    for name, method in (("ours", "default"), ("Jayawardena 2010", "paper")):
+    for name, method in (("classes and edges", "default"), ("Jayawardena 2010", "paper")):
         page.page.get_by_role("button", name=name, exact=True).click()
         page.until(lambda name=name: chosen(page, "Method") == name)
         taken[method] = page.saved_pose(path)

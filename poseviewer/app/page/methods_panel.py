@@ -12,7 +12,7 @@ from poseviewer.fit.settings import METHODS
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.pose_error import pose_error
 
-HINT = "Search from the start pose by ours and by Jayawardena 2010, one after the other."
+HINT = "Search from the start pose by one method, then by the other, and set the ends side by side."
 
 
 class MethodsPanel:

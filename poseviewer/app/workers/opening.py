@@ -25,7 +25,7 @@ from poseviewer.files.scene import load_scene
 from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings, settings_from_json
+from poseviewer.fit.settings import FitSettings, Method, settings_from_json
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.photo import Photo
@@ -174,6 +174,13 @@ def placed(opened: Opened, place: RigidTransform) -> Opened:
     document = opened.document
     pose = Pose(document.pose.camera, place)
     return replace(opened, document=document.started_from(pose))
+
+
+def by_method(opened: Opened, method: Method) -> Opened:
+    """The same to be searched by a method."""
+    document = opened.document
+    settings = document.settings.of_method(method)
+    return replace(opened, document=replace(document, settings=settings))
 
 
 def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Opened:

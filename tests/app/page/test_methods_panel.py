@@ -48,11 +48,15 @@ def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
 def test_the_table_has_the_loss_of_each_end_by_each_method(ended):
     ours, paper = ends = ends_of(ended)
     page = html.fromstring(ends_table(ends))
-    assert [cell.text_content() for cell in page.xpath("//th")] == ["", "ours", "Jayawardena 2010"]
+    assert [cell.text_content() for cell in page.xpath("//th")] == [
+        "",
+        "classes and edges",
+        "Jayawardena 2010",
+    ]
     rows = {row[0].text_content(): row for row in page.xpath("//tbody/tr")}
     shown = [cell.text_content() for cell in rows["Jayawardena 2010: loss (of 1)"]][1:]
     assert shown == [f"{ours.losses[1]:.3f}", f"{paper.losses[1]:.3f}"]
-    assert "ours: unexplained" in rows
+    assert "classes and edges: unexplained" in rows
     for what, read in (("evaluations", lambda p: f"{p.evaluations:,}"), ("seconds", seconds)):
         assert [cell.text_content() for cell in rows[what]][1:] == [
             read(end.update.progress) for end in ends
