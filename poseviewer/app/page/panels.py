@@ -58,6 +58,11 @@ BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 SWING_HINT = "The outline swings through the region of 90 %, the way that is least sure"
+METHODS_HINT = (
+    "Classes and edges: CMA-ES, then quadratic models, on what light, classes of colour and edges "
+    "leave unexplained. Jayawardena 2010: the paper's restarted simplex on its loss of light alone."
+)
+KEEP_HINT, BACK_HINT = "The pose found stays; the search is put away", "To the pose before (Z)"
 WAITING = '<div class="pv-wait"></div>'
 """A moving bar, for work of unknown length."""
 FIT_TO_BOX = "Fit to box"
@@ -73,6 +78,9 @@ BOX_HINT = (
 PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
     "<b>Fit to box</b> looks for a start"
+)
+SEARCHING_HINT = (
+    "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
 )
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
@@ -305,7 +313,7 @@ class FitPanel:
         self._before = False
         with controls.step(STEPS[2]):
             self._method = controls.field(
-                gui.add_dropdown("Method", tuple(METHODS.values())),
+                gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
                 lambda name: c.SetMethod(next(m for m, n in METHODS.items() if n == name)),
             )
             self._pixels = gui.add_dropdown("Pixels", tuple(PIXELS))
@@ -323,15 +331,18 @@ class FitPanel:
             )
             self._all = controls.button("Search all", c.SearchAll(), visible=False)
             self._ended = [
-                controls.button("Keep it", c.AcceptSearch(), None, icon="check"),
-                controls.button("Go back", c.RevertSearch(), icon="x"),
+                controls.button("Keep it", c.AcceptSearch(), None, icon="check", hint=KEEP_HINT),
+                controls.button("Go back", c.RevertSearch(), icon="x", hint=BACK_HINT),
                 controls.button_for(
                     "Show before", lambda _: c.ChangeView(before=not self._before), icon="eye"
                 ),
             ]
             self._blink = self._ended[-1]
             grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
-            axis = uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=54)  # pyright: ignore
+            below, beside = (
+                uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=size)  # pyright: ignore
+                for size in (30, 54)
+            )
             self._curve = gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (
@@ -351,8 +362,9 @@ class FitPanel:
                     # From above 0: where there is no restart, nothing is drawn.
                     "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
                 },
-                axes=(axis, axis),
+                axes=(below, beside),
                 legend=uplot.Legend(show=False),
+                title="best so far; restarts upright",
                 height=150,
                 padding=(10, 12, 0, 0),
                 visible=False,
@@ -597,6 +609,8 @@ def hint_of(session: Session) -> str:
                 what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
         case tool if tool in HINTS:
             return HINTS[tool]
+        case _ if session.searching:
+            return SEARCHING_HINT
         case _:
             return PLACE_HINT if session.document.awaits_place else ""
     return f"<b>{what}</b>{MARKING_HINT}"

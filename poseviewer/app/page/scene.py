@@ -117,7 +117,7 @@ class PhotoScene:
             self._show_pins(session)
             self._show_rings(session)
             self._show_rectangle("region", self._region, session.document.settings.region)
-            self._show_rectangle("box", self._box, session.document.marks.box)
+            self._show_rectangle("box", self._box, session.shown_box)
             self._show_marks(session)
         if self._shown.get("model") is not drawn:
             # viser gathers messages for a while before it sends them; a drag must not wait.

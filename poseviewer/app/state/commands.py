@@ -715,7 +715,7 @@ class AcceptSearch(Command):
     """Keep what the search found, and put the search away."""
 
     def __call__(self, session: Session) -> Session:
-        return replace(session, search=None, anchor=session.document.pose)
+        return replace(session, search=None, proposals=None, anchor=session.document.pose)
 
 
 @dataclass(frozen=True, slots=True)

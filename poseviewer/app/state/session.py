@@ -354,6 +354,12 @@ class Session:
         return self.search is not None and self.search.running
 
     @property
+    def shown_box(self) -> Rectangle | None:
+        """The rectangle about the object, while it is drawn and starts are taken from it."""
+        at_hand = self.proposals is not None and self.search is None
+        return self.document.marks.box if at_hand or self.tool == "box" else None
+
+    @property
     def shows_candidates(self) -> bool:
         """Whether the outlines of what a search compares are to be drawn."""
         return self.look.candidates and self.searching and self.own_search is not None

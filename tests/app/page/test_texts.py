@@ -9,12 +9,20 @@ import numpy as np
 import pytest
 
 from poseviewer.app.page.controls import plain
-from poseviewer.app.page.panels import focal_note, marks_text, search_text, verdict_text
+from poseviewer.app.page.panels import (
+    SEARCHING_HINT,
+    focal_note,
+    hint_of,
+    marks_text,
+    search_text,
+    verdict_text,
+)
+from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.session import Overlay, OverlayRequest
 from poseviewer.app.workers.exporting import record_of
 from poseviewer.files.pose import PoseRecord, RecordedVerdict
-from tests.app.state.documents import PERSPECTIVE, make_photo, make_session
+from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 
 
 def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
@@ -56,3 +64,12 @@ def test_reasons_of_a_file_are_no_markup_to_the_page():
     document = replace(session.document, end=SearchEnd(record))
     assert "<script" not in verdict_text(replace(session, document=document))
     assert "alert(1)" in verdict_text(replace(session, document=document))
+
+
+def test_the_line_over_the_photo_says_what_space_does_next():
+    session = make_session()
+    assert hint_of(session) == ""  # the usual line: it searches
+    searching = after(session, c.StartSearch())
+    assert hint_of(searching) == SEARCHING_HINT
+    assert hint_of(after(searching, c.StopSearch())) == ""
+    assert hint_of(after(searching, c.SetTool("brush"))) != SEARCHING_HINT

@@ -68,6 +68,25 @@ def test_proposals_are_stepped_through_in_one_step_of_the_history():
     assert after(moved, c.Undo(), c.Undo()).document.pose is POSES[1]
 
 
+def test_the_box_is_seen_while_starts_are_taken_from_it():
+    drawn = after(make_session(), c.SetTool("box"), c.Press(20, 15), c.DragTo(90, 110))
+    box = drawn.document.marks.box
+    assert box is not None
+    assert drawn.shown_box == box
+    released = after(drawn, c.Release())
+    assert released.shown_box == box
+    assert after(released, c.StopProposing()).shown_box is None
+    assert released.proposals is not None
+    found = after(released, c.StartsProposed(released.proposals.number, POSES))
+    assert found.shown_box == box
+    searching = after(found, c.StartSearch())
+    assert searching.shown_box is None
+    assert after(searching, c.StopSearch(), c.RevertSearch()).shown_box == box  # another proposal?
+    kept = after(searching, c.StopSearch(), c.AcceptSearch())
+    assert kept.shown_box is kept.proposals is None
+    assert kept.document.marks.box == box
+
+
 def test_the_one_taken_becomes_the_start():
     session = make_session()
     taken = after(proposed(session), c.StepProposals(1), c.TakeProposal())
