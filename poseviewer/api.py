@@ -41,13 +41,10 @@ from poseviewer.files.pose import (
     PhotoReference,
     PoseRecord,
     RecordedVerdict,
-    record_as_json,
-    save_pose,
-    transform_as_json,
 )
 from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.scene import load_scene as read_scene
-from poseviewer.files.view_set import SetChoice, load_view_set
+from poseviewer.files.view_set import SetChoice, load_view_set, save_in_set, set_as_json
 from poseviewer.fit.landscape import Slice, landscape
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.occlusion import behind, enlarged
@@ -68,7 +65,6 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.geometry.view_set import ViewSet
@@ -241,10 +237,18 @@ def load_views(
         first = with_symmetry(placed.registrations[0], symmetry)
         own = [replace(o, whole_symmetry=first.whole_symmetry) for o in placed.registrations]
         placed = replace(placed, registrations=tuple(own))
-    problem = make_set_problem(placed.registrations, chosen, placed.free_size)
-    renderer = make_renderer(loaded.mesh, chosen.renderer)
+    return make_set_case(placed, chosen, make_renderer(loaded.mesh, chosen.renderer))
+
+
+def make_set_case(placed: SetRegistration, settings: FitSettings, renderer: Renderer) -> SetCase:
+    """As ``load_views``, of photos, a model and a start that are open already.
+
+    Raises:
+        PoseViewerError: the settings do not go with them.
+    """
+    problem = make_set_problem(placed.registrations, settings, placed.free_size, placed.scale)
     cases = [
-        Case(one, chosen, alone, renderer)
+        Case(one, settings, alone, renderer)
         for one, alone in zip(placed.registrations, problem.views, strict=True)
     ]
     return SetCase(placed, replace(cases[0], problem=problem), tuple(cases))
@@ -378,8 +382,11 @@ class Case:
 
     def maps(self, pose: Pose, slices: Iterable[Slice], half_width: float) -> LossMaps:
         """``slices`` about ``pose`` as maps that can be written to files."""
+        return self.maps_at(self.problem.chart.from_pose(pose), slices, half_width)
+
+    def maps_at(self, centre: FloatArray, slices: Iterable[Slice], half_width: float) -> LossMaps:
+        """As ``maps``, about numbers (d,) of the chart."""
         photo, chart = self.registration.photo, self.problem.chart
-        centre = chart.from_pose(pose)
         name = self.settings.method_name
         whose = "loss" if self.settings.method == "default" else f"loss of {name}"
         title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
@@ -840,7 +847,7 @@ class SetResult:
         """The pose in the first photo, by the loss of all: its landscape is the set's."""
         found = [replace(view.case.registration, start=view.pose) for view in self.views]
         case, free_size = self.case.whole, self.case.registration.free_size
-        problem = make_set_problem(found, case.settings, free_size)
+        problem = make_set_problem(found, case.settings, free_size, 1.0 / self.size)
         case = replace(case, registration=found[0], problem=problem)
         return FitResult(case, self.pose, self.progress)
 
@@ -890,16 +897,14 @@ class SetResult:
         """How many lengths of the set's unit one of the model's is."""
         chart = self.case.whole.problem.chart
         assert isinstance(chart, ViewChart)  # that of every set
-        return 1.0 / (self.case.registration.scale * chart.nearness(self.parameters))
+        return 1.0 / chart.scale_at(self.parameters)
 
     @property
     def set_from_model(self) -> RigidTransform:
         """The model in the set's frame, where all of it is to be made ``size`` times larger first:
         ``x_in_set = rotation @ (size x_in_model) + translation``.
         """
-        return self._set_from(self.pose.camera_from_model)
-
-    def _set_from(self, place: RigidTransform) -> RigidTransform:
+        place = self.pose.camera_from_model
         camera_from_set = self.case.registration.views.views[0].camera_from_set
         scaled = RigidTransform(place.rotation, self.size * place.translation)
         return camera_from_set.inverse() @ scaled
@@ -909,46 +914,36 @@ class SetResult:
         """All that the pose file says: that of the first photo, with the set's verdict, and the
         pose in the set's frame and in each photo.
         """
-        views, own = self.views, self.case.registration
-        problem, symmetry = self.case.whole.problem, own.registrations[0].symmetry
-        equal = symmetry.canonical(self.pose).camera_from_model
-        turn = self.pose.camera_from_model.inverse() @ equal
-        entries = []
-        for name, view in zip(self.case.names, views, strict=True):
-            pose = replace(view.pose, camera_from_model=view.pose.camera_from_model @ turn)
-            said = record_as_json(replace(view.record, pose=pose, symmetry=NO_SYMMETRY))
-            kept = {key: said[key] for key in OF_VIEW if key in said}
-            entries.append({"name": name, **kept})
-        place = transform_as_json(self._set_from(equal))
-        in_set = {
-            "file": own.views.name,
-            **({} if own.views.unit is None else {"unit": own.views.unit}),
-            "set_from_model": {"size": self.size, "size_was_free": own.free_size, **place},
-            "views": entries,
-        }
+        own, chart = self.case.registration, self.case.whole.problem.chart
+        records = [view.record for view in self.views]
+        symmetry = own.registrations[0].symmetry
+        in_set = set_as_json(own.views, records, 1.0 / self.size, own.free_size, symmetry)
         verdict = None
         if self.verdict is not None:
             said = self.verdict
             verdict = RecordedVerdict(said.word, said.probability, said.reasons)
-        chart = problem.chart
         return replace(
-            views[0].record,
+            records[0],
             chart=ChartParameters(chart.name, chart.names, tuple(self.parameters.tolist())),
             loss=self.loss,
             unexplained=self.unexplained,
             verdict=verdict,
-            notes=(*self.notes, *views[0].notes),
+            notes=(*self.notes, *records[0].notes),
             covariance=self.covariance,
             in_set=in_set,
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the pose file.
+        """Write the pose file, and beside it the masks of its photos (``car.b.mask.png`` for photo
+        ``b.jpg`` and ``car.pose.json``), each whole or not at all.
 
         Raises:
             PoseViewerError: the folder is missing or cannot be written to.
         """
-        save_pose(path, self.record)
+        of_views = zip(self.case.names, self.views, strict=True)
+        masks = {name: view.case.registration.mask for name, view in of_views}
+        known = {name: mask for name, mask in masks.items() if mask is not None}
+        save_in_set(Path(path), self.record, known)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
         """Write a picture of each photo, ``found.NAME.png`` for a ``path`` ``found.png``.
@@ -962,13 +957,6 @@ class SetResult:
             paths.append(path.with_name(f"{path.stem}.{stem}{path.suffix}"))
             view.draw(paths[-1], look)
         return tuple(paths)
-
-
-OF_VIEW = (
-    *("photo", "projection", "camera", "distortion", "camera_from_model", "loss", "unexplained"),
-    *("seen", "verdict"),
-)
-"""What a set's pose file says of each photo."""
 
 
 def _require_look(look: str) -> None:

@@ -33,6 +33,7 @@ from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import StartCamera, StartInputs
 from tests.app.browser import AppPage, open_browser
 from tests.app.groceries import make_groceries
+from tests.view_sets import write_views
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 QUALITY, WIDTH, GAP = 80, 640, 6
@@ -298,6 +299,17 @@ def objects(folder: Path) -> None:
         save_page("objects", tab)
 
 
+def views(folder: Path) -> None:
+    """A shape in three photos, and its pose found in all three at once."""
+    of_set, model, start = write_views(folder)
+    files = "--views", of_set, model, "--pose", start
+    with open_app(folder, LARGE_WINDOW, *files, maps="below") as tab:
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        settle(tab)
+        save_page("views", tab)
+
+
 def save_page(name: str, tab: AppPage) -> None:
     """What a page shows, as it is, as JPEG."""
     shot_of(tab).save(FOLDER / f"{name}.jpg", quality=QUALITY, optimize=True)
@@ -316,6 +328,7 @@ PICTURES = {
     "which_model": which_model,
     "objects": objects,
     "hide": hide,
+    "views": views,
 }
 
 

@@ -40,6 +40,7 @@ from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
 from poseviewer.app.workers.others import OthersWorker
 from poseviewer.app.workers.overlay import OverlayWorkers
+from poseviewer.app.workers.strip import StripWorker
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
@@ -93,6 +94,7 @@ class App:
         notify = self._mailbox.notify
         self._overlay = OverlayWorkers(notify)
         self._others = OthersWorker(notify)
+        self._strip = StripWorker(notify)
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._preparer: Worker[Preparation] = Worker("preparation", notify)
@@ -120,7 +122,7 @@ class App:
         finally:
             self._autosaver.close(self.session)
             workers = self._searcher, self._mapper, self._proposer, self._comparer, self._preparer
-            for worker in (self._overlay, self._others, *workers, self._tasks):
+            for worker in (self._overlay, self._others, self._strip, *workers, self._tasks):
                 worker.close()
 
     def stop(self) -> None:
@@ -227,7 +229,7 @@ class App:
         """Tell the session what the workers have found out since the last time."""
         for command in self._overlay.take(self.session, self._page.show_error):
             self._command(command)
-        for command in self._others.take():
+        for command in (*self._others.take(), *self._strip.take()):
             self._command(command)
         prepared = self._preparer.take()
         if prepared is not None:
@@ -297,6 +299,7 @@ class App:
         swung = session.swung_pose(time.monotonic()) if session.preparation is None else None
         self._overlay.start(session, self._is_moving() or swung is not None, swung)
         self._others.start(session, self._is_moving())
+        self._strip.start(session, swung)
         ready = session.preparation is None
         self._searcher.follow(session.search, run, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,11 @@ from poseviewer.cli.options import (
     add_calibration,
     add_fields,
     add_server,
+    add_views,
     calibration_of,
+    choice_of,
     option,
+    refuse_views,
 )
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
@@ -34,6 +38,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--last", "start from the pose saved last")
     fields = {name: COMPARED[name] for name in ("mask", "without")}
     add_fields(parser, FitSettings, {"method": ("--method", "chosen at first"), **fields})
+    add_views(parser)
     add_server(parser)
     add_calibration(parser)
 
@@ -84,9 +89,35 @@ def _answer(path: Path, question: Question) -> str:
             return question.options[int(answer) - 1]
 
 
-def run(options: Namespace) -> int:
-    """Serve the app until it is interrupted."""
+def _opening_set(options: Namespace) -> Callable[[], tuple[Opened, None]]:
+    """What opens a set of photos."""
+    for name in ("last", "mask", "calibration"):
+        if getattr(options, name):
+            raise SettingsError(f"--{name} with --views, which says it itself; leave it out")
+    model, pose = options.photo, options.pose
+    if model is None or options.model is not None:
+        raise SettingsError("--views SET wants MODEL alone: the set says the photos")
+    for path in filter(None, (model, pose)):
+        if not path.is_file():
+            raise SettingsError(f"{path}: no such file; check the path")
+    if not options.views.exists():
+        raise SettingsError(f"{options.views}: no such file or folder; check the path")
+
+    def open_first() -> tuple[Opened, None]:
+        from poseviewer.app.workers.opening import by_method, open_set
+
+        choice, without = choice_of(options), options.without or ()
+        given = choice, options.view, options.scale, without
+        opened = open_set(options.views, model, pose, *given)
+        return by_method(opened, options.method or "default"), None
+
+    return open_first
+
+
+def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
+    """What opens all that is named otherwise, or the demo."""
     photo, model, pose, scene = options.photo, options.model, options.pose, False
+    refuse_views(options)
     if photo is None:
         if pose is not None or options.last:
             raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
@@ -111,7 +142,6 @@ def run(options: Namespace) -> int:
     for path in filter(None, (photo, model, pose, options.mask, *others)):
         if not path.is_file():  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
-    from poseviewer.app.serving import serve_app
 
     def open_first() -> tuple[Opened, None]:
         from poseviewer.app.workers.opening import by_method
@@ -132,6 +162,14 @@ def run(options: Namespace) -> int:
         hidden = options.mask, options.without or ()
         found = open_files(photo, model, start, calibration, others, *hidden, objects)
         return found if place is None or start is not None else placed(found, place)
+
+    return open_first
+
+
+def run(options: Namespace) -> int:
+    """Serve the app until it is interrupted."""
+    open_first = (_opening if options.views is None else _opening_set)(options)
+    from poseviewer.app.serving import serve_app
 
     serve_app(
         open_first,

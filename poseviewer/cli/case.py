@@ -12,13 +12,12 @@ from poseviewer.api import (
     FitResult,
     SceneCase,
     SetCase,
-    SetChoice,
     SetResult,
     load,
     load_scene,
     load_views,
 )
-from poseviewer.cli.options import calibration_of, settings_of
+from poseviewer.cli.options import calibration_of, choice_of, refuse_views, settings_of
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
@@ -41,10 +40,7 @@ def open_case(options: Namespace) -> Case:
     settings, given = settings_of(options), vars(options)
     if options.photo is None or options.model is None:
         raise SettingsError("PHOTO and MODEL are wanted; name both, or a scene with --scene")
-    for name in OF_VIEWS:
-        if given.get(name):
-            flag = name.replace("_", "-")
-            raise SettingsError(f"--{flag} without --views; leave it out, or name a set of photos")
+    refuse_views(options)
     if given.get("object"):
         raise SettingsError("--object without --scene; leave it out, or name a scene")
     if given.get("box") and options.start is None:
@@ -92,10 +88,6 @@ def open_scene(options: Namespace) -> SceneCase:
     return scene
 
 
-OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
-"""Options that go with ``--views``."""
-
-
 def open_views(options: Namespace) -> SetCase:
     """The set of photos that ``--views`` names, with the model in each.
 
@@ -112,7 +104,6 @@ def open_views(options: Namespace) -> SetCase:
         raise SettingsError("--views SET wants MODEL alone: the set says the photos")
     if settings.renderer != "opengl":
         tell_of_compiling()
-    choice = SetChoice(options.photos or (), options.photo_folder, options.rig_object)
     found = load_views(
         options.views,
         options.photo,
@@ -120,7 +111,7 @@ def open_views(options: Namespace) -> SetCase:
         settings,
         view=options.view,
         scale=options.scale,
-        choice=choice,
+        choice=choice_of(options),
         symmetry=vars(options).get("symmetry"),
     )
     if not options.quiet:

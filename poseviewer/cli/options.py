@@ -20,6 +20,7 @@ from poseviewer.optimise.restarts import RestartOptions
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
+    from poseviewer.files.view_set import SetChoice
 
 T = TypeVar("T")
 
@@ -217,6 +218,27 @@ def add_views(parser: ArgumentParser) -> None:
     option(group, "--photo-folder FOLDER", "of COLMAP's photos", Path)
     moved = "the object of a BOP scene that tells how its camera moved"
     option(group, "--rig-object NUMBER", moved, whole)
+
+
+OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
+"""Options that go with ``--views``."""
+
+
+def refuse_views(options: Namespace) -> None:
+    """Raises:
+    SettingsError: something is said of a set of photos that is not there.
+    """
+    for name in OF_VIEWS:
+        if vars(options).get(name):
+            flag = name.replace("_", "-")
+            raise SettingsError(f"--{flag} without --views; leave it out, or name a set of photos")
+
+
+def choice_of(options: Namespace) -> SetChoice:
+    """What of the set is wanted."""
+    from poseviewer.files.view_set import SetChoice
+
+    return SetChoice(options.photos or (), options.photo_folder, options.rig_object)
 
 
 def add_server(parser: ArgumentParser) -> None:

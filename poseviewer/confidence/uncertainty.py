@@ -71,22 +71,23 @@ def find_covariance(
 
 
 def joint_covariance(
-    problem: FitProblem, mesh: Mesh, parameters: FloatArray, views: Sequence[Verdict]
+    problem: FitProblem,
+    mesh: Mesh,
+    parameters: FloatArray,
+    views: Sequence[Verdict],
+    seen: Pose | None = None,
+    chart: ViewChart | None = None,
 ) -> PoseCovariance | None:
     """The covariance of a pose in the first of several photos, from those by each of ``views``
     alone, as if what draws them off had nothing in common: their inverses, seen from the first,
-    add up. None where no photo has one.
+    add up. None where no photo has one. ``seen`` and ``chart``: the pose in another photo of the
+    set, and what gives it there, in place of the first.
     """
     total, own = np.zeros((7, 7)), None
     for view, verdict in zip(problem.views, views, strict=True):
         if verdict.covariance is None or not isinstance(view.chart, ViewChart):
             continue
-        turn = view.chart.view_from_reference
-        # Turns and shifts in the first view, and the logarithm of the cameras' distances.
-        from_first = np.zeros((6, 7))
-        from_first[:3, :3] = from_first[3:, 3:6] = turn.rotation
-        if view.chart.free_size:
-            from_first[3:, 6] = view.chart.nearness(parameters) * turn.translation
+        from_first = _from_first(view.chart, parameters)
         total += from_first.T @ _inverse(verdict.covariance) @ from_first
         own = own or PoseCovariance(
             problem.chart.to_pose(parameters), verdict.covariance.centre, np.zeros((6, 6))
@@ -96,7 +97,24 @@ def joint_covariance(
     scales = np.append(own.scales, 1.0)
     units = np.outer(scales, scales)
     joint = np.asarray(np.linalg.pinv(total * units, PINV) * units, float)
-    return own.with_matrix(joint[:6, :6], mesh)
+    if seen is None or chart is None:
+        return own.with_matrix(joint[:6, :6], mesh)
+    turn = _from_first(chart, parameters)
+    return PoseCovariance(seen, own.centre, np.zeros((6, 6))).with_matrix(
+        turn @ joint @ turn.T, mesh
+    )
+
+
+def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
+    """(6, 7): deviations in a view from those in the first one: turns, shifts, and the logarithm of
+    the cameras' distances.
+    """
+    turn = chart.view_from_reference
+    from_first = np.zeros((6, 7))
+    from_first[:3, :3] = from_first[3:, 3:6] = turn.rotation
+    if chart.free_size:
+        from_first[3:, 6] = chart.nearness(parameters) * turn.translation
+    return from_first
 
 
 def _inverse(covariance: PoseCovariance) -> FloatArray:

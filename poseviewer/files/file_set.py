@@ -31,6 +31,7 @@ from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import was_taken_by_a_camera
 from poseviewer.files.scene import is_scene_file
 from poseviewer.files.symmetry import symmetry_path
+from poseviewer.files.view_set import is_view_set_file
 from poseviewer.geometry.transform import RigidTransform
 
 Kind = Literal["photo", "model", "pose"]
@@ -122,12 +123,14 @@ class FileSet:
     """Of no use, as far as can be told."""
     scene_files: tuple[Path, ...] = ()
     """poseviewer's own, which say what all the others are."""
+    set_files: tuple[Path, ...] = ()
+    """Of sets of photos, which say what the photos are."""
 
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing in it to open."""
         of_them = self.models, self.photos, self.pictures, self.cameras, self.poses
-        return not (any(of_them) or self.scene_files)
+        return not (any(of_them) or self.scene_files or self.set_files)
 
     def scene_of(self, photo: Path | None) -> SceneFolder | None:
         """The scene that a photo is from."""
@@ -187,6 +190,12 @@ def sort_set(
     scene_files = tuple(p for p in files if p.suffix.lower() == ".json" and is_scene_file(p))
     if scene_files:
         return FileSet(root, scene_files=scene_files)
+    texts_of = [path for path in files if path.suffix.lower() == ".json"]
+    set_files = tuple(path for path in texts_of if is_view_set_file(path))
+    if set_files and kind != "pose":
+        models = tuple(model_files(p, files) for p in files if p.suffix.lower() in READERS)
+        poses = [path for path in texts_of if _kind_of_text(path, sole=False) == "pose"]
+        return FileSet(root, models, poses=tuple(poses), set_files=set_files)
     if kind == "pose":
         poses = [path for path in files if path.suffix.lower() == ".json"]
         used = {*poses, *_masks_of(poses)}

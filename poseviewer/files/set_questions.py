@@ -51,6 +51,8 @@ class Chosen:
     notes: tuple[str, ...] = ()
     scene: Path | None = None
     """A scene file, which says all by itself."""
+    views: Path | None = None
+    """A set of photos, for ``model`` or the one at hand, with ``pose``."""
 
 
 Choosing = Generator[Question, str | None, Chosen]
@@ -68,6 +70,12 @@ def choose(found: FileSet, placed: str = "") -> Choosing:
     if found.scene_files:
         file = yield from _one(found, "scene files", "is to be opened", found.scene_files)
         return Chosen(scene=file)
+    if found.set_files:
+        file = yield from _one(found, "sets of photos", "is to be opened", found.set_files)
+        model, others, objects = yield from _model(found, None)
+        pose = yield from _one(found, "pose files", "is the start", found.poses)
+        unused = [one.path for one in (*others, *objects)]
+        return Chosen(model=model, pose=pose, notes=_not_used(found, unused), views=file)
     photo, pictures = None, found.pictures
     if found.scenes:
         photo = yield from _photo(found, ())

@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.cameras import lens_of
-from poseviewer.files.checks import Reading, checked_rotation, kind_of
+from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -22,12 +23,24 @@ from poseviewer.files.formats.bop import (
     load_scene_file,
 )
 from poseviewer.files.formats.reconstructions import colmap_images, frame_taken
-from poseviewer.files.masks import load_mask
+from poseviewer.files.masks import load_mask, mask_as_png, mask_path
+from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo, undistorted
-from poseviewer.files.pose import MODELS, camera_from_json, transform_from_json
+from poseviewer.files.pose import (
+    MODELS,
+    PoseRecord,
+    camera_from_json,
+    record_as_json,
+    save_pose,
+    transform_as_json,
+    transform_from_json,
+)
+from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_set import View, ViewSet
 
@@ -41,6 +54,11 @@ NERF_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """What BOP calls the camera from the scene's world; many scenes do not have it."""
+OF_VIEW = (
+    *("photo", "projection", "camera", "distortion", "camera_from_model", "loss", "unexplained"),
+    *("seen", "verdict"),
+)
+"""What a pose file says of each photo of a set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +86,15 @@ class _Shot:
     mask: Path | None = None
 
 
+def is_view_set_file(path: Path) -> bool:
+    """Whether a file is JSON that says that it is a set of photos of our own."""
+    try:
+        data = read_json(path)
+    except PoseFileError:
+        return False
+    return isinstance(data, dict) and data.get("format") == FORMAT
+
+
 def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:
     """The set in a file or a folder, with its photos, undistorted.
 
@@ -87,6 +114,87 @@ def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:
             names = [f"{shot.path.parent.name}/{shot.path.name}" for shot in shots]
         named = tuple(replace(one, name=name) for one, name in zip(views, names, strict=True))
         return ViewSet(path.name, named, unit, scale)
+
+
+def set_as_json(
+    views: ViewSet,
+    records: Sequence[PoseRecord],
+    scale: float,
+    free_size: bool,
+    symmetry: Symmetry,
+) -> dict[str, Any]:
+    """What the pose file of the first view says of the set: the pose in its frame, by ``scale``,
+    and in each view, all of them the equal one that is written.
+    """
+    place, size = records[0].pose.camera_from_model, 1.0 / scale
+    equal = symmetry.canonical(records[0].pose).camera_from_model
+    turn, entries = place.inverse() @ equal, []
+    for view, record in zip(views.views, records, strict=True):
+        pose = replace(record.pose, camera_from_model=record.pose.camera_from_model @ turn)
+        said = record_as_json(replace(record, pose=pose, symmetry=NO_SYMMETRY))
+        entries.append({"name": view.name, **{key: said[key] for key in OF_VIEW if key in said}})
+    scaled = RigidTransform(equal.rotation, size * equal.translation)
+    set_from_model = transform_as_json(views.views[0].camera_from_set.inverse() @ scaled)
+    return {
+        "file": views.name,
+        **({} if views.unit is None else {"unit": views.unit}),
+        "set_from_model": {"size": size, "size_was_free": free_size, **set_from_model},
+        "views": entries,
+    }
+
+
+def with_masks(
+    path: Path, record: PoseRecord, masks: Mapping[str, Mask]
+) -> tuple[PoseRecord, dict[Path, bytes]]:
+    """A set's pose file at ``path`` that names a mask for each photo that has one, by the photos'
+    names, and what lies in these files beside it: ``car.b.mask.png`` for photo ``b.jpg`` and
+    ``car.pose.json``.
+    """
+    beside, entries, files = mask_path(path), [], {}
+    assert record.in_set is not None  # it is a set's
+    for entry in record.in_set["views"]:
+        mask = masks.get(entry["name"])
+        if mask is not None:
+            photo = PurePosixPath(entry["name"]).with_suffix("").as_posix().replace("/", "-")
+            name = f"{beside.name.removesuffix('.mask.png')}.{photo}.mask.png"
+            files[beside.with_name(name)] = mask_as_png(mask)
+            entry = {**entry, "mask": name}
+        entries.append(entry)
+    in_set = {**record.in_set, "views": entries}
+    return replace(record, mask=entries[0].get("mask"), in_set=in_set), files
+
+
+def save_in_set(path: Path, record: PoseRecord, masks: Mapping[str, Mask]) -> None:
+    """Write a set's pose file and the masks of its photos; each whole or not at all.
+
+    Raises:
+        PoseViewerError: the folder is missing or cannot be written to.
+    """
+    record, files = with_masks(path, record, masks)
+    for beside, content in files.items():
+        write_whole(beside, content, PhotoFileError)
+    save_pose(path, record)
+
+
+def recorded_masks(path: Path, record: PoseRecord, views: ViewSet) -> dict[int, Mask]:
+    """The masks that a set's pose file names, by the numbers of the photos.
+
+    Raises:
+        PhotoFileError: one is missing, or of another size than its photo.
+    """
+    entries = (record.in_set or {}).get("views")
+    named = {
+        entry.get("name"): entry.get("mask")
+        for entry in (entries if isinstance(entries, list) else ())
+        if isinstance(entry, dict)
+    }
+    found = {}
+    for index, view in enumerate(views.views):
+        name = named.get(view.name)
+        if isinstance(name, str):
+            size = view.photo.width, view.photo.height
+            found[index] = load_mask(path.parent / bare_name(name), *size)
+    return found
 
 
 def _shots(reading: Reading, choice: SetChoice) -> tuple[list[_Shot], str | None, float | None]:
@@ -244,7 +352,7 @@ def _view(reading: Reading, shot: _Shot) -> View:
         )
     opened = _as_seen(photo, camera, lens)
     mask = None if shot.mask is None else load_mask(shot.mask, photo.width, photo.height)
-    return View(photo.name, opened, shot.camera_from_set, mask)
+    return View(photo.name, opened, shot.camera_from_set, mask, shot.path)
 
 
 def _as_seen(photo: Photo, camera: Perspective, lens: Lens | None) -> Photo:

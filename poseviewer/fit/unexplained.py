@@ -16,6 +16,8 @@ nothing (edges across the photo's) has 1. Of the paper's loss it is the share of
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import overload
 
@@ -119,3 +121,16 @@ class Unexplained:
         """Such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
         parts = {"light": self.light, "classes": self.classes, "edges": self.edges}
         return ", ".join(f"{name} {x:.2f}" for name, x in parts.items() if x is not None)
+
+
+def mean_over(photos: Sequence[Unexplained]) -> Unexplained:
+    """The mean loss over several photos, read by one scale; the parts are geometric means, as the
+    loss adds logarithms.
+    """
+    losses = [one.loss for one in photos]
+    parts = [[one.light, one.classes, one.edges] for one in photos]
+    shares = [
+        None if None in of_all else math.prod(of_all) ** (1.0 / len(photos))
+        for of_all in zip(*parts, strict=True)
+    ]
+    return Unexplained(photos[0].scale, sum(losses) / len(losses), *shares)

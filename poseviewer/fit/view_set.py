@@ -18,12 +18,34 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 
 
+def view_charts(
+    views: Sequence[Registration], free_size: bool, scale: float = 1.0
+) -> tuple[ViewChart, ...]:
+    """The chart of each of several views, the reference first; ``scale``: of the set, by which
+    their starts are one pose.
+
+    Raises:
+        SingularChartError: the model's centre is behind the reference camera.
+    """
+    first = views[0]
+    reference = FreeBodyChart.near(first.mesh, first.start)
+    charts = []
+    for view in views:
+        camera = view.start.camera
+        assert isinstance(camera, Perspective)  # the views of a set are
+        turn = view.start.camera_from_model @ first.start.camera_from_model.inverse()
+        if view is first:
+            turn = RigidTransform.identity()
+        charts.append(ViewChart(reference, camera, turn, free_size, scale))
+    return tuple(charts)
+
+
 def make_set_problem(
-    views: Sequence[Registration], settings: FitSettings, free_size: bool
+    views: Sequence[Registration], settings: FitSettings, free_size: bool, scale: float = 1.0
 ) -> FitProblem:
     """The problem of fitting one model to all ``views``, the reference first: their starts are one
     pose in the set's frame, and so tell how the cameras stand. ``free_size``: how far apart they
-    are, in the model's unit, is to be found as well.
+    are, in the model's unit, is to be found as well; at the start they are by ``scale``.
 
     Raises:
         SettingsError: the settings do not go with a photo, or with several.
@@ -36,20 +58,11 @@ def make_set_problem(
         raise SettingsError(
             "--pixels clip with several photos; take near or whole, or leave it out."
         )
-    first = views[0]
-    reference = FreeBodyChart.near(first.mesh, first.start)
-    charts = []
-    for view in views:
-        camera = view.start.camera
-        assert isinstance(camera, Perspective)  # the views of a set are
-        turn = view.start.camera_from_model @ first.start.camera_from_model.inverse()
-        if view is first:
-            turn = RigidTransform.identity()
-        charts.append(ViewChart(reference, camera, turn, free_size))
+    charts = view_charts(views, free_size, scale)
     free = free_numbers(charts[0], settings)
     found = [compared_photos(view, settings) for view in views]
     if len({LossScale.of(photo) for photo, _, _ in found}) > 1:  # one is grey: then all are
-        return make_set_problem(views, replace(settings, grey=True), free_size)
+        return make_set_problem(views, replace(settings, grey=True), free_size, scale)
     is_finer = any(finer for _, _, finer in found)
     fine = [make() if is_finer else None for _, make, _ in found]
     others = zip(found[1:], fine[1:], charts[1:], strict=True)
@@ -63,6 +76,6 @@ def make_set_problem(
         settings.seed,
         settings.method,
         fine[0],
-        symmetry=first.symmetry,
+        symmetry=views[0].symmetry,
         others=tuple(OtherView(photo, finer, chart) for (photo, _, _), finer, chart in others),
     )

@@ -67,6 +67,7 @@ NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "log_depth": ("log depth", ""),
         "log_scale": ("log scale", ""),
         "log_focal": ("log focal", ""),
+        "log_size": ("log size", "(of the model)"),
     }
 )
 """By the chart's own name: a short name, as on the maps, and what is said beside it in fields."""

@@ -33,6 +33,8 @@ class ViewChart:
     view_from_reference: RigidTransform
     """In the model's unit, as large as it is at the start."""
     free_size: bool = False
+    scale: float = 1.0
+    """At the start: how many lengths of the model's unit one of the set's is."""
 
     @property
     def name(self) -> str:
@@ -58,6 +60,22 @@ class ViewChart:
         if not abs(log_size) <= LARGEST_LOGARITHM:
             raise OutsideChartError(f"numbers {parameters} out of all proportion")
         return math.exp(-log_size)
+
+    def scale_at(self, parameters: FloatArray) -> float:
+        """The scale of the set by these numbers; raises as ``nearness``."""
+        return self.scale * self.nearness(parameters)
+
+    def numbers_at(self, pose: Pose, scale: float) -> FloatArray:
+        """The numbers of a pose in this view, where the set has this scale; raises as
+        ``from_pose``.
+        """
+        factor, place = scale / self.scale, pose.camera_from_model
+        middle = place.apply(self.reference.centre) / factor
+        start = RigidTransform(place.rotation, middle - place.rotation @ self.reference.centre)
+        numbers = self.from_pose(Pose(pose.camera, start))
+        if self.free_size:
+            numbers[-1] = -math.log(factor)
+        return numbers
 
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose in this view."""

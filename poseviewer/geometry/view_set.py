@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
@@ -28,6 +29,8 @@ class View:
     """In the set's unit."""
     mask: Mask | None = None
     """How much each pixel counts; None: all do."""
+    path: Path | None = None
+    """Of the photo's file; None: it is in none."""
 
     @property
     def camera(self) -> Perspective:
@@ -47,6 +50,19 @@ class ViewSet:
     """Of the set's lengths; None: not said."""
     scale: float | None = None
     """How many lengths of the model's unit one of the set's is; None: not known."""
+
+    def posed(self, index: int, pose: Pose, scale: float) -> tuple[Pose, ...]:
+        """In each view the pose that is ``pose`` in view ``index``, by this ``scale`` of the set;
+        there it is the same object.
+        """
+        set_from_camera = self.views[index].camera_from_set.inverse()
+        found = []
+        for view in self.views:
+            moved = view.camera_from_set @ set_from_camera
+            moved = RigidTransform(moved.rotation, scale * moved.translation)
+            found.append(Pose(view.camera, moved @ pose.camera_from_model))
+        found[index] = pose
+        return tuple(found)
 
     def scale_by_sight(self, reference: int, ray: FloatArray, depth: float) -> float | None:
         """The scale by which what view ``reference`` sees along a ``ray`` (3,) of its camera,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,11 @@ from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.photo import matched
 from poseviewer.files.pose import PoseRecord, check_against, load_pose, recorded_size
+from poseviewer.files.view_set import recorded_masks
 from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.mesh import hull_points
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.view_set import ViewSet
 from poseviewer.starts.registration import registered
 
@@ -35,20 +36,35 @@ class SetRegistration:
     notes: tuple[str, ...]
 
 
-def place_in_views(
+@dataclass(frozen=True, slots=True, eq=False)
+class StartInSet:
+    """A pose in one of a set's photos."""
+
+    index: int
+    """Of the photo."""
+    pose: Pose
+    scale: float
+    """How many lengths of the model's unit one of the set's is."""
+    free_size: bool
+    """Whether that is a guess, and is to be searched for."""
+    notes: tuple[str, ...] = ()
+    masks: Mapping[int, Mask] = field(default_factory=dict)
+    """What counts of photos, by their numbers, as far as the pose file says it."""
+
+
+def start_in_set(
     views: ViewSet,
     model: LoadedModel,
     start: str | Path | Pose,
     view: str | None = None,
     scale: float | None = None,
-) -> SetRegistration:
-    """The model in each view, from its pose in one: in ``view``, else in that of the photo which
-    the pose file names. ``scale``: in place of the set's own. Views that do not see the model
-    there are left out, with a note.
+) -> StartInSet:
+    """A start pose, in the photo ``view``, else in that which the pose file names; ``scale``: in
+    place of the set's own.
 
     Raises:
         PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
-            which of them it is; fewer than two see the model; nothing tells the scale.
+            which of them it is; nothing tells the scale.
     """
     record = PoseRecord(start) if isinstance(start, Pose) else _recorded(start)
     reference = _reference(views, record, view)
@@ -68,30 +84,68 @@ def place_in_views(
             "not have; give the set that lens, or start from a pose by the set's camera."
         )
     _, record, of_camera = matched(own.photo, record)
-    place, notes = record.pose.camera_from_model, [*notes, *of_camera]
-    known = scale or views.scale or _by_units(views.unit, model.mesh.unit)
-    found = known or _recorded_scale(record) or _guessed(views, reference, model, place)
-    order = [reference, *(i for i in range(len(views.views)) if i != reference)]
+    known = scale or known_scale(views, model.mesh)
+    found = (
+        known
+        or _recorded_scale(record)
+        or scale_by_sight(views, reference, model.mesh, record.pose)
+    )
+    masks = {} if isinstance(start, Pose) else recorded_masks(Path(start), record, views)
+    said = (*notes, *of_camera)
+    return StartInSet(reference, record.pose, found, known is None, said, masks)
+
+
+def known_scale(views: ViewSet, mesh: Mesh) -> float | None:
+    """How many lengths of the model's unit one of the set's is, by what both say; None: they do
+    not.
+    """
+    return views.scale or _by_units(views.unit, mesh.unit)
+
+
+def place_in_views(
+    views: ViewSet,
+    model: LoadedModel,
+    start: str | Path | Pose,
+    view: str | None = None,
+    scale: float | None = None,
+) -> SetRegistration:
+    """The model in each view, from its pose in one; arguments as of ``start_in_set``. Views that
+    do not see the model there are left out, with a note.
+
+    Raises:
+        PoseViewerError: as of ``start_in_set``; or fewer than two views see the model.
+    """
+    found = start_in_set(views, model, start, view, scale)
+    reference, notes = found.index, list(found.notes)
+    poses = views.posed(reference, found.pose, found.scale)
     kept, registrations = [], []
-    for index in order:
-        other = views.views[index]
-        moved = other.camera_from_set @ own.camera_from_set.inverse()
-        moved = RigidTransform(moved.rotation, found * moved.translation)
-        pose = Pose(other.camera, place if index == reference else moved @ place)
-        if index != reference and not _is_seen(model, pose):
+    for index in (reference, *(i for i in range(len(poses)) if i != reference)):
+        other, pose = views.views[index], poses[index]
+        if index != reference and not is_seen(model.mesh, pose):
             notes.append(f"{other.name} does not see the model where it starts, and is left out.")
             continue
         kept.append(other)
-        registrations.append(registered(other.photo, model, pose, (), other.mask))
-    if len(kept) < 2:
-        raise SettingsError(
-            f"{views.name}: of {len(views.views)} photos, {own.name} alone sees the model where it "
-            "starts; bring the start nearer, or check the set's scale (--scale)."
-        )
+        mask = found.masks.get(index, other.mask)
+        registrations.append(registered(other.photo, model, pose, (), mask))
+    require_several(views, [view.name for view in kept])
     of_photos = [note for one in registrations for note in one.warnings]
     said = tuple(dict.fromkeys([*of_photos, *notes]))
     seen = replace(views, views=tuple(kept))
-    return SetRegistration(seen, tuple(registrations), found, known is None, said)
+    return SetRegistration(seen, tuple(registrations), found.scale, found.free_size, said)
+
+
+def require_several(views: ViewSet, seen: Sequence[str]) -> None:
+    """Two photos at least see the model; ``seen``: the names of those that do.
+
+    Raises:
+        SettingsError: they do not.
+    """
+    if len(seen) < 2:
+        alone = f"{seen[0]} alone" if seen else "none"
+        raise SettingsError(
+            f"{views.name}: of {len(views.views)} photos, {alone} sees the model where it "
+            "starts; bring the start nearer, or check the set's scale (--scale)."
+        )
 
 
 def _recorded(path: str | Path) -> PoseRecord:
@@ -133,8 +187,14 @@ def _recorded_scale(record: PoseRecord) -> float | None:
     return 1.0 / size
 
 
-def _guessed(views: ViewSet, reference: int, model: LoadedModel, place: RigidTransform) -> float:
-    centre = place.apply(model.mesh.centre)
+def scale_by_sight(views: ViewSet, reference: int, mesh: Mesh, pose: Pose) -> float:
+    """The scale by which what view ``reference`` sees of the model, at a pose there, is where the
+    others look.
+
+    Raises:
+        SettingsError: they do not look at one place.
+    """
+    centre = pose.camera_from_model.apply(mesh.centre)
     found = None
     if centre[2] > 0.0:
         found = views.scale_by_sight(reference, centre / centre[2], float(centre[2]))
@@ -147,9 +207,9 @@ def _guessed(views: ViewSet, reference: int, model: LoadedModel, place: RigidTra
     return found
 
 
-def _is_seen(model: LoadedModel, pose: Pose) -> bool:
+def is_seen(mesh: Mesh, pose: Pose) -> bool:
     """Whether the model's centre is in front of the camera, and some of it in the picture."""
-    seen = pose.project(hull_points(model.mesh))
+    seen = pose.project(hull_points(mesh))
     size = np.array([pose.camera.width, pose.camera.height])
     inside = np.all((seen >= 0.0) & (seen < size), axis=1)
-    return bool(pose.camera_from_model.apply(model.mesh.centre)[2] > 0.0 and inside.any())
+    return bool(pose.camera_from_model.apply(mesh.centre)[2] > 0.0 and inside.any())

@@ -32,6 +32,7 @@ from poseviewer.files.set_questions import (
 )
 from poseviewer.files.state.uploads import gathered
 from tests.textured import write_gltf, write_obj, write_ply
+from tests.view_sets import write_views
 
 POSE = {"projection": "perspective", "camera": {}, "camera_from_model": {}}
 CAMERA = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "image_size": [160, 120]}
@@ -435,3 +436,13 @@ def test_too_many_files_are_refused(tmp_path: Path, monkeypatch) -> None:
         (tmp_path / f"{i}.txt").touch()
     with pytest.raises(FileSetError, match="more than 5 files; name a folder inside it"):
         files_below(tmp_path)
+
+
+def test_a_set_of_photos_comes_with_its_model_and_start(tmp_path: Path):
+    of_set, model, start = write_views(tmp_path)
+    found = sort_set(files_below(tmp_path))
+    assert found.set_files == (of_set,)
+    with pytest.raises(StopIteration) as end:
+        choose(found).send(None)
+    chosen = end.value.value
+    assert (chosen.views, chosen.model.path, chosen.pose) == (of_set, model, start)

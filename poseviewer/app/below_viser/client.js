@@ -711,6 +711,8 @@ function measureCovered() {
     }
     element = element.parentElement;
   }
+  strip.style.bottom = `${covered}px`;
+  covered += strip.hidden ? 0 : STRIP;
   if (covered === state.covered) return;
   state.covered = covered;
   bar.style.bottom = `${14 + covered}px`;
@@ -757,6 +759,55 @@ function setGuide(text) {
   guideText.innerHTML = text;
 }
 
+// The photos of a set: a press on one makes it the large one.
+const STRIP = 136; // CSS px: its height, as the style has it
+const EYE = '<svg viewBox="0 0 16 16"><path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/>' +
+  '<circle cx="8" cy="8" r="2"/></svg>';
+const strip = document.createElement("div");
+strip.className = "pv-strip";
+strip.hidden = true;
+cleanups.push(() => strip.remove());
+
+function setStrip(photos) {
+  strip.replaceChildren(...photos.map((photo, index) => {
+    const cell = document.createElement("div");
+    cell.className = "pv-photo";
+    cell.tabIndex = 0;
+    cell.innerHTML = '<div class="pv-small"><img alt="" draggable="false">' +
+      '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none"><path class="pv-halo"/><path/></svg>' +
+      `</div><div class="pv-said"><button type="button">${EYE}</button><b></b><span></span></div>`;
+    cell.querySelector("img").src = photo.picture;
+    cell.querySelector(".pv-small").style.aspectRatio = `${photo.width}/${photo.height}`;
+    cell.querySelector("b").textContent = photo.name;
+    const look = () => send({ kind: "photo", wish: "look", index });
+    cell.onclick = look;
+    cell.onkeydown = (event) => { if (event.key === "Enter") look(); };
+    cell.querySelector("button").onclick = (event) => {
+      event.stopPropagation();
+      send({ kind: "photo", wish: cell.classList.contains("pv-off") ? "compare" : "leave", index });
+    };
+    return cell;
+  }));
+  strip.hidden = !photos.length;
+}
+
+function setStripRows(rows) {
+  rows.forEach((row, index) => {
+    const cell = strip.children[index];
+    if (!cell) return;
+    cell.classList.toggle("pv-at", row.large);
+    cell.classList.toggle("pv-off", row.off);
+    cell.title = row.large ? "the large photo" : "press: make it the large one";
+    cell.querySelector("button").title = row.off ? "compare it again" : "do not compare it";
+    cell.querySelector("span").textContent = [row.said, row.word].filter(Boolean).join(" · ");
+    for (const path of cell.querySelectorAll(".pv-small path")) path.setAttribute("d", row.path);
+    if (row.large && strip.dataset.at !== String(index)) {
+      strip.dataset.at = index;
+      cell.scrollIntoView({ block: "nearest", inline: "nearest" });
+    }
+  });
+}
+
 // --- life ---------------------------------------------------------------------------------------
 
 let timer = null;
@@ -767,7 +818,7 @@ function watch(now) {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) { host.append(sheet, bar, guide); showHint(); }
+    if (bar.parentElement !== host) { host.append(sheet, bar, guide, strip); showHint(); }
     // The picture is shifted where maps lie over it: what it leaves free is as dark.
     viewer.canvas.style.background = "#16181d";
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
@@ -795,7 +846,7 @@ window.poseviewer = {
     kept = null;
   },
   setHint(text) { state.hint = text; showHint(); },
-  setGuide, setPen, setLarge, forgetStrokes,
+  setGuide, setPen, setLarge, forgetStrokes, setStrip, setStripRows,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.

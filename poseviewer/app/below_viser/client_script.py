@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -59,6 +59,7 @@ class ClientScript:
         self._hint = self._guide = ""
         self._pen = ("", False)
         self._large = False
+        self._strip = self._rows = "[]"
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
@@ -114,6 +115,23 @@ class ClientScript:
         """Pages need not show the strokes that are done any longer."""
         self._run("window.poseviewer && window.poseviewer.forgetStrokes()")
 
+    def show_strip(self, photos: Sequence[Mapping[str, Any]]) -> None:
+        """Small pictures of a set's photos below the large one: ``name``, ``picture`` (a URI),
+        ``width`` and ``height`` of each; none: no strip.
+        """
+        with self._telling:
+            self._strip, self._rows = json.dumps(photos), "[]"
+            self._run(f"window.poseviewer && window.poseviewer.setStrip({self._strip})")
+
+    def show_strip_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """What is shown on each of them: whether it is ``large`` and ``off``, what is ``said`` of
+        it, the verdict's ``word``, and the outline's ``path`` (SVG, 1000 units along each side).
+        """
+        with self._telling:
+            if self._rows != (rows := json.dumps(rows)):
+                self._rows = rows
+                self._run(f"window.poseviewer && window.poseviewer.setStripRows({rows})")
+
     def _pen_call(self) -> str:
         return f"window.poseviewer.setPen({json.dumps(self._pen[0])}, {json.dumps(self._pen[1])})"
 
@@ -130,7 +148,8 @@ class ClientScript:
             }
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
             hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
-            source += "".join(f"\nwindow.poseviewer.{hint};" for hint in hints)
+            strip = f"setStrip({self._strip})", f"setStripRows({self._rows})"
+            source += "".join(f"\nwindow.poseviewer.{call};" for call in (*hints, *strip))
             _run_on(client, f"{source}\n{self._pen_call()};")
 
     def _run(self, source: str) -> None:

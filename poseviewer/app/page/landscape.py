@@ -31,6 +31,7 @@ from poseviewer.fit.landscape import Slice, slice_minimum, strides
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name
+from poseviewer.geometry.view_chart import ViewChart
 
 PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""
@@ -185,13 +186,17 @@ def _large_figure(session: Session, latest: LandscapeUpdate) -> go.Figure | None
 def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
     """The pose, and the search where it searches in the maps' chart."""
     try:
-        pose = latest.case.problem.chart.from_pose(session.document.pose)
+        photo = latest.case.registration.photo
+        pose = session.document.numbers_in(latest.case.problem.chart, photo)
     except (PoseViewerError, OutsideChartError):
         pose = np.array(latest.parameters)
     covariance, search = None, session.own_search
-    if session.covariance is not None:
+    sure, chart = session.covariance_in(latest.case.registration.photo), latest.case.problem.chart
+    if sure is not None:
         with suppress(PoseViewerError, OutsideChartError):
-            covariance = session.covariance.in_chart(latest.case.problem.chart)
+            covariance = sure.in_chart(chart)
+            if isinstance(chart, ViewChart) and chart.free_size:  # of which nothing is said
+                covariance[-1] = covariance[:, -1] = np.nan
     if search is None or not _same_chart(search.case, latest.case):
         return Markers(pose, covariance=covariance)
     trail = np.array([step.parameters for step in search.improvements])
@@ -265,7 +270,7 @@ def contour_figure(
         line(low + np.vstack([hull, hull[:1]]) * (high - low), "", SIMPLEX_COLOUR)
         places = low + candidates_within(piece, markers.candidates) * (high - low)
         dots(places, "candidates", size=7, color=SIMPLEX_COLOUR, line=rim)
-    if markers.covariance is not None:
+    if markers.has_region(piece):
         border = region_on(piece, markers)[:, [first, second]]
         line(np.vstack([border, border[:1]]), "90 % region", POSE_COLOUR)
     pose = markers.pose[[[first, second]]]

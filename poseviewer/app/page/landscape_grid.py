@@ -57,7 +57,7 @@ class Markers:
     trail: FloatArray | None = None
     """(t, d): the poses that the search came through, the oldest first."""
     covariance: FloatArray | None = None
-    """(d, d): how sure the current pose is."""
+    """(d, d): how sure the current pose is; nan where nothing is said of a number."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen_array(self.pose, (-1,)))
@@ -65,6 +65,11 @@ class Markers:
             points = getattr(self, name)
             if points is not None:
                 object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
+
+    def has_region(self, piece: Slice) -> bool:
+        """Whether it is known how sure both numbers of a map are."""
+        known = self.covariance
+        return known is not None and not np.isnan(known[piece.first, piece.second])
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +258,7 @@ def _markers(piece: Slice, markers: Markers) -> str:
         parameters[[piece.first, piece.second]] = least.first_value, least.second_value
         x, y = _on_picture(on_map(piece, parameters))
         drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
-    if markers.covariance is not None:
+    if markers.has_region(piece):
         points = _points(on_map(piece, region_on(piece, markers)))
         drawn.append(f'<polygon class="pv-region" points="{points}"/>')
     u, v = on_map(piece, markers.pose)

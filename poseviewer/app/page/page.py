@@ -31,6 +31,7 @@ from poseviewer.app.page.panels import (
 from poseviewer.app.page.preparing_panel import PreparingPanel
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
+from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.requests import Answer, Greet, Report, Restore
@@ -93,6 +94,7 @@ class Page:
         self._maps.dock_right()
         self._maps.set_width(MAPS_WIDTHS[0])
         self._guide = Guide()
+        self._strip = PhotoStrip(self._script)
         self._next_panels = 0.0
         self._shown: Session | None = None
         self._late = False
@@ -123,6 +125,7 @@ class Page:
             if self._review is None:
                 self._script.show_guide(self._guide.text(session))
             self.scene.show(session)
+            self._strip.show(session)
             if self._shown is None or session.strokes != self._shown.strokes:
                 self.forget_strokes()
         self._shown, self._late = session, True

@@ -23,7 +23,7 @@ from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
-from poseviewer.app.state.marking import MARKING, pair_errors
+from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
 from poseviewer.app.state.requests import (
     Annotate,
     FindWheels,
@@ -625,7 +625,7 @@ def marks_text(session: Session) -> str:
     if marks.pairs and session.tool != "wheels":
         errors = pair_errors(document)
         rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
-        missing = fewest - len(errors)
+        missing = fewest - pairs_done(document)
         lines.append(f"{missing} more to a pose" if missing > 0 else f"**off by**{rows}")
     elif session.tool == "pairs":
         lines.append(f"{fewest} pairs give a pose")
@@ -689,7 +689,9 @@ def search_text(session: Session) -> str:
         return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
         if overlay is not None and overlay.unexplained is not None:
-            return f"**{overlay.unexplained.text}** at this pose"
+            count = len(overlay.of_photos)
+            of_set = f", mean of {count} photos" if count else ""
+            return f"**{overlay.unexplained.text}** at this pose{of_set}"
         return plain(overlay.note if overlay else "") or PREPARING
     if search.latest is None:
         return "Preparing the search ..."

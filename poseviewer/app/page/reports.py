@@ -13,6 +13,7 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
+from poseviewer.app.state.views import ComparePhoto, LookAt
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 LARGEST = 1e6
@@ -61,6 +62,12 @@ OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "unlock": lambda number: o.AlterObject(number, locked=False),
 }
 """What is wanted of an object in the list."""
+PHOTOS: Mapping[str, Callable[[int], Request]] = {
+    "look": LookAt,
+    "compare": lambda index: ComparePhoto(index, True),
+    "leave": lambda index: ComparePhoto(index, False),
+}
+"""What is wanted of a photo in the strip."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "KeyH", "Digit0", "Digit1", *REVIEW]
@@ -130,6 +137,8 @@ def _request_of(report: Report, session: Session) -> Request | None:
             return wish(int(content["index"]))
         case "object":
             return OBJECTS[content["wish"]](int(content["number"]))
+        case "photo":
+            return PHOTOS[content["wish"]](int(content["index"]))
         case "key":
             return _key(content, session, report.client)
         case "unfit":

@@ -147,11 +147,10 @@ def with_model(document: Document, candidate: CandidateModel, pose: Pose) -> Doc
     if own.mesh_sha256 == model.sha256:
         return replace(document, pose=pose)
     return replace(
-        document,
+        document.unsearched,
         registration=with_mesh(own, model),
         pose=pose,
         pins=(),
-        end=None,
         model_path=candidate.path,
         marks=Marks(box=document.marks.box),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -53,6 +54,7 @@ from poseviewer.app.state.session import (
     SearchUpdate,
     Session,
     Whose,
+    is_in_sight,
     require_in_sight,
 )
 from poseviewer.confidence.identify import Identification
@@ -63,7 +65,9 @@ from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.starts.placing import framed, look_from, surface_point
+from poseviewer.starts.view_set import scale_by_sight
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse
 
@@ -147,8 +151,23 @@ class Press(Command):
 
 def _placed(session: Session, point: FloatArray) -> Session:
     """With the model's middle at a point (2,) of the photo."""
-    pose, centre = session.document.pose, session.document.registration.mesh.centre
-    return session.with_pose(moved(pose, centre, point - pose.project(centre)))
+    document, centre = session.document, session.document.registration.mesh.centre
+    pose = moved(document.pose, centre, point - document.pose.project(centre))
+    return session.with_document(put(document, pose))
+
+
+def put(document: Document, pose: Pose) -> Document:
+    """At a pose that nothing was known of before: in a set of unknown scale, that by which the
+    other photos look there.
+    """
+    document = replace(document, pose=pose)
+    views = document.views
+    if views is None or not views.free_size:
+        return document
+    with suppress(SettingsError):
+        scale = scale_by_sight(views.views, views.at, document.registration.mesh, pose)
+        return replace(document, views=views.rescaled(scale))
+    return document
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +211,7 @@ class Release(DragCommand):
             return session
         if drawn == "box" and document.marks.box is not None:
             pose = framed(document.pose, document.registration.mesh, document.marks.box)
-            session = replace(session, document=before).with_document(replace(document, pose=pose))
+            session = replace(session, document=before).with_document(put(document, pose))
             return ProposeStarts()(session)
         if tool in MARKING:
             document = solved(document, tool)
@@ -302,7 +321,8 @@ class SetNumber(Command):
         parameters[index] = self.value
         # One step back leads to before the whole of what was typed, not to its first digit.
         typed_on = session.typed == (self.name, session.document) and not session.history.future
-        document = replace(session.document, pose=chart.to_pose(parameters))
+        own = session.document.registration
+        document = session.document.at_numbers(chart, parameters, own.photo)
         changed = session.with_document(document, same_step=typed_on)
         return replace(changed, typed=(self.name, document))
 
@@ -326,7 +346,11 @@ class ResetToStart(Command):
     """Back to the start pose."""
 
     def __call__(self, session: Session) -> Session:
-        return session.with_pose(session.document.registration.start)
+        document = session.document
+        start, views = document.registration.start, document.views
+        if views is not None:
+            views = replace(views, scale=views.start_scale, poses=views.starts)
+        return session.with_document(replace(document, pose=start, views=views))
 
 
 @dataclass(frozen=True, slots=True)
@@ -594,7 +618,7 @@ class TakeProposal(Command):
 
 
 def _with_proposal(session: Session, asked: ProposedStarts, index: int) -> Session:
-    document = replace(session.document, pose=asked.poses[index])
+    document = put(session.document, asked.poses[index])
     shown = session.with_document(document, same_step=_shows_proposal(session, asked))
     return replace(shown, proposals=replace(asked, index=index))
 
@@ -687,9 +711,7 @@ class TakeEnd(Command):
         if not 0 <= self.index < len(session.ends):
             return session
         end, before = session.ends[self.index], session.document
-        progress = end.update.progress
-        found = SearchEnd.of(end.update.case, progress)
-        document = replace(before, pose=progress.pose, settings=end.settings, end=found)
+        document = replace(found_at(before, end.update, is_over=True), settings=end.settings)
         start = end.update.case.registration.start
         taken = session.with_document(document)
         if end.settings.method != before.settings.method:
@@ -747,10 +769,24 @@ class SearchAdvanced(WorkerUpdate):
             return replace(session, document=document, search=found)
         is_last = len(search.methods) == 1 or bool(ends)
         running = progress.status.name == "RUNNING" or not is_last
-        end = None if running else SearchEnd.of(self.update.case, progress)
-        document = replace(session.document, pose=progress.pose, end=end)
+        document = found_at(session.document, self.update, not running)
         found = replace(search, latest=self.update, running=running)
         return replace(session, document=document, search=found, ends=ends or session.ends)
+
+
+def found_at(document: Document, update: SearchUpdate, is_over: bool) -> Document:
+    """The document where a search of it is, or has ended."""
+    case, progress = update.case, update.progress
+    chart, photo = case.problem.chart, case.registration.photo
+    if document.views is None or not isinstance(chart, ViewChart):
+        end = SearchEnd.of(case, progress) if is_over else None
+        return replace(document, pose=progress.pose, end=end)
+    index, scale = document.views.index_of(photo), chart.scale_at(progress.parameters)
+    if is_over and update.of_photos:
+        found = document.found_in_set(update.of_photos, scale)
+    else:
+        found = document.seen_in(index, progress.pose, scale)
+    return found if is_in_sight(found) else found.looking_at(index)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -805,7 +841,9 @@ class PickInLandscape(Command):
             for piece in maps.slices:
                 if (piece.first, piece.second) == (self.first, self.second):
                     parameters = picked_parameters(piece, maps.parameters, self.u, self.v)
-                    return session.with_pose(maps.case.problem.chart.to_pose(parameters))
+                    chart, photo = maps.case.problem.chart, maps.case.registration.photo
+                    document = session.document.at_numbers(chart, parameters, photo)
+                    return session.with_document(document)
         return session
 
 

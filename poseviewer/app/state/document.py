@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from poseviewer.api import Case, FitResult
 from poseviewer.app.state.cameras import has_camera, with_camera
+from poseviewer.app.state.photo_set import OwnOfPhoto, PhotoSet
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.files.pose import PoseRecord
 from poseviewer.fit.problem import choose_chart
@@ -25,6 +26,8 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
@@ -94,6 +97,10 @@ class SearchEnd:
     record: PoseRecord
     in_front: NDArray[np.bool_] | None = None
     """(height, width) of the photo: what it took for something in front of the model."""
+    alone: str = ""
+    """The verdict's word by this photo of a set alone."""
+    filed: PoseRecord | None = None
+    """Of a set, what its pose file says: that of the photo that the search began in."""
 
     @classmethod
     def of(cls, case: Case, progress: FitProgress) -> SearchEnd:
@@ -125,6 +132,8 @@ class SceneObject:
     """Left where it is in the photo by presses and searches."""
     end: SearchEnd | None = None
     """Of the last search; of use as long as its pose is the one at hand."""
+    views: PhotoSet | None = None
+    """The set that the photo is one of: the object is then alone in it."""
 
     @property
     def label(self) -> str:
@@ -155,8 +164,32 @@ class SceneObject:
     def is_placed_same(self, other: SceneObject) -> bool:
         """Whether both are the same model at the same pose, and compared with the same pixels."""
         own, its = self.registration, other.registration
+        if self.views is not None and other.views is not None:  # whichever photo is large
+            return self.views.poses is other.views.poses and self.compares_same(other)
         same_pixels = own.photo is its.photo and own.mask is its.mask
         return same_pixels and own.mesh is its.mesh and self.pose is other.pose
+
+    def compares_same(self, other: SceneObject) -> bool:
+        """Whether both compare the same model with the same pixels, of all photos."""
+        if self.views is None or other.views is None:
+            same_kind = self.views is other.views
+            return same_kind and self.registration.compares_same(other.registration)
+        same_model = self.registration.mesh is other.registration.mesh
+        if not same_model or self.views.views is not other.views.views:
+            return False
+        pairs = zip(self.own_of_photos, other.own_of_photos, strict=True)
+        same_pixels = all(a.mask is b.mask and a.region == b.region for a, b in pairs)
+        return same_pixels and self.views.compared == other.views.compared
+
+    @property
+    def own_of_photos(self) -> tuple[OwnOfPhoto, ...]:
+        """What belongs to each photo of the set, the large one as it is now; empty: it is none."""
+        if self.views is None:
+            return ()
+        own = list(self.views.own)
+        large = self.registration.mask, self.settings.region, self.marks, self.end
+        own[self.views.at] = OwnOfPhoto(*large)
+        return tuple(own)
 
     @property
     def verdict(self) -> str:
@@ -185,8 +218,11 @@ class SceneObject:
     @property
     def chart(self) -> Chart:
         """The chart whose numbers are shown and searched: as ``settings`` want it where that can
-        be, else the free-body chart about the start pose, seen by the camera at hand.
+        be, else the free-body chart about the start pose, seen by the camera at hand; of a set,
+        with its size where that is free.
         """
+        if self.views is not None:
+            return self._chart_in_set(self.views)
         mesh, settings, free_focal = self.registration.mesh, self.settings, self.settings.free_focal
         try:
             chart, _ = choose_chart(
@@ -197,6 +233,13 @@ class SceneObject:
         except (SingularChartError, SettingsError):
             free_focal = free_focal and isinstance(self.pose.camera, Perspective)
         return FreeBodyChart.near(mesh, self._start_seen_now(free_focal), free_focal)
+
+    def _chart_in_set(self, views: PhotoSet) -> ViewChart:
+        mesh, start, scale = self.registration.mesh, self.registration.start, views.start_scale
+        if not start.camera_from_model.apply(mesh.centre)[2] > 0.0:
+            start, scale = self.pose, views.scale
+        reference, camera = FreeBodyChart.near(mesh, start), views.views.views[views.at].camera
+        return ViewChart(reference, camera, RigidTransform.identity(), views.free_size, scale)
 
     def _start_seen_now(self, free_focal: bool) -> Pose:
         """The start pose by the camera at hand: by its own, a number of the chart would bring its
@@ -215,7 +258,16 @@ class SceneObject:
     @property
     def parameters(self) -> FloatArray:
         """(d,): the pose in ``chart``."""
-        return self.chart.from_pose(self.pose)
+        return self.numbers_in(self.chart, self.registration.photo)
+
+    def numbers_in(self, chart: Chart, photo: Photo) -> FloatArray:
+        """(d,): the pose in a chart of the poses in a photo: that at hand, or another of the set;
+        raises as the chart.
+        """
+        views = self.views
+        if views is None or not isinstance(chart, ViewChart):
+            return chart.from_pose(self.pose)
+        return chart.numbers_at(views.poses[views.index_of(photo)], views.scale)
 
     def started_from(self, pose: Pose) -> Self:
         """The same with another start pose, which is the pose as well."""
@@ -244,6 +296,11 @@ class Document(SceneObject):
 
     def __post_init__(self) -> None:
         photo, camera = self.registration.photo, self.pose.camera
+        if self.views is not None:
+            views = self.views
+            is_of_set = views.views.views[views.at].photo is photo
+            views = views.following(self.pose, self.registration.start) if is_of_set else None
+            object.__setattr__(self, "views", views)
         others = tuple(one.seen_by(photo, camera) for one in self.others)
         object.__setattr__(self, "others", others)
         own = self.registration
@@ -292,6 +349,63 @@ class Document(SceneObject):
         others = (replace(o, **changes) if o.number == number else o for o in self.others)
         return replace(self, others=tuple(others))
 
+    def looking_at(self, index: int) -> Document:
+        """The same with another photo of its set large."""
+        views = self.views
+        if views is None or index == views.at or not 0 <= index < len(views.own):
+            return self
+        own, view = self.own_of_photos[index], views.views.views[index]
+        start, pose = views.starts[index], views.poses[index]
+        registration = replace(self.registration, photo=view.photo, start=start, mask=own.mask)
+        return replace(
+            self,
+            registration=registration,
+            pose=pose,
+            settings=replace(self.settings, region=own.region),
+            marks=own.marks,
+            end=own.end,
+            photo_path=view.path,
+            views=replace(views, own=self.own_of_photos, at=index),
+        )
+
+    def at_numbers(self, chart: Chart, numbers: FloatArray, photo: Photo) -> Document:
+        """The same at the numbers (d,) of a chart of the poses in a photo: that at hand, or another
+        of the set.
+
+        Raises:
+            OutsideChartError: they stand for no pose.
+        """
+        pose = chart.to_pose(numbers)
+        if self.views is None or not isinstance(chart, ViewChart):
+            return replace(self, pose=pose)
+        return self.seen_in(self.views.index_of(photo), pose, chart.scale_at(numbers))
+
+    def seen_in(self, index: int, pose: Pose, scale: float | None = None) -> Document:
+        """The same where its set has a pose in one photo; None: by the scale that it has."""
+        views = self.views
+        assert views is not None  # who asks has a photo of it
+        scale = views.scale if scale is None else scale
+        poses = views.views.posed(index, pose, scale)
+        return replace(self, pose=poses[views.at], views=replace(views, scale=scale, poses=poses))
+
+    def found_in_set(self, ends: Sequence[SearchEnd], scale: float) -> Document:
+        """The same where a search of the set has ended; ``ends``: one for each photo."""
+        views = self.views
+        assert views is not None  # whose search it was
+        poses = tuple(end.record.pose for end in ends)
+        pairs = zip(self.own_of_photos, ends, strict=True)
+        own = tuple(replace(one, end=end) for one, end in pairs)
+        views = replace(views, scale=scale, poses=poses, own=own)
+        return replace(self, pose=poses[views.at], end=ends[views.at], views=views)
+
+    @property
+    def unsearched(self) -> Document:
+        """The same without what searches said of it."""
+        views = self.views
+        if views is not None:
+            views = replace(views, own=tuple(replace(one, end=None) for one in views.own))
+        return replace(self, end=None, views=views)
+
     def with_poses(self, poses: Mapping[int, Pose], ends: Mapping[int, SearchEnd]) -> Document:
         """The same with its objects at other poses, by their numbers, and what was found there."""
 
@@ -327,8 +441,9 @@ class Document(SceneObject):
 
     @property
     def paths(self) -> frozenset[Path]:
-        """The files of photo and models, as far as they have one."""
-        paths = self.photo_path, *(one.model_path for one in self.objects)
+        """The files of photos and models, as far as they have one."""
+        seen = () if self.views is None else (view.path for view in self.views.views.views)
+        paths = self.photo_path, *seen, *(one.model_path for one in self.objects)
         return frozenset(path for path in paths if path is not None)
 
 
@@ -367,8 +482,10 @@ def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
     photos, meshes = set(), set()
     most_meshes = MOST_REGISTRATIONS + len(past[-1].others)
     for index in reversed(range(len(past))):
-        photos.add(id(past[index].registration.photo))
-        meshes |= {id(one.registration.mesh.whole) for one in past[index].objects}
+        document = past[index]
+        views = document.views
+        photos.add(id(document.registration.photo if views is None else views.views))
+        meshes |= {id(one.registration.mesh.whole) for one in document.objects}
         if len(photos) > MOST_REGISTRATIONS or len(meshes) > most_meshes:
             return past[index + 1 :]
     return past

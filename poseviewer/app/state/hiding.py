@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.api import FitResult
 from poseviewer.app.state.commands import Command
-from poseviewer.app.state.document import Document, SearchEnd
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -155,10 +155,10 @@ class TakeFound(Command):
         if found_hidden(session) is None:
             return session
         document = session.document
-        taken = with_mask(document, compared_mask(session))
-        if document.searched is not None:  # the same pixels were compared
-            taken = replace(taken, end=SearchEnd(document.searched.record))
-        return session.with_document(taken)
+        mask, end = compared_mask(session), document.searched
+        registration = replace(document.registration, mask=mask)
+        end = None if end is None else replace(end, in_front=None)  # the same pixels were compared
+        return session.with_document(replace(document, registration=registration, end=end))
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
@@ -184,7 +184,7 @@ def compared_mask(session: Session) -> Mask | None:
 def with_mask(document: Document, mask: Mask | None) -> Document:
     """The document with another mask."""
     registration = replace(document.registration, mask=mask)
-    return replace(document, registration=registration, end=None)
+    return replace(document.unsearched, registration=registration)
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
@@ -199,4 +199,4 @@ def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session
 
 def _with_mesh(document: Document, mesh: Mesh) -> Document:
     registration = replace(document.registration, mesh=mesh)
-    return replace(document, registration=registration, end=None)
+    return replace(document.unsearched, registration=registration)

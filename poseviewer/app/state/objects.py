@@ -69,6 +69,10 @@ class DuplicateObject(Command):
 
 
 def _with(session: Session, new: SceneObject) -> Session:
+    if session.document.views is not None:
+        raise SettingsError(
+            "a set of photos has one object: open one of its photos alone to add another"
+        )
     if len(session.document.objects) >= MOST_OBJECTS:
         raise SettingsError(f"{MOST_OBJECTS} objects are the most in one photo; remove one first")
     added = session.with_document(session.document.with_object(new))

@@ -18,7 +18,7 @@ from poseviewer.api import Case
 from poseviewer.app.state.candidates import Candidates
 from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import Drag, radius_in_photo
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
@@ -28,6 +28,7 @@ from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery
@@ -53,10 +54,14 @@ class OverlayRequest:
     """A search, if the outlines of what it compares are wanted."""
     moving: bool = False
     """Whether the next pose will follow at once: then the quick drawing is all there is."""
+    document: Document | None = None
+    """Of a set, whose loss is the mean over its photos."""
 
     def compares_same(self, other: OverlayRequest) -> bool:
         """Whether both compare the same pixels by the same loss."""
         same = self.registration.compares_same(other.registration)
+        if self.document is not None and other.document is not None:
+            same = same and self.document.compares_same(other.document)
         return same and self.anchor is other.anchor and self.settings == other.settings
 
     def has_loss_of(self, other: OverlayRequest) -> bool:
@@ -85,6 +90,8 @@ class Overlay:
     """(N, 2, 2): the outlines of the request's candidates, in px of the photo."""
     start_loss: float | None = None
     """Of the pose that the pixels are about: where a drag began."""
+    of_photos: Mapping[int, Unexplained] = field(default_factory=dict)
+    """The losses of the photos of a set by their numbers, as far as they are compared."""
 
     def with_loss_of(self, other: Overlay, is_current: bool) -> Overlay:
         """The same drawing with the loss, or why there is none, of another."""
@@ -92,6 +99,7 @@ class Overlay:
             self,
             unexplained=other.unexplained,
             start_loss=other.start_loss,
+            of_photos=other.of_photos,
             note=other.note,
             loss_is_current=is_current,
         )
@@ -103,6 +111,16 @@ class Outlines:
 
     lines: Mapping[int, FloatArray]
     """(N, 2, 2) by their numbers: line segments in px of the photo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strip:
+    """The model in each photo of a set."""
+
+    poses: tuple[Pose, ...]
+    """At which it is drawn."""
+    lines: tuple[FloatArray, ...]
+    """(N, 2, 2) each: line segments, in shares of the photo's width and height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +138,8 @@ class SearchUpdate:
     """Of the last update of a search by several methods: where each of them has ended."""
     together: Together | None = None
     """Of a search for several objects."""
+    of_photos: tuple[SearchEnd, ...] = ()
+    """Of the last update of a search over a set: what was found, for each of its photos."""
 
     @property
     def candidate_poses(self) -> tuple[Pose, ...]:
@@ -180,7 +200,7 @@ class LandscapeUpdate:
     @property
     def maps(self) -> LossMaps:
         """The slices as files hold them."""
-        return self.case.maps(self.centre, self.slices, self.half_width)
+        return self.case.maps_at(self.parameters, self.slices, self.half_width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,6 +324,8 @@ class Session:
     overlay: Overlay | None = None
     outlines: Outlines | None = None
     """Of the objects that were not picked when they were drawn."""
+    strip: Strip | None = None
+    """Of the photos of the set."""
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Pose | None = None
@@ -318,15 +340,26 @@ class Session:
     @property
     def shown_pose(self) -> Pose:
         """The pose that is drawn."""
-        search = self.search
-        if self.look.before and search is not None and not search.running:
-            return search.before.pose
-        return self.document.pose
+        return self.shown.pose
+
+    @property
+    def shown(self) -> Document:
+        """The document that is drawn: before a search, where that is looked at."""
+        search, views = self.search, self.document.views
+        if not self.look.before or search is None or search.running:
+            return self.document
+        return search.before if views is None else search.before.looking_at(views.at)
 
     @property
     def covariance(self) -> PoseCovariance | None:
         """How sure the pose at hand is; None where no search has said it."""
-        found = self.document.searched
+        return self.covariance_in(self.document.registration.photo)
+
+    def covariance_in(self, photo: Photo) -> PoseCovariance | None:
+        """The same of the pose in a photo: that at hand, or another of the set."""
+        found, views = self.document.searched, self.document.views
+        if found is not None and views is not None:
+            found = self.document.own_of_photos[views.index_of(photo)].end
         return None if found is None else found.record.covariance
 
     def swung_pose(self, seconds: float) -> Pose | None:
@@ -366,10 +399,14 @@ class Session:
 
     @property
     def own_search(self) -> SearchUpdate | None:
-        """The newest of the search, where it is for the picked object."""
+        """The newest of the search, where it is for the picked object; of a set, where it is told
+        by the large photo's camera.
+        """
         latest = None if self.search is None else self.search.latest
         if latest is None or latest.together is None:
-            return latest
+            own, views = self.document.registration, self.document.views
+            is_elsewhere = latest is not None and latest.case.registration.photo is not own.photo
+            return None if views is not None and is_elsewhere else latest
         return latest if latest.together.number == self.document.number else None
 
     def settings_by(self, method: Method) -> FitSettings:
@@ -413,6 +450,31 @@ class Session:
         document = self.document.picking(number)
         return self if document is self.document else self.at(self.history, document)
 
+    def looking_at(self, index: int) -> Session:
+        """With another photo of the set large, which is no step; what is searched goes on.
+
+        Raises:
+            SettingsError: the model is behind that photo's camera.
+        """
+        before, document = self.document.views, self.document.looking_at(index)
+        if before is None or document is self.document:
+            return self
+        if not is_in_sight(document):
+            raise SettingsError(f"{before.names[index]} does not show the model where it is now")
+        anchor = self.anchor or self.document.pose
+        poses = before.poses if anchor is self.document.pose else ()
+        poses = poses or before.views.posed(before.at, anchor, before.scale)
+        return replace(
+            self,
+            document=document,
+            anchor=poses[index],
+            landscapes=(),
+            overlay=None,
+            proposals=None,
+            drag=None,
+            before_drag=None,
+        )
+
     def with_document(self, document: Document, same_step: bool = False) -> Session:
         """One undoable step to another document; with ``same_step`` undo leads to before the step
         that came last, too.
@@ -435,15 +497,21 @@ class Session:
         return replace(self, error_message=text)
 
 
+def is_in_sight(document: Document) -> bool:
+    """Whether the model is in front of the camera, neither infinitely large nor infinitely far."""
+    pose = document.pose
+    radius = radius_in_photo(pose, document.registration.mesh)
+    is_finite = bool(np.isfinite(pose.camera_from_model.translation).all())
+    return 0.0 < radius < math.inf and is_finite
+
+
 def require_in_sight(document: Document) -> None:
     """The model is in front of the camera, and neither infinitely large nor infinitely far.
 
     Raises:
         FloatingPointError: it is not.
     """
-    pose = document.pose
-    radius = radius_in_photo(pose, document.registration.mesh)
-    if not (0.0 < radius < math.inf and np.isfinite(pose.camera_from_model.translation).all()):
+    if not is_in_sight(document):
         raise FloatingPointError(
             "that pose is behind the camera or out of all proportion; nothing was changed"
         )

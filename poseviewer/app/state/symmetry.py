@@ -54,4 +54,4 @@ def _with_symmetry(session: Session, symmetry: Symmetry) -> Session:
     document = session.document
     registration = replace(document.registration, whole_symmetry=symmetry)
     # What a search said of its end was said of other poses.
-    return session.with_document(replace(document, registration=registration, end=None))
+    return session.with_document(replace(document.unsearched, registration=registration))

@@ -38,6 +38,7 @@ def update(session: Session, command: Command) -> Session:
         found = command(before)
         if not command.goes_back:
             _require_unlocked(before.document, found.document)
+        _require_known_camera(found.document)
         return found
     except REFUSALS as error:
         return session.with_error(str(error))
@@ -57,6 +58,18 @@ def _require_unlocked(before: Document, now: Document) -> None:
     (rotation, place), (its_rotation, its_place) = ((w.rotation, w.translation) for w in ways)
     if not (np.allclose(rotation, its_rotation) and np.allclose(place, its_place)):
         raise SettingsError(f"{now.label} is locked: {UNLOCK} to move it; nothing was changed")
+
+
+def _require_known_camera(now: Document) -> None:
+    """The cameras of a set are as the set has them.
+
+    Raises:
+        SettingsError: another one is wanted.
+    """
+    if now.views is not None and now.pose.camera != now.views.views.views[now.views.at].camera:
+        raise SettingsError(
+            "the cameras of a set are known: open this photo alone to change its camera"
+        )
 
 
 def _require_sane(command: Command) -> None:

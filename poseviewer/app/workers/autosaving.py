@@ -14,6 +14,7 @@ from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.exporting import filed, masks_in_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError, sentence_of
 from poseviewer.files.masks import mask_path, save_pose_and_mask
@@ -21,11 +22,13 @@ from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
+    KeptSet,
     discard,
     left_behind,
     load_autosave,
     save_autosave,
 )
+from poseviewer.files.view_set import save_in_set
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.geometry.mask import Mask
 
@@ -119,7 +122,7 @@ class Autosaver:
 
     def where(self, session: Session) -> str:
         """The pose file's name, as it is shown; its folder is told when it is written."""
-        return self._pose_path(session).name
+        return self._pose_path(filed(session)).name
 
     def save_pose(self, session: Session, record: PoseRecord) -> Path:
         """Write the pose, and the mask, beside the photo. A file that another session wrote is kept
@@ -128,13 +131,17 @@ class Autosaver:
         Raises:
             PoseFileError: it cannot be written there.
         """
+        session = filed(session)
         path = self._pose_path(session)
         if path.exists() and path not in self._own:
             path.replace(path.with_suffix(".json.bak"))
             beside = mask_path(path)
             if beside.exists():
                 beside.replace(beside.with_suffix(".png.bak"))
-        save_pose_and_mask(path, record, compared_mask(session))
+        if session.document.views is not None and record.in_set is not None:
+            save_in_set(path, record, masks_in_set(session.document))
+        else:
+            save_pose_and_mask(path, record, compared_mask(session))
         self._own.add(path)
         self._saved = None
         self._writer.start(self._forget)
@@ -234,6 +241,29 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         name=one.name,
         hidden=one.hidden,
         locked=one.locked,
+        views=_set_of(one),
+    )
+
+
+def _set_of(one: SceneObject) -> KeptSet | None:
+    views = one.views
+    if views is None:
+        return None
+    masks = {
+        name: own.mask
+        for name, own in zip(views.names, one.own_of_photos, strict=True)
+        if own.mask is not None
+    }
+    left = (name for name, on in zip(views.names, views.compared, strict=True) if not on)
+    folder = _absolute(views.choice.folder)
+    return KeptSet(
+        views.source.resolve(),
+        replace(views.choice, folder=folder),
+        views.scale,
+        views.start_scale,
+        views.free_size,
+        tuple(left),
+        masks,
     )
 
 

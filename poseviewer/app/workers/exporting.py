@@ -27,6 +27,7 @@ from poseviewer.files.pose import (
     record_as_json,
 )
 from poseviewer.files.scene import ObjectRecord, SceneRecord
+from poseviewer.files.view_set import set_as_json, with_masks
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
@@ -36,7 +37,9 @@ def record_of(session: Session) -> PoseRecord:
     """All that the pose file of the session says."""
     document, latest, overlay = session.document, session.own_search, session.overlay
     if document.searched is not None:
-        return document.searched.record
+        return document.searched.filed or document.searched.record
+    if document.views is not None:
+        return _record_in_set(session)
     if latest is not None:
         case = latest.case.behind(latest.progress.hidden)
         return FitResult(case, document.pose, latest.progress).record
@@ -48,6 +51,61 @@ def record_of(session: Session) -> PoseRecord:
     except PoseViewerError:
         return _plain_record(document)  # a pose where nothing can be compared is a pose, too
     return FitResult(case, document.pose, known_loss=known.loss).record
+
+
+def filed(session: Session) -> Session:
+    """With the photo of a set large that its pose file is of."""
+    document = session.document
+    end, views = document.searched, document.views
+    if end is None or views is None or end.filed is None or end.filed.photo is None:
+        return session
+    shas = [view.photo.sha256 for view in views.views.views]
+    wanted = end.filed.photo.sha256
+    return session.looking_at(shas.index(wanted)) if wanted in shas else session
+
+
+def masks_in_set(document: Document) -> dict[str, Mask]:
+    """What counts of each photo of a set, by their names; those of which all does are left out."""
+    views = document.views
+    found = {}
+    for index, name in enumerate(() if views is None else views.names):
+        mask = document.looking_at(index).compared_mask
+        if mask is not None:
+            found[name] = mask
+    return found
+
+
+def _record_in_set(session: Session) -> PoseRecord:
+    """Of a pose in a set that no search has ended in: that of the large photo, with the losses as
+    far as they are known.
+    """
+    document, overlay = session.document, session.overlay
+    views, plain = document.views, _plain_record(document)
+    assert views is not None  # whose record it is
+    is_known = overlay is not None and overlay.loss_is_current
+    if overlay is None or not is_known or overlay.request.pose is not document.pose:
+        overlay = None
+    known = {} if overlay is None else overlay.of_photos
+    order = [views.at, *(i for i, on in enumerate(views.compared) if on and i != views.at)]
+    records = []
+    for index in order:
+        photo, loss = views.views.views[index].photo, known.get(index)
+        record = PoseRecord(
+            views.poses[index],
+            PhotoReference(photo.name, photo.width, photo.height, photo.sha256),
+            undistortion=photo.undistortion,
+        )
+        if loss is not None:
+            record = replace(record, loss=loss.loss, unexplained=loss.total)
+        records.append(record)
+    seen = replace(views.views, views=tuple(views.views.views[index] for index in order))
+    symmetry = document.registration.symmetry
+    in_set = set_as_json(seen, records, views.scale, views.free_size, symmetry)
+    plain = replace(plain, in_set=in_set)
+    if overlay is None or overlay.unexplained is None:
+        return plain
+    found = overlay.unexplained
+    return replace(plain, loss=found.loss, unexplained=found.total)
 
 
 def scene_of(session: Session) -> tuple[SceneRecord, dict[str, Mask]]:
@@ -98,12 +156,16 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     Raises:
         PoseViewerError: there is nothing of that kind yet.
     """
+    session = filed(session) if what == "pose" else session
     photo = session.document.registration.photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
         name, record = f"{stem}.pose.json", record_of(session)
         mask, files = compared_mask(session), {}
-        if mask is not None:
+        if record.in_set is not None and session.document.views is not None:
+            record, beside = with_masks(Path(name), record, masks_in_set(session.document))
+            files = {path.name: content for path, content in beside.items()}
+        elif mask is not None:
             beside = mask_path(name).name
             record, files = replace(record, mask=beside), {beside: mask_as_png(mask)}
         text = json.dumps(record_as_json(record), indent=2, ensure_ascii=False)

@@ -4,12 +4,14 @@ comparison of models.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from poseviewer.api import Case, make_case
 from poseviewer.app.state.candidates import Comparison
+from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.session import (
     MethodEnd,
     Preparation,
@@ -17,9 +19,11 @@ from poseviewer.app.state.session import (
     Search,
     SearchUpdate,
 )
+from poseviewer.app.workers.views import ends_in_set, set_case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.confidence.identify import Identification, identifying
-from poseviewer.fit.progress import FitProgress
+from poseviewer.fit.problem import pose_loss
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.camera import Pose
@@ -87,7 +91,13 @@ def search(
     Raises:
         PoseViewerError: the settings do not go with the photo, the model or the pose.
     """
-    case = case_at(registration, pose, settings, renderer)
+    yield from _search(case_at(registration, pose, settings, renderer))
+
+
+def _search(
+    case: Case, found: Callable[[FitProgress], tuple[SearchEnd, ...]] = lambda _: ()
+) -> Iterator[SearchUpdate]:
+    """``found``: of a set, what its end says of each photo."""
     improvements: tuple[FitProgress, ...] = ()
     restarts: tuple[FitProgress, ...] = ()
     restart = 0
@@ -96,19 +106,28 @@ def search(
             improvements = (*improvements, progress)
         if progress.restart > restart:
             restart, restarts = progress.restart, (*restarts, progress)
-        yield SearchUpdate(case, progress, improvements, restarts)
+        ends = () if progress.status is Status.RUNNING else found(progress)
+        yield SearchUpdate(case, progress, improvements, restarts, of_photos=ends)
 
 
 def run_search(asked: Search) -> Iterator[SearchUpdate]:
-    """The search that the session asks for, by each of its methods in turn; raises as ``search``.
-    Of several methods, the last update has the ends of all.
+    """The search that the session asks for, by each of its methods in turn. Of several methods, the
+    last update has the ends of all.
+
+    Raises:
+        PoseViewerError: the settings do not go with the photo, the model or the pose.
     """
-    own = asked.before.registration
+    own, views = asked.before.registration, asked.before.views
     renderer = renderer_of(own.mesh).clone()
     done: list[SearchUpdate] = []
     for settings in asked.methods:
         update = None
-        for update in search(own, asked.start, settings, renderer):
+        if views is None:
+            updates = search(own, asked.start, settings, renderer)
+        else:
+            of_set = set_case_at(asked.before, asked.start, settings, renderer)
+            updates = _search(of_set.whole, partial(ends_in_set, of_set, views=views))
+        for update in updates:
             yield update
         assert update is not None  # a search yields at least once
         done.append(update)
@@ -120,9 +139,14 @@ def ends_of(done: Sequence[SearchUpdate]) -> tuple[MethodEnd, ...]:
     """The ends of searches by several methods, ours first, each judged by the loss of each."""
     order = list(METHODS)
     done = sorted(done, key=lambda update: order.index(update.case.settings.method))
-    return tuple(
-        MethodEnd(end, tuple(by.case.at(end.progress.pose).loss for by in done)) for end in done
-    )
+    return tuple(MethodEnd(end, tuple(_loss_at(by.case, end) for by in done)) for end in done)
+
+
+def _loss_at(case: Case, end: SearchUpdate) -> float:
+    """By a case, where another of the same photos has ended."""
+    if case.problem.others:  # whose charts are one
+        return pose_loss(case.problem, case.renderer, end.progress.parameters)
+    return case.at(end.progress.pose).loss
 
 
 def propose_starts(asked: ProposedStarts) -> Iterator[tuple[Pose, ...]]:

@@ -13,8 +13,9 @@ from poseviewer.api import Case
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import LandscapeUpdate, Session
 from poseviewer.app.workers.jobs import case_at
+from poseviewer.app.workers.views import set_case_at
 from poseviewer.app.workers.worker import lower_priority
-from poseviewer.fit.landscape import QUICK_SIZES, Slice, quick_level, strides
+from poseviewer.fit.landscape import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
@@ -61,9 +62,10 @@ class MapJob:
         return self.document.pose is not other.document.pose or (other.moving and not self.moving)
 
     def _same_loss(self, other: MapJob) -> bool:
-        own, its = self.document.registration, other.document.registration
         same_maps = self.losses == other.losses and self.half_width == other.half_width
-        return own.compares_same(its) and same_maps
+        # In another photo of a set the maps are along that camera's axes.
+        same_photo = self.document.registration.photo is other.document.registration.photo
+        return same_photo and self.document.compares_same(other.document) and same_maps
 
 
 class MapMaker:
@@ -73,7 +75,7 @@ class MapMaker:
         self._renderer = renderer
         self._fine = RendererPool(renderer, threads=_spare(), begin=lower_priority)
         self._quick: dict[Method, tuple[Case, Case, RendererPool]] = {}
-        self._cases: dict[Method, Case] = {}
+        self._cases: dict[Method, tuple[MapJob, Case]] = {}
         self._prepared: Mesh | None = None
         self._light: dict[Method, tuple[Case, RendererPool]] = {}
 
@@ -84,7 +86,7 @@ class MapMaker:
         Raises:
             PoseViewerError: there are none with these settings at this pose.
         """
-        centre, mesh = job.document.pose, job.document.registration.mesh
+        document, mesh = job.document, job.document.registration.mesh
         cases = [self._case(job, settings) for settings in job.losses]
         known: dict[Method, LandscapeUpdate] = {}
 
@@ -92,9 +94,9 @@ class MapMaker:
             """The maps by one loss; with a ``size``, coarse ones."""
             method = case.settings.method
             shown = known[method].slices if method in known else ()
-            quick, level = (case, self._fine) if size is None else self._quick_case(case, centre)
-            light = self._lighter(case, centre) if size is None else None
-            for latest in maps(quick, centre, level, job.half_width, size or SIZE, shown, light):
+            quick, level = (case, self._fine) if size is None else self._quick_case(case, document)
+            light = self._lighter(case, document) if size is None else None
+            for latest in maps(quick, document, level, job.half_width, size or SIZE, shown, light):
                 known[method] = replace(latest, case=case, known=0.0) if size else latest
                 yield known[method]
 
@@ -112,23 +114,31 @@ class MapMaker:
                 for _ in made(case, size):
                     yield tuple(known.values())
 
-    def _quick_case(self, case: Case, pose: Pose) -> tuple[Case, RendererPool]:
-        """The case on a coarser level of the photo, and what draws it; made once."""
+    def _quick_case(self, case: Case, document: Document) -> tuple[Case, RendererPool]:
+        """The case on a coarser level of each photo, and what draws it; made once."""
         method = case.settings.method
         if method not in self._quick or self._quick[method][0] is not case:
-            level = quick_level(case.problem, pose, self._renderer)
+            numbers = document.numbers_in(case.problem.chart, case.registration.photo)
+            level, *more = (
+                quick_level(view, view.chart.to_pose(numbers), self._renderer)
+                for view in case.problem.views
+            )
             pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
             if method in self._quick:
                 self._quick[method][2].close()
-            problem = replace(case.problem, photo=level.photo)
+            pairs = zip(case.problem.others, more, strict=True)
+            others = tuple(replace(view, photo=its.photo) for view, its in pairs)
+            problem = replace(case.problem, photo=level.photo, others=others)
             quick = replace(case, problem=problem, renderer=level.renderer)
             self._quick[method] = case, quick, pool
         return self._quick[method][1:]
 
-    def _lighter(self, case: Case, pose: Pose) -> RendererPool:
+    def _lighter(self, case: Case, document: Document) -> RendererPool:
         """What draws a lighter model than the case's; made once."""
         method = case.settings.method
         if method not in self._light or self._light[method][0] is not case:
+            numbers = document.numbers_in(case.problem.chart, case.registration.photo)
+            pose = case.problem.chart.to_pose(numbers)
             level = lighter_level(case.problem.photo, self._renderer, pose)
             pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
             if method in self._light:
@@ -140,15 +150,19 @@ class MapMaker:
         """The search's, where it is by these settings, or one about the job's anchor."""
         if job.case is not None and job.case.settings == settings:
             return job.case
-        kept, own = self._cases.get(settings.method), job.document.registration
+        before, kept = self._cases.get(settings.method, (None, None))
         if (
-            kept is None
-            or kept.registration.start is not job.anchor
-            or kept.settings != settings
-            or not kept.registration.compares_same(own)
+            before is None
+            or kept is None
+            or before.anchor is not job.anchor
+            or settings not in before.losses
+            or not before.document.compares_same(job.document)
         ):
-            kept = case_at(own, job.anchor, settings, self._renderer)
-            self._cases[settings.method] = kept
+            if job.document.views is None:
+                kept = case_at(job.document.registration, job.anchor, settings, self._renderer)
+            else:
+                kept = set_case_at(job.document, job.anchor, settings, self._renderer).whole
+            self._cases[settings.method] = job, kept
         return kept
 
 
@@ -159,14 +173,14 @@ def _spare() -> int:
 
 def maps(
     case: Case,
-    centre: Pose,
+    document: Document,
     pool: RendererPool,
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
     light: RendererPool | None = None,
 ) -> Iterator[LandscapeUpdate]:
-    """The maps about ``centre``, coarse to fine, whenever a row of one is known.
+    """The maps about the pose at hand, coarse to fine, whenever a row of one is known.
 
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
     one is known.
@@ -174,14 +188,15 @@ def maps(
     Raises:
         PoseViewerError: there are fewer than two free parameters.
     """
-    parameters = case.problem.chart.from_pose(centre)
+    problem, centre = case.problem, document.pose
+    parameters = document.numbers_in(problem.chart, case.registration.photo)
     newest: dict[tuple[int, int], Slice] = {}
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
     known = 0
     count = len(case.problem.free_indices)
     total = count * (count - 1) // 2 * size * size
-    slices = case.slices(centre, half_width=half_width, size=size, pool=pool, light=light)
+    slices = landscape(problem, pool, parameters, half_width=half_width, size=size, light=light)
     for piece in slices:
         pair = piece.first, piece.second
         known += _known(piece) - _known(newest.get(pair))

@@ -9,7 +9,9 @@ from typing import TypeVar
 
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
+from poseviewer.app.state.commands import put
 from poseviewer.app.state.document import Document, Marks, SceneObject, SearchEnd
+from poseviewer.app.state.photo_set import OwnOfPhoto, PhotoSet
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import load_mask, mask_beside
@@ -23,15 +25,22 @@ from poseviewer.files.photo import (
 from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.scene import load_scene
 from poseviewer.files.set_questions import Chosen
-from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.fit.registration import Registration
+from poseviewer.files.state.autosave import AutosavedSession, KeptSet
+from poseviewer.files.view_set import SetChoice, load_view_set
+from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.fit.settings import FitSettings, Method, settings_from_json
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.placing import look_from
-from poseviewer.starts.registration import load_model, load_registration, load_scene_registrations
+from poseviewer.starts.registration import (
+    load_model,
+    load_registration,
+    load_scene_registrations,
+    registered,
+)
+from poseviewer.starts.view_set import StartInSet, known_scale, start_in_set
 
 T = TypeVar("T", bound=SceneObject)
 
@@ -87,6 +96,58 @@ def open_files(
         warnings = (*warnings, *notes)
     added, notes = _open_objects(objects)
     return Opened(document, (*warnings, *notes), candidates=candidates, objects=added)
+
+
+def open_set(
+    path: Path,
+    model: Path,
+    pose: Path | None,
+    choice: SetChoice | None = None,
+    view: str | None = None,
+    scale: float | None = None,
+    without: Sequence[str] = (),
+) -> Opened:
+    """The photos of a set and a model, with a start pose in one of them from a file, or seen from a
+    corner in the first; ``view`` and ``scale`` as of ``start_in_set``.
+
+    Raises:
+        PoseViewerError: one of the files cannot be used; the scale is not known, and nothing tells
+            it.
+    """
+    views, loaded = load_view_set(path, choice), load_model(model)
+    loaded = replace(loaded, mesh=loaded.mesh.without(without))
+    if pose is None:
+        camera = views.views[0].camera
+        guess = look_from("three-quarter", loaded.mesh, loaded.keypoints, camera)
+        start = start_in_set(views, loaded, guess, views.views[0].name, scale)
+    else:
+        start = start_in_set(views, loaded, pose, view, scale)
+    masks = [start.masks.get(index, one.mask) for index, one in enumerate(views.views)]
+    own = tuple(OwnOfPhoto(mask, None, Marks()) for mask in masks)
+    photos = PhotoSet(
+        views,
+        path,
+        choice or SetChoice(),
+        own,
+        (True,) * len(own),
+        start.index,
+        start.scale,
+        start.free_size,
+    )
+    document = _in_set(photos, loaded, start, model)
+    if pose is None:
+        guess = replace(document.registration, start_is_guess=True)
+        document = replace(document, registration=guess)
+    of_photos = (f"{one.name}: {note}" for one in views.views for note in one.photo.notes)
+    warnings = (*of_photos, *document.registration.warnings, *start.notes)
+    return Opened(document, tuple(dict.fromkeys(warnings)))
+
+
+def _in_set(photos: PhotoSet, model: LoadedModel, start: StartInSet, path: Path) -> Document:
+    """A model in a set at a start."""
+    view = photos.views.views[start.index]
+    own = registered(view.photo, model, start.pose, (), photos.own[start.index].mask)
+    return Document(own, start.pose, model_path=path, photo_path=view.path, views=photos)
 
 
 def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
@@ -267,6 +328,8 @@ def open_model(now: Document, path: Path) -> Opened:
         PoseViewerError: the model cannot be used.
     """
     registration = _without_pose(now.registration.photo, path, now.pose)
+    if now.views is not None:
+        return _model_in_set(now, now.views, registration, path)
     registration = replace(registration, mask=now.registration.mask)
     settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
     document = Document(
@@ -281,6 +344,19 @@ def open_model(now: Document, path: Path) -> Opened:
     return Opened(document, registration.warnings)
 
 
+def _model_in_set(now: Document, views: PhotoSet, own: Registration, path: Path) -> Opened:
+    """Another model on the set at hand."""
+    scale = known_scale(views.views, own.mesh) or views.scale
+    kept = tuple(replace(one, marks=Marks(), end=None) for one in now.own_of_photos)
+    views = replace(views, own=kept, scale=scale, poses=(), starts=())
+    own = replace(own, mask=now.registration.mask)
+    settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
+    document = Document(
+        own, own.start, settings, model_path=path, photo_path=now.photo_path, views=views
+    )
+    return Opened(put(document, own.start), own.warnings)
+
+
 def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     """A pose file for the photo and the model at hand: the start from now on; what it says is
     hidden, or left out, is.
@@ -288,6 +364,9 @@ def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     Raises:
         PoseFileError: it holds no pose.
     """
+    if now.views is not None:
+        yield _pose_in_set(now, now.views, path)
+        return
     photo = now.registration.photo
     read = load_pose(path, photo.width, photo.height)
     checks = check_against(read, photo.sha256, now.registration.mesh_sha256)
@@ -307,6 +386,19 @@ def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     yield Opened(document, (*record.warnings, *checks, *notes, *of_mask), pose_alone=same)
 
 
+def _pose_in_set(now: Document, views: PhotoSet, path: Path) -> Opened:
+    """A pose file for the set at hand: of one of its photos, which becomes the large one."""
+    own = now.registration
+    model = LoadedModel(own.mesh, own.mesh_name, own.mesh_sha256, own.keypoints)
+    start = start_in_set(views.views, model, path)
+    pairs = enumerate(now.own_of_photos)
+    kept = tuple(replace(one, mask=start.masks.get(i, one.mask)) for i, one in pairs)
+    views = replace(views, own=kept).rescaled(start.scale)
+    own = replace(own, mask=kept[views.at].mask)
+    document = replace(now, registration=own, views=views).looking_at(start.index)
+    return Opened(document.unsearched.started_from(start.pose), start.notes)
+
+
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
     """What an earlier session left behind; models beside its own that are gone are said.
 
@@ -314,6 +406,9 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
         PoseViewerError: its photo or its model is not there any more.
     """
     model = _require_there(kept.model, kept.model_name)
+    if kept.views is not None:
+        yield _restored_set(kept, kept.views, model)
+        return
     opened = open_files(_require_there(kept.photo, kept.photo_name), model, None)
     photo = opened.document.registration.photo
     if kept.pose.undistortion is not None:
@@ -342,6 +437,38 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     yield replace(
         opened, document=document, restored=True, candidates=candidates, warnings=warnings
     )
+
+
+def _restored_set(kept: AutosavedSession, views: KeptSet, model: Path) -> Opened:
+    if not views.path.exists():
+        _require_there(views.path, views.path.name)
+    opened = open_set(views.path, model, None, views.choice, scale=views.scale)
+    document, found = opened.document, opened.document.views
+    assert found is not None  # it is a set
+    shas = [view.photo.sha256 for view in found.views.views]
+    if kept.photo_sha256 not in shas:
+        raise PoseFileError(f"{views.path.name}: has {kept.photo_name} no more; open it anew")
+    index = shas.index(kept.photo_sha256)
+    view = found.views.views[index]
+    pairs = zip(found.own, found.names, strict=True)
+    own = tuple(replace(one, mask=views.masks.get(name)) for one, name in pairs)
+    found = replace(
+        found,
+        own=own,
+        compared=tuple(name not in views.left_out for name in found.names),
+        at=index,
+        scale=views.scale,
+        free_size=views.free_size,
+        starts=found.views.posed(index, kept.start.pose, views.start_scale),
+        start_scale=views.start_scale,
+        poses=(),
+    )
+    registration = replace(document.registration, photo=view.photo, start=found.starts[index])
+    document = replace(
+        document, registration=registration, pose=kept.pose.pose, photo_path=view.path, views=found
+    )
+    document = _restored(document, kept, view.photo)
+    return replace(opened, document=document, restored=True)
 
 
 def _hidden(own: Registration, mask: Path | None, without: Sequence[str]) -> Registration:

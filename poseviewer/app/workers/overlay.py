@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LossComputed, OverlayDrawn
+from poseviewer.app.state.photo_set import PhotoSet
 from poseviewer.app.state.session import Overlay, OverlayRequest, SearchUpdate, Session
+from poseviewer.app.workers.views import compared_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.loss import worst_registration_loss
 from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attributes
 from poseviewer.fit.registration import PlacedModel
-from poseviewer.fit.unexplained import LossScale, Unexplained
+from poseviewer.fit.unexplained import LossScale, Unexplained, mean_over
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -30,6 +33,7 @@ from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
 from poseviewer.render.overlay.sketch import Sketch
 from poseviewer.render.types import AttributeImage, PhotoAttributes
+from poseviewer.starts.view_set import require_several
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
@@ -52,6 +56,8 @@ class OverlayDrawer:
         self._start_loss: float | None = None
         self._anchored: OverlayRequest | None = None
         self._attributes: PhotoAttributes | None = None
+        self._compared: dict[int, PhotoAttributes] = {}
+        self._of_photos: dict[int, Unexplained] = {}
         self._note = ""
         self._shown_photo: object = None
         self._photo = np.zeros((0, 0, 3), np.uint8)
@@ -87,7 +93,14 @@ class OverlayDrawer:
         outline = np.zeros((0, 2, 2)) if outline is None else outline
         known = self._last_loss
         return Overlay(
-            request, outline, picture, place, known, self._note, start_loss=self._start_loss
+            request,
+            outline,
+            picture,
+            place,
+            known,
+            self._note,
+            start_loss=self._start_loss,
+            of_photos=self._of_photos,
         )
 
     def _candidates(self, update: SearchUpdate) -> FloatArray:
@@ -99,19 +112,52 @@ class OverlayDrawer:
     def _find_loss(self, request: OverlayRequest) -> Unexplained | None:
         if self._anchored is None or not request.compares_same(self._anchored):
             self._anchored, self._attributes, self._note = request, None, ""
-            self._start_loss = None
+            self._start_loss, self._compared = None, {}
             about = replace(request.registration, start=request.anchor)
+            views = None if request.document is None else request.document.views
             try:
-                self._attributes = make_photo_attributes(about, request.settings)
+                if views is None:
+                    self._attributes = make_photo_attributes(about, request.settings)
+                else:
+                    self._compared = self._compare_set(request, views)
+                    self._attributes = self._compared.get(views.at)
             except PoseViewerError as error:
                 self._note = str(error)
             else:
-                self._start_loss = self._read(self._attributes, request, request.anchor).loss
-        if self._attributes is None:
+                self._start_loss = self._read_all(request, request.anchor).loss
+        if self._start_loss is None:
             return None
-        return self._read(self._attributes, request, request.pose)
+        return self._read_all(request, request.pose)
+
+    def _compare_set(self, request: OverlayRequest, views: PhotoSet) -> dict[int, PhotoAttributes]:
+        """The photos of a set that are compared, about the anchor."""
+        assert request.document is not None  # whose set it is
+        anchors = views.views.posed(views.at, request.anchor, views.scale)
+        found = compared_of(request.document, anchors)
+        require_several(views.views, [views.names[index] for index in found])
+        settings = replace(request.settings, region=None)
+        made = {i: make_photo_attributes(one, settings) for i, one in found.items()}
+        if len({LossScale.of(photo) for photo in made.values()}) > 1:  # one is grey: then all are
+            settings = replace(settings, grey=True)
+            made = {i: make_photo_attributes(one, settings) for i, one in found.items()}
+        return made
+
+    def _read_all(self, request: OverlayRequest, pose: Pose) -> Unexplained:
+        """The loss at a pose; of a set, the mean over its photos."""
+        if request.document is None or request.document.views is None:
+            assert self._attributes is not None  # who reads has made it
+            return self._read(self._attributes, request, pose)
+        views = request.document.views
+        poses = views.views.posed(views.at, pose, views.scale)
+        self._of_photos = {
+            index: self._read(photo, request, poses[index])
+            for index, photo in self._compared.items()
+        }
+        return mean_over(tuple(self._of_photos.values()))
 
     def _read(self, photo: PhotoAttributes, request: OverlayRequest, pose: Pose) -> Unexplained:
+        if not pose.camera_from_model.apply(request.registration.mesh.centre)[2] > 0.0:
+            return Unexplained(LossScale.of(photo), worst_registration_loss(photo))
         moments = self._loss.moments(pose, photo)
         return LossScale.of(photo).read(loss_of(request.settings.method, moments, photo), moments)
 
@@ -223,6 +269,7 @@ class OverlayWorkers:
             look.name if swung is None else "outline",
             look.opacity,
             session.search.latest if session.search and session.shows_candidates else None,
+            document=None if document.views is None else session.shown,
         )
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel
@@ -20,6 +20,7 @@ from poseviewer.app.workers.opening import (
     open_chosen,
     open_pose,
     open_scene,
+    open_set,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
@@ -145,6 +146,9 @@ class Tasks:
             if chosen.scene is not None:
                 yield open_scene(chosen.scene)
                 return
+            if chosen.views is not None:
+                yield self._open_views(chosen, chosen.views, session)
+                return
             models = () if chosen.model is None else (chosen.model, *chosen.others)
             paths = [
                 gathered(self._uploads, model, in_use=self._in_use(session)) for model in models
@@ -159,6 +163,16 @@ class Tasks:
                 yield Found(tuple(map(AddObject, opened.objects)), opened.warnings)
         else:
             yield PageQuestion(client, choosing, question)
+
+    def _open_views(self, chosen: Chosen, views: Path, session: Session) -> Opened:
+        """A set of photos with the model that came along, or the one at hand."""
+        model = session.document.model_path
+        if chosen.model is not None:
+            model = gathered(self._uploads, chosen.model, in_use=session.paths)
+        if model is None:
+            raise QuickStartError(f"{views.name}: a set of photos without a model; drop both.")
+        opened = open_set(views, model, chosen.pose)
+        return replace(opened, warnings=(*opened.warnings, *chosen.notes))
 
     def _add(
         self,

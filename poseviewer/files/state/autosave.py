@@ -23,6 +23,7 @@ from poseviewer.errors import AutosaveError, PoseFileError
 from poseviewer.files.checks import Reading, kind_of
 from poseviewer.files.masks import mask_as_png, mask_from_png
 from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
+from poseviewer.files.view_set import SetChoice
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
@@ -36,6 +37,23 @@ EXACT_TOLERANCE = 1e-6
 """By how much the exact numbers may differ from the pose file's, which are rounded."""
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSet:
+    """The set of photos that a session has open."""
+
+    path: Path
+    choice: SetChoice
+    scale: float
+    """At the pose."""
+    start_scale: float
+    """At the start pose."""
+    free_size: bool
+    left_out: tuple[str, ...]
+    """Names of the photos that are not compared."""
+    masks: Mapping[str, Mask]
+    """What counts, by the photos' names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +91,8 @@ class AutosavedSession:
     locked: bool = False
     others: tuple[AutosavedSession, ...] = ()
     """The photo's other objects, each as if it were picked."""
+    views: KeptSet | None = None
+    """Where the photo is one of a set."""
 
 
 def save_autosave(folder: Path, session: AutosavedSession) -> Path:
@@ -171,9 +191,30 @@ def _as_json(session: AutosavedSession) -> dict[str, Any]:
         values[name] = _pose_as_json(values[name])
     values["candidates"] = [str(path) for path in session.candidates]
     if session.mask is not None:
-        values["mask"] = base64.b64encode(mask_as_png(session.mask)).decode()
+        values["mask"] = _mask_as_text(session.mask)
+    if session.views is not None:
+        values["views"] = _set_as_json(session.views)
     values["others"] = [_as_json(one) for one in session.others]
     return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
+
+
+def _mask_as_text(mask: Mask) -> str:
+    return base64.b64encode(mask_as_png(mask)).decode()
+
+
+def _set_as_json(views: KeptSet) -> dict[str, Any]:
+    choice = views.choice
+    return {
+        "path": str(views.path),
+        "photos": list(choice.photos),
+        "folder": None if choice.folder is None else str(choice.folder),
+        "rig_object": choice.rig_object,
+        "scale": views.scale,
+        "start_scale": views.start_scale,
+        "free_size": views.free_size,
+        "left_out": list(views.left_out),
+        "masks": {name: _mask_as_text(mask) for name, mask in views.masks.items()},
+    }
 
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
@@ -222,6 +263,26 @@ def _others(reading: Reading, value: Any, what: str) -> tuple[AutosavedSession, 
     if value is not None and not isinstance(value, list):
         raise reading.error(f"{what} is {kind_of(value)}", "wanted a list of objects")
     return tuple(_from_json(reading, reading.object(one, what)) for one in value or ())
+
+
+def _views(reading: Reading, value: Any, what: str) -> KeptSet | None:
+    if value is None:
+        return None
+    path, photos, folder, rig_object, scale, start_scale, free_size, left_out, masks = (
+        reading.fields(value, what, path=_path, photos=_texts, folder=_path,
+        rig_object=Reading.size, scale=Reading.positive, start_scale=Reading.positive,
+        free_size=_truth, left_out=_texts, masks=Reading.object)
+    )  # fmt: skip
+    if path is None:
+        raise reading.error(f"{what}.path is missing", "wanted a file or a folder")
+    read = {name: _mask(reading, text, f"{what}.masks") for name, text in masks.items()}
+    known = {name: mask for name, mask in read.items() if mask is not None}
+    choice = SetChoice(photos, folder, rig_object)
+    return KeptSet(path, choice, scale, start_scale, free_size, left_out, known)
+
+
+def _texts(reading: Reading, value: Any, what: str) -> tuple[str, ...]:
+    return tuple(reading.texts(value, what))
 
 
 def _truth(reading: Reading, value: Any, what: str) -> bool:
@@ -285,6 +346,7 @@ _CHECKS = {
     "hidden": _flag,
     "locked": _flag,
     "others": _others,
+    "views": _views,
 }
 """Of the session's fields, in their order."""
 

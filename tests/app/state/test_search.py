@@ -48,7 +48,7 @@ def landscape(session) -> tuple[LandscapeUpdate, ...]:
     renderer = SoftwareRenderer(document.registration.mesh)
     case = case_at(document.registration, document.pose, SETTINGS, renderer)
     with RendererPool(renderer) as pool:
-        *_, last = maps(case, document.pose, pool, 0.2, 5)
+        *_, last = maps(case, document, pool, 0.2, 5)
     return (last,)
 
 

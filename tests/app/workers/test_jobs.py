@@ -160,7 +160,7 @@ def test_maps_become_known_until_they_are_complete(registration, renderer, lock)
     case = case_at(registration, pose, settings, renderer)
     problem = case.problem
     with RendererPool(renderer) as pool:
-        updates = list(maps(case, pose, pool, 0.2, 5))
+        updates = list(maps(case, Document(registration, pose), pool, 0.2, 5))
     known = [item.known for item in updates]
     assert known == sorted(known)
     assert 0.0 < known[0] < known[-1]
