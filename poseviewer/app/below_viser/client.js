@@ -3,8 +3,8 @@
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
 // (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
 // at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest and most (bytes and files of an upload), large (whether a large map is
-// open), title, style, icon.
+// where ctrl is held), largest and most (bytes and files of an upload), title, style,
+// icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -647,9 +647,8 @@ function placeOfMaps() {
 }
 
 let arranged = "";
-let aside = CONFIG.large; // a large map has no room below the photo: it lies beside meanwhile
 function arrange(only) {
-  const place = aside && placeOfMaps() === "below" ? "beside" : placeOfMaps();
+  const place = placeOfMaps();
   const message = {
     kind: "arrange", maps: place,
     light: window.matchMedia("(prefers-color-scheme: light)").matches,
@@ -674,16 +673,6 @@ listen(window.matchMedia("(prefers-color-scheme: light)"), "change", arrangeSoon
 
 function placeMaps(place) {
   stored(localStorage, "maps", place);
-  aside = false;
-  moveMaps(place);
-}
-
-function setLarge(open) {
-  aside = open;
-  if (placeOfMaps() === "below") moveMaps(open ? "beside" : "below");
-}
-
-function moveMaps(place) {
   if (place === "below") { arrange(); return; }
   // The width first: a window that is docked keeps the one that it floats with.
   arrange("width");
@@ -846,7 +835,7 @@ window.poseviewer = {
     kept = null;
   },
   setHint(text) { state.hint = text; showHint(); },
-  setGuide, setPen, setLarge, forgetStrokes, setStrip, setStripRows,
+  setGuide, setPen, forgetStrokes, setStrip, setStripRows,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.

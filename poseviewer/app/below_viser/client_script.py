@@ -58,7 +58,6 @@ class ClientScript:
         self._photo = (1, 1)
         self._hint = self._guide = ""
         self._pen = ("", False)
-        self._large = False
         self._strip = self._rows = "[]"
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
@@ -104,13 +103,6 @@ class ClientScript:
                 self._pen = shape, erase
                 self._run(f"window.poseviewer && {self._pen_call()}")
 
-    def show_large(self, is_open: bool) -> None:
-        """Whether a large map is open, which has no room where the maps lie below the photo."""
-        with self._telling:
-            if self._large != is_open:
-                self._large = is_open
-                self._run(f"window.poseviewer && window.poseviewer.setLarge({json.dumps(is_open)})")
-
     def forget_strokes(self) -> None:
         """Pages need not show the strokes that are done any longer."""
         self._run("window.poseviewer && window.poseviewer.forgetStrokes()")
@@ -143,7 +135,6 @@ class ClientScript:
                 **self._config,
                 "channel": self._channel._impl.uuid,
                 "photo": self._photo,
-                "large": self._large,
                 "icon": f"data:image/svg+xml;base64,{icon}",
             }
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)

@@ -120,7 +120,6 @@ class Page:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
-            self._script.show_large(session.maps.large is not None)
             self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
             if self._review is None:
                 self._script.show_guide(self._guide.text(session))
