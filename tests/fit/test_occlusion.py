@@ -115,6 +115,6 @@ def test_a_toy_behind_others_is_found_by_leaving_them_out(shared_data, monkeypat
         found = make_case(registration, settings, renderer=renderer).fit()
         return pose_error(registration.mesh, found.pose, case.truth).percent
 
-    assert off() < 1.0
+    assert off() < 2.0
     monkeypatch.setattr(searching, "find_hidden", lambda *_: None)
     assert off() > 3.0

@@ -120,9 +120,9 @@ class ClientScript:
         it, the verdict's ``word``, and the outline's ``path`` (SVG, 1000 units along each side).
         """
         with self._telling:
-            if self._rows != (rows := json.dumps(rows)):
-                self._rows = rows
-                self._run(f"window.poseviewer && window.poseviewer.setStripRows({rows})")
+            if self._rows != (told := json.dumps(rows)):
+                self._rows = told
+                self._run(f"window.poseviewer && window.poseviewer.setStripRows({told})")
 
     def _pen_call(self) -> str:
         return f"window.poseviewer.setPen({json.dumps(self._pen[0])}, {json.dumps(self._pen[1])})"
