@@ -133,15 +133,19 @@ class Autosaver:
         """
         session = filed(session)
         path = self._pose_path(session)
-        if path.exists() and path not in self._own:
-            path.replace(path.with_suffix(".json.bak"))
-            beside = mask_path(path)
-            if beside.exists():
-                beside.replace(beside.with_suffix(".png.bak"))
-        if session.document.views is not None and record.in_set is not None:
-            save_in_set(path, record, masks_in_set(session.document))
-        else:
-            save_pose_and_mask(path, record, compared_mask(session))
+        is_others = path.exists() and path not in self._own
+        kept = [one for one in (path, mask_path(path)) if is_others and one.exists()]
+        for one in kept:
+            one.replace(one.with_suffix(f"{one.suffix}.bak"))
+        try:
+            if session.document.views is not None and record.in_set is not None:
+                save_in_set(path, record, masks_in_set(session.document))
+            else:
+                save_pose_and_mask(path, record, compared_mask(session))
+        except PoseViewerError:
+            for one in kept:
+                one.with_suffix(f"{one.suffix}.bak").replace(one)
+            raise
         self._own.add(path)
         self._saved = None
         self._writer.start(self._forget)
