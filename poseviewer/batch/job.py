@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import FitResult, SceneCase, load
+from poseviewer.api import FitResult, SceneCase, SetResult, load, load_views
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
@@ -71,7 +71,7 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
     if known[0] is not None and None not in known:
         return as_row_of(job, known[0])
     try:
-        found: Sequence[FitResult | PoseRecord]
+        found: Sequence[FitResult | SetResult | PoseRecord]
         if job.mates:
             scene = _fit_together(rows, plan, stopped)
             pairs = zip(scene.results, scene.scene.objects, strict=True)
@@ -79,7 +79,8 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
             picture = smaller(scene.picture())
         else:
             fitted = _fit(job, plan, stopped)
-            found, picture = [fitted], smaller(fitted.picture())
+            drawn = fitted.views[0] if isinstance(fitted, SetResult) else fitted
+            found, picture = [fitted], smaller(drawn.picture())
     except PoseViewerError as error:
         return failed_result(job, str(error))
     except StoppedError:
@@ -120,7 +121,7 @@ def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bo
     return case.fit(watch=watch)
 
 
-def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
+def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult | SetResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
@@ -130,10 +131,13 @@ def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
         if stopped():
             raise StoppedError
 
+    photo, start = job.path(job.photo), _start_of(job, plan)
+    if photo.is_dir() or photo.suffix.lower() == ".json":
+        return _fit_set(photo, model, start, plan, watch)
     case = load(
-        job.path(job.photo),
+        photo,
         model,
-        _start_of(job, plan),
+        start,
         plan.settings,
         box=job.rectangle(),
         watch=watch,
@@ -142,6 +146,22 @@ def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult:
         renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
     )
     return case.fit(watch=watch)
+
+
+def _fit_set(
+    views: Path,
+    model: LoadedModel,
+    start: str | Path,
+    plan: BatchPlan,
+    watch: Callable[[object], None],
+) -> SetResult:
+    """One pose in all photos of a set."""
+    if start == AUTOMATIC or plan.mask is not None:
+        what = "the start 'auto'" if start == AUTOMATIC else "--mask"
+        raise SettingsError(
+            f"{views.name}: {what} with a set of photos; name a pose file, and masks in the set."
+        )
+    return load_views(views, model, start, plan.settings).fit(watch=watch)
 
 
 def _start_of(job: Job, plan: BatchPlan) -> str | Path:
@@ -182,7 +202,9 @@ def _open_model(
     return model, make_renderer(model.mesh, settings.renderer)
 
 
-def _keep(job: Job, plan: BatchPlan, fitted: FitResult | PoseRecord, picture: Picture) -> JobResult:
+def _keep(
+    job: Job, plan: BatchPlan, fitted: FitResult | SetResult | PoseRecord, picture: Picture
+) -> JobResult:
     """Write the pose, the picture and, last, the result; of an object that stands wholly behind
     others the start.
     """

@@ -25,6 +25,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
 from tests.ctrl_c import ctrl_c_ends_them
+from tests.view_sets import write_views
 
 QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "150")
@@ -307,3 +308,18 @@ def _alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+@pytest.mark.slow
+def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
+    of_set, model, start = write_views(tmp_path)
+    table, out = tmp_path / "jobs.csv", tmp_path / "results"
+    rows = [of_set.name, model.name, start.name], [of_set.name, model.name, "auto"]
+    table.write_text("photo,model,start\n" + "\n".join(",".join(row) for row in rows) + "\n")
+    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 2
+    found, refused = read_results(out)
+    data = json.loads((out / found["pose"]).read_text())
+    assert [one["name"] for one in data["set"]["views"]] == ["a.png", "b.png", "c.png"]
+    assert found["verdict"]
+    assert float(found["unexplained"]) < float(found["start_unexplained"])
+    assert "with a set of photos" in refused["reason"]
