@@ -127,8 +127,9 @@ def landscape(
     With a ``light`` renderer, whose model is drawn sooner, the finer grids are its own, brought to
     the ``renderer``'s by what they differ on the first grid, and interpolated where they are
     smooth; the centre and the surroundings of each slice's minimum are then the ``renderer``'s
-    again. Points drawn at random tell how good the others are, and while that is not ``GOOD``, the
-    difference is taken on the next finer grid. Each pair's last slice says it.
+    again. Points drawn at random tell how good the others are. Where that is not ``GOOD``, the
+    difference is taken on the next finer grid too, and then the finer grids are the ``renderer``'s,
+    interpolated in the same way. Each pair's last slice says how good it is.
 
     Raises:
         SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
@@ -161,24 +162,20 @@ def landscape(
         return {p: _between(own.grids[p] - lighter.grids[p], stride, 1) for p in pairs}
 
     more = difference(first)
-    guesses: dict[Pair, FloatArray] = {}
+    for piece in lighter.fill_smooth(finer):
+        yield replace(piece, losses=piece.losses + more[piece.first, piece.second])
     slices: dict[Pair, Slice] = {}
-    for level, stride in enumerate(finer, 1):
-        if level >= WHOLE_GRIDS:
-            for pair in pairs:
-                lighter.grids[pair] = _with_smooth(lighter.grids[pair], guesses[pair], 2 * stride)
-        guesses = {pair: _between(lighter.grids[pair], 2 * stride, stride) for pair in pairs}
-        for piece in lighter.fill(stride):
-            pair = piece.first, piece.second
-            yield replace(piece, losses=piece.losses + more[pair])
-    for stride in (first, *finer):
+    for stride in (first, finer[0]):
         for piece in own.fill(stride):  # what is known stays until all of it is better
             yield slices[piece.first, piece.second]
         more = difference(stride)
         slices = own.checked({pair: lighter.grids[pair] + more[pair] for pair in pairs})
         yield from slices.values()
         if all((piece.error or 0.0) <= GOOD for piece in slices.values()):
-            break
+            return
+    for piece in own.fill_smooth(finer):
+        yield slices[piece.first, piece.second]
+    yield from own.checked(own.grids).values()
 
 
 class _Losses:
@@ -197,6 +194,7 @@ class _Losses:
         self._known: dict[Place, float] = {}
         size = len(values)
         self.grids = {pair: np.full((size, size), np.nan) for pair in pairs}
+        self._guessed = {pair: np.full((size, size), False) for pair in pairs}
 
     def fill(self, stride: int) -> Iterator[Slice]:
         """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
@@ -209,6 +207,19 @@ class _Losses:
             known = [self._known[place] for place in row.places]
             self.grids[row.pair][row.row, row.columns] = known
             yield self._slice(row.pair, self.grids[row.pair].copy())
+
+    def fill_smooth(self, finer: Sequence[int]) -> Iterator[Slice]:
+        """As ``fill``, on grids of the strides that follow the first one, interpolated where that
+        did well one grid before.
+        """
+        guesses: dict[Pair, FloatArray] = {}
+        for level, stride in enumerate(finer, 1):
+            if level >= WHOLE_GRIDS:
+                for pair, losses in self.grids.items():
+                    self.grids[pair] = _with_smooth(losses, guesses[pair], 2 * stride)
+                    self._guessed[pair] |= np.isnan(losses) & ~np.isnan(self.grids[pair])
+            guesses = {p: _between(losses, 2 * stride, stride) for p, losses in self.grids.items()}
+            yield from self.fill(stride)
 
     def checked(self, guesses: Mapping[Pair, FloatArray]) -> dict[Pair, Slice]:
         """Slices of ``guesses`` (k, k), better where it counts, and how good they are where nothing
@@ -227,7 +238,7 @@ class _Losses:
             deque(self._find(places), maxlen=0)
             at, grid = tuple(points.T), self.grids[pair]
             found = np.array([self._known[place] for place in places])
-            aside = np.isnan(grid[at])[:CHECKED]
+            aside = (np.isnan(grid[at]) | self._guessed[pair][at])[:CHECKED]
             away = np.abs(guess[at] - found)[:CHECKED] / max(np.ptp(guess), 1e-12)
             off.extend(away[aside].tolist())
             losses = np.where(np.isnan(grid), guess, grid)

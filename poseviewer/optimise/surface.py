@@ -67,7 +67,7 @@ def fit_surface(
     normal = terms.T @ weighted
     bent = np.arange(size + 2, terms.shape[1])
     normal[bent, bent] += stiffness * normal.diagonal()[bent].mean() / len(z)
-    found = np.linalg.lstsq(normal, losses @ weighted, rcond=None)[0]
+    found = np.asarray(np.linalg.lstsq(normal, losses @ weighted, rcond=None)[0], dtype=float)
     hessian = found[size + 1] * np.eye(size)
     hessian[rows, columns] += found[bent]
     hessian[columns, rows] = hessian[rows, columns]

@@ -256,7 +256,7 @@ class WavyRenderer(CountingRenderer):
         return replace(found, covariance=covariance)
 
 
-def test_where_a_light_model_is_not_good_enough_more_points_are_the_renderers_own():
+def test_where_a_light_model_is_not_good_enough_maps_are_the_renderers_own():
     problem, centre = make_problem(2), np.array([0.03, -0.05])
     (exact,) = finished(problem, centre, size=41).values()
     renderer, light = CountingRenderer(), WavyRenderer()
@@ -270,7 +270,7 @@ def test_where_a_light_model_is_not_good_enough_more_points_are_the_renderers_ow
     assert piece.error is not None
     assert piece.error <= GOOD
     assert np.quantile(off, 0.95) < 1.5 * GOOD
-    assert len(renderer.seen) > 0.05 * 41**2
+    assert len(renderer.seen) < 0.15 * 41**2
 
 
 def test_few_points_are_all_the_renderers_own():

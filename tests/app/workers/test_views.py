@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 from poseviewer.api import load_views
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.hiding import Paint, Stroke
-from poseviewer.app.state.session import OverlayRequest, Session
+from poseviewer.app.state.session import Overlay, OverlayRequest, Session
 from poseviewer.app.state.views import ComparePhoto, LookAt
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
@@ -43,7 +42,7 @@ def session(files: tuple[Path, Path, Path]) -> Session:
     return Session(document, anchor=document.pose, saved=document)
 
 
-def drawn(session: Session) -> Iterator[OverlayRequest]:
+def drawn(session: Session) -> Overlay:
     document = session.document
     drawer = OverlayDrawer(SoftwareRenderer(document.registration.mesh))
     request = OverlayRequest(
@@ -60,10 +59,12 @@ def drawn(session: Session) -> Iterator[OverlayRequest]:
 
 def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session):
     overlay = drawn(session)
+    assert overlay.unexplained is not None
     assert set(overlay.of_photos) == {0, 1, 2}
     losses = [one.loss for one in overlay.of_photos.values()]
     assert overlay.unexplained.loss == pytest.approx(np.mean(losses))
     left = drawn(after(session, ComparePhoto(2, False)))
+    assert left.unexplained is not None
     assert left.unexplained.loss == pytest.approx(np.mean(losses[:2]))
     # It is the same, whichever photo is large.
     other = drawn(after(session, LookAt(1)))
@@ -96,11 +97,14 @@ def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session
         assert seen.covariance is not None
         own, its = seen.covariance.pose.camera_from_model, seen.document.pose.camera_from_model
         np.testing.assert_allclose(own.translation, its.translation, atol=1e-9)
-        assert seen.document.own_of_photos[index].end.alone == "found"
+        end = seen.document.own_of_photos[index].end
+        assert end is not None
+        assert end.alone == "found"
     # What is saved is what the command line writes: of the photo that the search began in.
     record = record_of(after(asked, LookAt(2)))
     assert record.photo is not None
     assert record.photo.file == "a.png"
+    assert record.in_set is not None
     assert [one["name"] for one in record.in_set["views"]] == ["a.png", "b.png", "c.png"]
 
 
@@ -108,6 +112,7 @@ def test_a_pose_of_no_search_is_saved_with_its_set(session: Session):
     record = record_of(after(session, LookAt(1), ComparePhoto(0, False)))
     assert record.photo is not None
     assert record.photo.file == "b.png"
+    assert record.in_set is not None
     assert [one["name"] for one in record.in_set["views"]] == ["b.png", "c.png"]
 
 
@@ -126,14 +131,17 @@ def test_a_session_on_a_set_is_kept_to_the_last_digit(session: Session, tmp_path
     )
     masks = [own.mask for own in again.own_of_photos]
     assert masks[1] is masks[2] is None
+    painted = document.own_of_photos[0].mask
     assert masks[0] is not None
-    np.testing.assert_array_equal(masks[0].weights, document.own_of_photos[0].mask.weights)
+    assert painted is not None
+    np.testing.assert_array_equal(masks[0].weights, painted.weights)
 
 
 def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
     looked = after(session, LookAt(2), c.Nudge("move", 30.0))
     (opened,) = open_pose(looked.document, files[2])
     assert opened.document.registration.photo.name == "a.png"
+    assert opened.document.views is not None
     for own, its in zip(opened.document.views.poses, set_of(session).poses, strict=True):
         np.testing.assert_allclose(
             own.camera_from_model.translation, its.camera_from_model.translation, atol=1e-6
@@ -166,8 +174,11 @@ def test_masks_of_all_photos_are_saved_with_the_pose_and_opened_again(
     again = open_set(files[0], files[1], path).document
     masks = [own.mask for own in again.own_of_photos]
     assert masks[2] is None
+    stroke = painted.document.registration.mask
+    assert stroke is not None
     for own in masks[:2]:
-        np.testing.assert_array_equal(own.weights, painted.document.registration.mask.weights)
+        assert own is not None
+        np.testing.assert_array_equal(own.weights, stroke.weights)
     (opened,) = open_pose(session.document, path)
     assert [own.mask is None for own in opened.document.own_of_photos] == [False, False, True]
     case = load_views(*files[:2], path)
