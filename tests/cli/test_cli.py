@@ -317,7 +317,7 @@ def test_a_fit_on_the_gpu_ends_as_without_it(scene, tmp_path, monkeypatch, capfd
     for renderer in ("gpu", "software"):
         assert run(*command, "--renderer", renderer, "--evaluations", 20) == 0
         losses.append(json.loads(out.read_text())["loss"])
-    assert losses[0] == pytest.approx(losses[1], rel=1e-4)
+    assert losses[0] == pytest.approx(losses[1], rel=1e-3)
     monkeypatch.delenv(ADAPTER_VARIABLE)
     capfd.readouterr()
     if not has_gpu():
