@@ -38,14 +38,12 @@ FEWEST_OF_STRUCTURE = 2000
 COARSE_POPULATION = CmaOptions(least_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
 GLOBAL_POPULATION = replace(COARSE_POPULATION, sigma=0.2, nearness=1.0)
-FINE_POPULATION = CmaOptions(sigma=0.06, generations=24, least_sigma=2e-3, has_surface=True)
+FINE_POPULATION = CmaOptions(sigma=0.06, generations=24, least_sigma=2e-3)
 """On the photo itself: as wide as the coarse level can be wrong."""
-LAST_MODELS = QuadraticOptions(
-    reach=2.0, rise=0.6, rounds=8, samples=(0.7, 0.35), stiffness=0.1, patience=3
-)
+LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
 """In standard deviations of the population before. The loss is some 40 in all: a gain of less than
 0.02 moves the model by less than a twentieth of a pixel."""
-REFINING_MODELS = replace(LAST_MODELS, reach=1.0, rise=0.3)
+REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
 """On the fine photo, in the reach of the models before: its minimum is a pixel away at most."""
 WITHOUT_STRUCTURE = 1 / 30
 """A difference in loss without structure as a share of one with it, where logarithms are summed."""

@@ -2,14 +2,11 @@
 
 Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its default parameters and
 positive weights: a population is drawn from a normal distribution, whose mean and covariance adapt
-to the better half of it. Where a quadratic surface through what is known has told the order of
-points before they were evaluated, it tells that of the rest of a population (after Hansen, *A
-Global Surrogate Assisted CMA-ES*, GECCO 2019).
+to the better half of it.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -17,18 +14,6 @@ import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise.state import Objective, State, best_so_far
-from poseviewer.optimise.surface import QuadraticSurface, fit_surface
-
-BATCH = 8
-"""Points of a population that are evaluated before it is asked whether the rest is to be."""
-CHECKED, AGREEMENT = 16, 0.7
-"""The last points by which a surface is judged, and the least rank correlation (Kendall's) of what
-it told before with their losses."""
-REACH = 3.0
-"""Points about a population that its surface is fitted to: root mean square along all axes, in
-standard deviations."""
-FEWEST = 2
-"""Points that a surface needs for each number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +29,6 @@ class CmaOptions:
     the nearer one is meant."""
     least_sigma: float = 3e-3
     """The search ends when the greatest standard deviation is below this."""
-    has_surface: bool = False
-    """Whether a surface may tell the order of what is not evaluated: fewer evaluations where there
-    is one valley; of several it is less likely to find the right one."""
 
 
 def minimise(
@@ -63,68 +45,23 @@ def _generations(
 ) -> Iterator[State]:
     """As ``minimise``, with the best of each generation alone."""
     distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
-    known, state = _Known(len(x0)), None
+    state = None
     for generation in range(options.generations + 1):
         offsets = distribution.ask() if generation else np.zeros((1, len(x0)))
-        guess = known.surface(distribution) if options.has_surface else None
-        if guess is not None:
-            offsets[0] = distribution.at(guess.least(math.sqrt(len(x0))))
         points = np.array([x0 + scale @ offset for offset in offsets])
         losses, axes = np.full(len(points), np.inf), scale @ distribution.axes
-        guesses = None if guess is None else guess(distribution.standardised(offsets))
-        count = 0
-        while count < len(points) and not (count and known.is_trusted):
-            some = slice(count, len(points) if guesses is None else count + BATCH)
-            for loss in objective(list(points[some])):
-                offset = offsets[count]
-                losses[count] = loss + options.nearness * float(offset @ offset)
-                count += 1
-                order = np.argsort(losses)[: len(x0) + 1]
-                best = order[0]
-                state = State(points[best], float(losses[best]), points[order], losses[order], axes)
-                yield state
-            known.add(offsets[some], losses[some], None if guesses is None else guesses[some])
+        for i, loss in enumerate(objective(list(points))):
+            losses[i] = loss + options.nearness * float(offsets[i] @ offsets[i])
+            order = np.argsort(losses)[: len(x0) + 1]
+            best = order[0]
+            state = State(points[best], float(losses[best]), points[order], losses[order], axes)
+            yield state
         if generation:
-            told = known.surface(distribution) if count < len(points) else None
-            if told is not None:
-                losses[count:] = told(distribution.standardised(offsets[count:]))
             distribution.tell(offsets[np.argsort(losses)])
             if distribution.sigma < options.least_sigma:
                 break
     assert state is not None  # the start was evaluated
     yield replace(state, axes=scale @ distribution.axes, converged=True)
-
-
-class _Known:
-    """What has been evaluated, and how well the losses of the last points were told before."""
-
-    def __init__(self, size: int) -> None:
-        self._offsets, self._losses = np.empty((0, size)), np.empty(0)
-        self._told = np.empty((0, 2))
-
-    def add(self, offsets: FloatArray, losses: FloatArray, guesses: FloatArray | None) -> None:
-        """Points (n, d), their losses (n,) and, if there were, what these were thought to be."""
-        self._offsets = np.vstack([self._offsets, offsets])
-        self._losses = np.append(self._losses, losses)
-        if guesses is not None:
-            self._told = np.vstack([self._told, np.stack([guesses, losses], axis=1)])[-CHECKED:]
-
-    @property
-    def is_trusted(self) -> bool:
-        """Whether the order of the last points was told (by Kendall's tau)."""
-        first, second = np.triu_indices(len(self._told), 1)
-        signs = np.sign(self._told[first] - self._told[second])
-        agreement = float(np.mean(signs[:, 0] * signs[:, 1])) if len(signs) else 0.0
-        return len(self._told) >= CHECKED and agreement >= AGREEMENT
-
-    def surface(self, distribution: _Distribution) -> QuadraticSurface | None:
-        """That of the points about a distribution, in its standard deviations; None: too few."""
-        z = distribution.standardised(self._offsets)
-        far = np.sqrt(np.mean(z**2, axis=1))
-        near = far < REACH
-        if np.count_nonzero(near) < FEWEST * z.shape[1]:
-            return None
-        return fit_surface(z[near], self._losses[near], np.exp(-0.5 * far[near] ** 2))
 
 
 class _Distribution:
@@ -164,21 +101,8 @@ class _Distribution:
 
     def ask(self) -> FloatArray:
         """A population (n, d)."""
-        return self.at(self._random.normal(size=(self._population, self._size)))
-
-    def standard(self, offsets: FloatArray) -> FloatArray:
-        return ((offsets - self._mean) / self._step) @ self._axes / self._lengths
-
-    def offset(self, z: FloatArray) -> FloatArray:
-        return self._mean + self._step * (z * self._lengths) @ self._axes.T
-
-    def standardised(self, offsets: FloatArray) -> FloatArray:
-        """(n, d): points as this distribution has them, in standard deviations from its mean."""
-        return ((offsets - self._mean) / self._step) @ self._axes / self._lengths
-
-    def at(self, z: FloatArray) -> FloatArray:
-        """(..., d): the points that are ``z`` (..., d) standard deviations from the mean."""
-        return self._mean + self._step * (z * self._lengths) @ self._axes.T
+        standard = self._random.normal(size=(self._population, self._size))
+        return self._mean + self._step * (standard * self._lengths) @ self._axes.T
 
     def tell(self, ranked: FloatArray) -> None:
         """Adapt to a population (n, d), the best first."""

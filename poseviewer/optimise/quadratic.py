@@ -16,12 +16,16 @@ import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise.state import Objective, State
-from poseviewer.optimise.surface import QuadraticSurface, coefficients, fit_surface
 
+OVERSAMPLING = 1.6
+"""Points of the first round for each coefficient; later rounds draw one each, as earlier points
+nearby count too."""
 TRUST_RADIUS = 1.1
 """Points that a model is fitted to, and its step, are no farther away, in reaches."""
 LEAST_SHRINKAGE = 0.3
 """Of the reach in one round, along any axis."""
+LEAST_CURVATURE = 1e-2
+"""As a share of the greatest; smaller ones cannot be told from none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +38,6 @@ class QuadraticOptions:
     """Later samples reach to where the model rises by this above its minimum."""
     rounds: int = 6
     """Greatest number of models."""
-    samples: tuple[float, float] = (1.6, 1.0)
-    """Of the first round and of later ones, as earlier points nearby count too, for each
-    coefficient of a model."""
-    stiffness: float = 0.0
-    """As of ``fit_surface``, of models of few samples, where the scale is the valley's own."""
     least_gain: float = 0.02
     """A round that gains less has not improved anything. Of two points no farther apart in loss the
     model's minimum is taken."""
@@ -59,7 +58,7 @@ def minimise(
     """
     random = np.random.default_rng(seed)
     size = len(x0)
-    first, later = (round(each * coefficients(size)) for each in options.samples)
+    coefficients = (size + 1) * (size + 2) // 2
     points, losses = np.empty((0, size)), np.empty(0)
     axes, centre = np.array(options.reach * scale, dtype=float), np.array(x0, dtype=float)
     taken, before, failures = np.inf, np.inf, 0
@@ -77,17 +76,17 @@ def minimise(
 
     for turn in range(options.rounds):
         if turn == 0:
-            offsets = np.vstack([np.zeros(size), _in_ball(first, size, random)])
+            first = _in_ball(round(OVERSAMPLING * coefficients), size, random)
+            offsets = np.vstack([np.zeros(size), first])
         else:
-            offsets = _in_ball(later, size, random)
+            offsets = _in_ball(coefficients, size, random)
         yield from evaluate([centre + axes @ offset for offset in offsets])
         offsets = np.asarray(np.linalg.solve(axes, (points - centre).T).T, dtype=float)
-        model = _fit(offsets, losses, options.stiffness)
-        yield from evaluate([centre + axes @ model.least(TRUST_RADIUS)])
+        step, directions, curvatures = _fit(offsets, losses, coefficients)
+        yield from evaluate([centre + axes @ step])
         best = int(np.argmin(losses))
         is_minimum = losses[-1] <= losses[best] + options.least_gain
         centre, taken = (points[-1], losses[-1]) if is_minimum else (points[best], losses[best])
-        directions, curvatures = model.principal()
         rises = np.sqrt(2.0 * options.rise / curvatures)
         axes = axes @ (directions * np.clip(rises, LEAST_SHRINKAGE, 1.0))
         failures = 0 if before - losses[best] > options.least_gain else failures + 1
@@ -104,12 +103,25 @@ def _in_ball(count: int, size: int, random: np.random.Generator) -> FloatArray:
     return directions * random.uniform(size=(count, 1)) ** (1.0 / size)
 
 
-def _fit(offsets: FloatArray, losses: FloatArray, stiffness: float) -> QuadraticSurface:
-    """The least-squares model of the losses at the nearest of ``offsets`` (n, d), weighted by
-    nearness.
+def _fit(
+    offsets: FloatArray, losses: FloatArray, coefficients: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Step to the minimum, principal directions (columns) and curvatures of the least-squares model
+    of the losses at the nearest of ``offsets`` (n, d), weighted by nearness.
     """
     size = offsets.shape[1]
     far = np.linalg.norm(offsets, axis=1)
-    count = max(coefficients(size) + size + 2, int(np.count_nonzero(far < TRUST_RADIUS)))
+    count = max(coefficients + size + 2, int(np.count_nonzero(far < TRUST_RADIUS)))
     near = np.argsort(far, kind="stable")[:count]
-    return fit_surface(offsets[near], losses[near], np.exp(-0.5 * far[near] ** 2), stiffness)
+    z, weight = offsets[near], np.exp(-0.25 * far[near] ** 2)
+    rows, columns = np.triu_indices(size)
+    terms = np.hstack([np.ones((len(z), 1)), z, z[:, rows] * z[:, columns]])
+    found, *_ = np.linalg.lstsq(weight[:, None] * terms, weight * losses[near], rcond=None)
+    slope, hessian = found[1 : size + 1], np.zeros((size, size))
+    hessian[rows, columns] = found[size + 1 :]
+    curvatures, directions = np.linalg.eigh(hessian + hessian.T)
+    curvatures = np.abs(curvatures)
+    curvatures = np.maximum(curvatures, LEAST_CURVATURE * curvatures.max() + 1e-300)
+    step = -directions @ ((directions.T @ slope) / curvatures)
+    length = float(np.linalg.norm(step))
+    return step * min(1.0, TRUST_RADIUS / max(length, 1e-300)), directions, curvatures

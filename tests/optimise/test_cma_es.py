@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -44,32 +42,3 @@ def test_the_same_arguments_give_the_same_search():
     assert len(one) == len(other)
     np.testing.assert_array_equal(one[-1].axes, other[-1].axes)
     assert one[-1].value == pytest.approx(min(state.value for state in one), abs=0.0)
-
-
-def test_where_a_surface_tells_the_order_few_of_a_population_are_evaluated():
-    """And where none can, on unrelated losses, each point of each population is."""
-    random = np.random.default_rng(0)
-    options = CmaOptions(sigma=0.3, generations=20, nearness=0.0, least_sigma=0.0, has_surface=True)
-    *smooth, end = minimise(valley, np.zeros(5), SCALE, options, seed=0)
-    *rugged, _ = minimise(
-        lambda points: iter(random.uniform(size=len(points))), np.zeros(5), SCALE, options, seed=0
-    )
-    assert len(smooth) < (1 + 20 * options.population) / 3
-    assert len(rugged) == 1 + 20 * options.population
-    assert end.value < 1e-3
-
-
-def test_the_best_is_a_point_that_was_evaluated():
-    seen = {}
-
-    def noted(points):
-        for point, loss in zip(points, valley(points), strict=True):
-            seen[point.tobytes()] = loss
-            yield loss
-
-    options = replace(OPTIONS, has_surface=True)
-    for state in minimise(noted, np.zeros(5), SCALE, options, seed=0):
-        known = np.isfinite(state.candidate_losses)
-        assert known[0]
-        for point, loss in zip(state.candidates[known], state.candidate_losses[known], strict=True):
-            assert seen[point.tobytes()] == loss
