@@ -27,6 +27,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from websockets.exceptions import ConnectionClosed
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.figures.text_table import Table
@@ -155,7 +156,7 @@ def drive(seed: int, seconds: float, with_browser: bool) -> Driven:
             if app.interrupt() != 0:
                 raise FoundError("the app did not end as it should")
             _check_log(app)
-        except (AssertionError, PoseViewerError) as error:
+        except (AssertionError, PoseViewerError, ConnectionClosed) as error:
             driven.found.append(str(error))
             traceback.print_exc()
             print("\n".join(hand.trail[-TRAIL_SHOWN:]))
