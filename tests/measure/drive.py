@@ -61,7 +61,7 @@ NOT_OURS = "showSaveFilePicker", "_redrawFromAutoMarginCount"
 window does so at once), a map of plotly's that is closed while it is drawn."""
 OF_THE_VIEW = (
     "Model (1-5, 0)", "Opacity", "Wipe", "Photo alone (B)", "Swing", "Rotation rings (G)", "View",
-    "Whose loss", "As a surface", "Range ± %", "One colour scale for all", "Erase (alt)",
+    "Whose loss", "As a surface", "Range ± %", "One colour scale", "Erase (alt)",
     "Outlines of the candidates",
 )  # fmt: skip
 """Inputs that undo leaves alone."""
