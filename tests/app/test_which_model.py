@@ -124,7 +124,6 @@ def test_models_are_told_apart_and_rows_show_their_fits(
     assert pose_error(load_mesh(scene.model), record.pose, truth).percent < 2.0
     # A row brings its model; undo leads to before all of that.
     rows(page).nth(1).click()
-    page.wait_for_text(f"{second[1]}\n")
     page.page.locator(".pv-models .pv-at").get_by_text(second[1]).wait_for()
     page.page.keyboard.press("z")
     page.page.locator(".pv-models .pv-at").get_by_text("box.ply").wait_for()

@@ -184,6 +184,7 @@ class SoftwareRenderer:
         self._make_picture(0, 0)
 
     def _make_picture(self, width: int, height: int) -> None:
+        self._size = width, height
         self._depth = _aligned(height, _padded(width), np.float32, -np.inf)
         self._ids = _aligned(height, _padded(width), np.int32, -1)
         self._normals, self._paint = (
@@ -219,7 +220,7 @@ class SoftwareRenderer:
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""
         camera = pose.camera
-        if self._ids.shape != (camera.height, _padded(camera.width)):
+        if self._size != (camera.width, camera.height):
             self._make_picture(camera.width, camera.height)
         self._camera = camera_numbers(pose, self._surface.centre, self._near)
         self._drawn = rasterise.rasterise(

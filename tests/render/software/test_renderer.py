@@ -238,3 +238,19 @@ def test_a_picture_does_not_depend_on_earlier_ones():
         pose = replace(start, camera_from_model=turn @ start.camera_from_model)
         expected = renderer.clone().render(pose).normals
         assert np.array_equal(used.render(pose).normals, expected)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_picture_does_not_depend_on_the_size_of_earlier_ones(name):
+    """Nor on that of buffers whose rows have as many whole blocks."""
+    pose = Pose(
+        Perspective(90.0, 90.0, 40.0, 20.0, 65, 40),
+        RigidTransform.from_rotation_vector([0.3, 0.5, 0.2], [0.0, 0.0, 2.5]),
+    )
+    used = RENDERERS[name].clone()
+    for width in (65, 72, 66, 80):
+        wider = replace(pose, camera=replace(pose.camera, width=width))
+        expected, seen = RENDERERS[name].clone().render(wider), used.render(wider)
+        assert np.array_equal(seen.face_ids, expected.face_ids)
+        assert np.array_equal(seen.normals, expected.normals)
+        assert np.array_equal(seen.reflectance, expected.reflectance)
