@@ -87,10 +87,12 @@ class AppPage:
     def _wait_until_ready(self) -> None:
         self.page.wait_for_function(READY)
         # viser says that there is no GPU, over the photo's corner: once.
-        notice = self.page.get_by_text("Software WebGL rendering detected")
+        notice = self.page.locator(".mantine-Notification-root").filter(
+            has_text="Software WebGL rendering detected"
+        )
         if "SwiftShader" in self._graphics() or "llvmpipe" in self._graphics():
             notice.wait_for()
-            self.page.locator(".mantine-Notification-closeButton").first.click()
+            notice.locator(".mantine-Notification-closeButton").click()
             notice.wait_for(state="hidden")
 
     def _graphics(self) -> str:
@@ -189,6 +191,18 @@ class AppPage:
                 return
             self.page.wait_for_timeout(LOOK_AGAIN_MS)
         raise AssertionError("in vain")
+
+    def drop_files(self, paths: Sequence[Path]) -> None:
+        """Files and folders of the disk, dropped in this order as a hand drops them."""
+        session = self.page.context.new_cdp_session(self.page)
+        left, top, width, height = self.view()["box"]
+        data = {"items": [], "files": [str(path) for path in paths], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            session.send(
+                "Input.dispatchDragEvent",
+                {"type": kind, "x": left + width / 2, "y": top + height / 2, "data": data},
+            )
+        session.detach()
 
     def choose_file(self, button: str, path: Path) -> None:
         """Give a file to an upload button."""

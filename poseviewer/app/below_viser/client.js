@@ -3,8 +3,8 @@
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
 // (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
 // at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest and most (bytes and files of an upload), title, style,
-// icon.
+// where ctrl is held), largest and most (bytes and files of an upload), run (another one for each
+// start of the app), title, style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -24,6 +24,7 @@ const state = {
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   hint: "",
   modifiers: "",
+  sent: "", // the name of the set that was sent last
 };
 const old = window.poseviewer;
 if (old && old.dispose) old.dispose();
@@ -519,6 +520,7 @@ function pack(files) {
   const more = files.length > 1 && !folder ? ` and ${files.length - 1} more` : "";
   const set = new File([head, ...files.map(([, file]) => file)], name + more);
   packed.add(set);
+  state.sent = set.name;
   return set;
 }
 
@@ -560,6 +562,21 @@ async function filesOf(entry, found) {
     const entries = await new Promise((done, failed) => reader.readEntries(done, failed));
     if (!entries.length) return;
     for (const inside of entries) await filesOf(inside, found);
+  }
+}
+
+// What was under way when the connection was lost has a notice without a button, which nothing ends.
+function endOldNotices() {
+  const close = ".mantine-Notification-closeButton";
+  const notices = [...document.querySelectorAll(".mantine-Notification-root")]
+    .filter((notice) => !notice.querySelector(close));
+  for (const { id } of notices) {
+    vm().messageQueue.push({ type: "RemoveNotificationMessage", uuid: id });
+  }
+  vm().requestRender();
+  // An app that has gone on says so itself.
+  if (old && old.run !== CONFIG.run && notices.some(({ id }) => id.startsWith("upload-"))) {
+    send({ kind: "cut off", name: old.sent() });
   }
 }
 
@@ -839,6 +856,8 @@ window.poseviewer = {
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.
+  run: CONFIG.run,
+  sent: () => state.sent,
   view() { return kept || { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
   dispose() { cleanups.forEach((undo) => undo()); },
 };
@@ -855,4 +874,5 @@ if (!icon) {
 }
 icon.href = CONFIG.icon;
 arrange();
+endOldNotices();
 watch(0);

@@ -4,8 +4,10 @@ Why: viser has no zoom and pan that keep the registration, no keys, no drop of f
 which one is open, and no way to place a panel on one page alone.
 Written for viser 1.1.1: the messages ``RunJavascriptMessage`` and ``GuiSetPanel...Message``, put
 into ``client.gui._websock_interface``; a panel's ``_placement_uuid``, a field's ``_impl.uuid``; and
-in the page ``window.__viserMutable`` (its camera, canvas, nodes and ``sendMessage``), the headers
-of folders (Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open).
+in the page ``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``, and
+``messageQueue``: ``RemoveNotificationMessage`` there ends the notice of an element's id, which is
+``upload-...`` for an upload), the headers of folders (Mantine's ``Paper`` in a ``Paper``, with a
+chevron that says whether it is open).
 """
 
 from __future__ import annotations

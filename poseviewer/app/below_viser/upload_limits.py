@@ -89,20 +89,25 @@ class _Bounds:
 
     def take_cut_off(self) -> list[str]:
         """What was being uploaded by pages that have gone, once: for the next page, likely the same
-        one come back.
+        one come back. One that is back before it was noticed that it had gone is told then.
         """
         cut_off, self._cut_off = self._cut_off, []
         return cut_off
 
     def _drop(self, client_id: ClientId) -> None:
         """A page has gone."""
+        back = max(self._server.get_clients(), default=client_id)
         for upload in self._running.values():
             if upload["client_id"] == client_id:
                 done, size = upload["transferred_bytes"], upload["total_bytes"]
-                self._cut_off.append(
+                text = (
                     f"{display_name(upload['filename'])}: the upload was cut off after {done:,} of "
                     f"{size:,} bytes; nothing was changed, drop it again."
                 )
+                if back > client_id:
+                    self._refuse(back, text)
+                else:
+                    self._cut_off.append(text)
         self._forget_those_of(client_id)
 
     def _problem(self, message: _messages.FileTransferStartUpload) -> str:

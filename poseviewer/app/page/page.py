@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import viser
 
@@ -55,6 +56,7 @@ PAGE_CONFIG = {
     "first": FIRST_STEP,
     "search": SEARCH_STEP,
     "panel": PANEL_WIDTHS[0],
+    "run": uuid4().hex,
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }

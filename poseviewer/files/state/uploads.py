@@ -8,6 +8,7 @@ import re
 import shutil
 import stat
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from io import BytesIO
@@ -28,6 +29,8 @@ LARGEST_UNPACKED = 1_000_000_000
 """Bytes of a zip's content."""
 KEPT = 20
 """Newest uploads that stay."""
+BEGUN, ABANDONED_S = "new-", 3600.0
+"""A set that is not whole yet has such a name; so old, whoever wrote it was killed."""
 LONGEST_NAME = 80
 LONGEST_PART = 100
 """Characters of a name on disk: file systems take 255 bytes."""
@@ -151,9 +154,10 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
     return too_large(shown if count == 1 else f"{shown} ({count:,} files)", size)
 
 
-def why_not_sent(name: str, trouble: Literal["unreadable", "empty"]) -> str:
-    """Why a page sends nothing of a folder or a file that was dropped on it."""
+def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
+    """Why a page sends nothing, or not all, of a folder or a file that was dropped on it."""
     found = {
+        "cut off": "the upload was cut off; nothing was changed, drop it again",
         "empty": "an empty folder; drop one that holds a photo, a model or a pose",
         "unreadable": "cannot be read any more; is it still there? Drop it again",
     }
@@ -253,7 +257,7 @@ def _kept(
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not place.is_dir():
-            with tempfile.TemporaryDirectory(dir=folder, prefix="new-") as new:
+            with tempfile.TemporaryDirectory(dir=folder, prefix=BEGUN) as new:
                 (Path(new) / "set").mkdir()
                 fill(Path(new) / "set")
                 (Path(new) / "set").rename(place)
@@ -284,7 +288,10 @@ def _free(path: Path) -> Path:
 
 
 def _remove_old(folder: Path, kept: int, needed: set[str]) -> None:
-    """Remove all but the newest; only what looks like ours."""
+    """Remove all but the newest, and what a kill left half written; only what looks like ours."""
+    for place in folder.glob(f"{BEGUN}*"):
+        if not place.is_symlink() and time.time() - place.stat().st_mtime > ABANDONED_S:
+            shutil.rmtree(place, ignore_errors=True)
     ours = [p for p in folder.iterdir() if FOLDER_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda place: place.stat().st_mtime_ns, reverse=True)
     for place in ours[kept:]:

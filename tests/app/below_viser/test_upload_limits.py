@@ -86,6 +86,13 @@ def test_an_upload_that_is_cut_off_is_said_to_the_page_that_comes_back(
         assert held(running) == 0
     with running.page() as page:
         assert not [text for _, text in page.shown.notices if text.startswith("slow.glb")]
+    # One that is back before its first connection was noticed to be gone is told as well.
+    with running.page() as page:
+        page.upload("Model ...", "slow.glb", b"", size_bytes=199_000_000, part_count=398)
+        page.wait_until(lambda: held(running) == 1)
+        with running.page() as back:
+            page.close()
+            assert "the upload was cut off after 18 of" in refusal(back, "slow.glb")
     assert running.app.session.document is document
 
 

@@ -219,6 +219,7 @@ def test_why_a_page_sends_nothing() -> None:
     assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
     assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert why_not_sent("b.ply", "cut off").startswith("b.ply: the upload was cut off; nothing")
     assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
 
 
@@ -241,6 +242,17 @@ def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
     keep(tmp_path, {"a.json": b"new"}, kept=2)
     assert [path.exists() for path in paths] == [False, False, False, True, False, False]
     assert (tmp_path / "notes").is_dir()
+
+
+def test_what_a_kill_left_half_written_is_removed_but_not_what_is_being_written(
+    tmp_path: Path,
+) -> None:
+    left, under_way = tmp_path / "new-a", tmp_path / "new-b"
+    for place in (left, under_way):
+        (place / "set").mkdir(parents=True)
+    os.utime(left, (0, 0))
+    keep(tmp_path, {"a.json": b"1"})
+    assert [left.exists(), under_way.exists()] == [False, True]
 
 
 def test_uploads_in_use_stay(tmp_path: Path) -> None:
