@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from poseviewer.files.formats.bop import BopObject, save_bop_images
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose, transform_as_json
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
@@ -25,6 +30,8 @@ CAMERA = Perspective(600.0, 600.0, 160.5, 120.5, 320, 240)
 MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
 NAMES = ("a.png", "b.png", "c.png")
 DISTANCE = 12.0
+LAST = [0.0, 0.0, 0.0, 1.0]
+"""Row of a 4x4 matrix."""
 SET_FROM_MODEL = RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [3.0, -1.0, 2.0])
 OFF = np.array([0.15, -0.15, 0.12, 0.1, -0.08, 0.06])
 """Of the start: 14 degrees, an eighth of the radius, 6 % of the distance."""
@@ -89,3 +96,45 @@ def write_views(folder: Path) -> tuple[Path, Path, Path]:
     save_model(folder / "m.ply", MESH)
     save_pose(folder / "start.json", PoseRecord(START, PhotoReference(NAMES[0], 320, 240)))
     return folder / "set.json", folder / "m.ply", folder / "start.json"
+
+
+def write_colmap(model: Path, names: Sequence[str] = NAMES) -> Path:
+    """The cameras of the set as a COLMAP model in this folder."""
+    model.mkdir(parents=True)
+    (model / "cameras.txt").write_text("7 PINHOLE 320 240 600 600 160.5 120.5\n")
+    lines = []
+    for number, (name, place) in enumerate(zip(names, CAMERAS_FROM_SET, strict=True), 1):
+        q = Rotation.from_matrix(place.rotation).as_quat(scalar_first=True)
+        numbers = " ".join(map(repr, map(float, (*q, *place.translation))))
+        lines += [f"{number} {numbers} 7 {name}", ""]
+    (model / "images.txt").write_text("\n".join(lines) + "\n")
+    return model
+
+
+def write_frames(folder: Path, **shared: Any) -> Path:
+    """As a ``transforms.json``; ``shared``: what it says of all frames."""
+    frames = []
+    for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
+        world = (OPENGL_FROM_OPENCV @ place).inverse()
+        matrix = np.vstack([np.column_stack([world.rotation, world.translation]), LAST])
+        frames.append({"file_path": f"./{Path(name).stem}", "transform_matrix": matrix.tolist()})
+    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
+    return folder / "transforms.json"
+
+
+def write_bop(folder: Path, with_world: bool) -> Path:
+    """As a BOP scene of object 5, with copies of the photos."""
+    scene = folder / "bop"
+    (scene / "rgb").mkdir(parents=True)
+    cameras, poses = {}, {}
+    for number, name in enumerate(NAMES):
+        shutil.copy(folder / name, scene / "rgb" / f"{number:06d}.png")
+        entry: dict = {"cam_K": [600, 0, 160, 0, 600, 120, 0, 0, 1], "depth_scale": 1.0}
+        if with_world:
+            place = CAMERAS_FROM_SET[number]
+            entry["cam_R_w2c"] = place.rotation.ravel().tolist()
+            entry["cam_t_w2c"] = place.translation.tolist()
+        cameras[str(number)] = entry
+        poses[number] = [BopObject(5, TRUTH[number].camera_from_model)]
+    save_bop_images(scene, cameras, poses)
+    return scene

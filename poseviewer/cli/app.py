@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,9 +48,9 @@ def _is_set(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() == ".zip"
 
 
-def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], list[Path], Chosen]:
-    """What of a folder or a zip is to be opened: the photo, where its models (or the one that is
-    named) lie, where those of further objects do, and the rest.
+def _chosen_of(path: Path, model: Path | None) -> tuple[list[Path], list[Path], Chosen]:
+    """What of a folder or a zip is to be opened: where its models (or the one that is named) lie,
+    where those of further objects do, and the rest, with a photo or a set of photos.
 
     Raises:
         PoseViewerError: it holds no photo or no model, or cannot be read.
@@ -70,10 +71,11 @@ def _chosen_of(path: Path, model: Path | None) -> tuple[Path, list[Path], list[P
             break
     found = () if chosen.model is None else (chosen.model, *chosen.others)
     models = [gathered(uploads, one) for one in found] if model is None else [model]
-    if chosen.photo is None or not models:
-        what = "photo" if chosen.photo is None else "model"
+    is_there = chosen.photo is not None or chosen.views is not None
+    if not (is_there and models):
+        what = "model" if is_there else "photo"
         raise SettingsError(f"{path}: no {what} was found in it; name PHOTO and MODEL")
-    return chosen.photo, models, [gathered(uploads, one) for one in chosen.objects], chosen
+    return models, [gathered(uploads, one) for one in chosen.objects], chosen
 
 
 def _answer(path: Path, question: Question) -> str:
@@ -114,6 +116,25 @@ def _opening_set(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     return open_first
 
 
+def _opening_chosen_set(
+    options: Namespace, chosen: Chosen, model: Path
+) -> Callable[[], tuple[Opened, None]]:
+    """What opens a set of photos that was found in a folder."""
+    for name in ("last", "mask", "calibration"):
+        if getattr(options, name):
+            raise SettingsError(f"--{name} with a set of photos, which says it; leave it out")
+    if options.pose is not None:
+        chosen = replace(chosen, pose=options.pose)
+
+    def open_first() -> tuple[Opened, None]:
+        from poseviewer.app.workers.opening import by_method, open_chosen_set
+
+        opened = open_chosen_set(chosen, model, options.without or ())
+        return by_method(opened, options.method or "default"), None
+
+    return open_first
+
+
 def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     """What opens all that is named otherwise, or the demo."""
     photo, model, pose, scene = options.photo, options.model, options.pose, False
@@ -135,8 +156,10 @@ def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     calibration, others, place = calibration_of(options), options.others, None
     objects: list[Path] = []
     if photo is not None and _is_set(photo):
-        photo, (model, *more), objects, chosen = _chosen_of(photo, model)
-        others = [*others, *more]
+        (model, *more), objects, chosen = _chosen_of(photo, model)
+        if chosen.views is not None:
+            return _opening_chosen_set(options, chosen, model)
+        photo, others = chosen.photo, [*others, *more]
         pose, place = pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
     for path in filter(None, (photo, model, pose, options.mask, *others)):

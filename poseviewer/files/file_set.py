@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import was_taken_by_a_camera
 from poseviewer.files.scene import is_scene_file
 from poseviewer.files.symmetry import symmetry_path
-from poseviewer.files.view_set import is_view_set_file
+from poseviewer.files.view_set import SetChoice, is_view_set_file, photos_of_frames, says_world
 from poseviewer.geometry.transform import RigidTransform
 
 Kind = Literal["photo", "model", "pose"]
@@ -104,6 +104,26 @@ class SceneFolder:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownCameras:
+    """Several photos that came with the poses of their cameras: they can be a set."""
+
+    path: Path
+    """What says the cameras, as ``load_view_set`` takes it."""
+    photos: Mapping[Path, str]
+    """What it calls each."""
+    folder: Path | None = None
+    """Of COLMAP's photos."""
+    rigs: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """BOP's objects whose poses may tell how the camera moved, and the photos that they do it for;
+    empty where the scene says it."""
+
+    def choice(self, rig: int | None = None) -> SetChoice:
+        """What the file leaves open, with the ``rig`` that was chosen of several."""
+        photos = tuple(self.photos.values()) if rig is None else self.rigs[rig]
+        return SetChoice(photos, self.folder, rig)
+
+
+@dataclass(frozen=True, slots=True)
 class FileSet:
     """Files that came together, by what they are."""
 
@@ -125,6 +145,7 @@ class FileSet:
     """poseviewer's own, which say what all the others are."""
     set_files: tuple[Path, ...] = ()
     """Of sets of photos, which say what the photos are."""
+    known_cameras: tuple[KnownCameras, ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -215,12 +236,17 @@ def sort_set(
     masks = _masks_of(texts["pose"])
     rest = _without(rest, masks)
     pictures = [path for path in rest if path.suffix.lower() in PICTURES]
+    framed = [known for path in rest for known in _of_frames(path, pictures)]
+    known_cameras = (*framed, *(known for scene in scenes for known in _of_scene(scene)))
     photos = [path for scene in scenes for path in scene.photos]
     if photos or kind == "model":
         pictures = []
     else:
         unclear = kind is None and any(model.has_pictures for model in models)
-        photos = [path for path in pictures if not unclear or was_taken_by_a_camera(path)]
+        sure = {path for known in framed for path in known.photos}
+        photos = [
+            path for path in pictures if not unclear or path in sure or was_taken_by_a_camera(path)
+        ]
         pictures = [path for path in pictures if unclear and path not in photos]
     return FileSet(
         root,
@@ -232,6 +258,7 @@ def sort_set(
         tuple(texts["keypoints"]),
         scenes,
         _without(rest, [*photos, *pictures, *(p for k in KINDS_OF_TEXT for p in texts[k])]),
+        known_cameras=known_cameras,
     )
 
 
@@ -351,6 +378,35 @@ def _colmap_scenes(files: Sequence[Path]) -> Iterator[SceneFolder]:
             photos = {photo: name for photo, name in found.items() if photo is not None}
             if photos:
                 yield SceneFolder(path, photos)
+
+
+def _of_frames(path: Path, pictures: Collection[Path]) -> Iterator[KnownCameras]:
+    """The photos of ``transforms.json`` that came along."""
+    photos = {photo: name for photo, name in photos_of_frames(path).items() if photo in pictures}
+    if len(photos) > 1:
+        yield KnownCameras(path, photos)
+
+
+def _of_scene(scene: SceneFolder) -> Iterator[KnownCameras]:
+    """Those of a scene, where it says how its cameras stand, or an object may tell it."""
+    folder = scene.cameras.parent
+    if not scene.images:  # COLMAP's
+        ends = {photo: photo.as_posix().removesuffix(name) for photo, name in scene.photos.items()}
+        above = Counter(ends.values()).most_common(1)[0][0]
+        photos = {photo: name for photo, name in scene.photos.items() if ends[photo] == above}
+        if len(photos) > 1:
+            yield KnownCameras(folder, photos, Path(above))
+        return
+    rigs: dict[int, list[str]] = defaultdict(list)
+    is_said = says_world(folder / CAMERAS)
+    if not is_said:
+        for photo, image in scene.images.items():
+            for number, count in Counter(one.object_id for one in image.objects).items():
+                if count == 1:
+                    rigs[number].append(scene.photos[photo])
+    several = {number: tuple(names) for number, names in sorted(rigs.items()) if len(names) > 1}
+    if len(scene.photos) > 1 and (is_said or several):
+        yield KnownCameras(folder, scene.photos, rigs=several)
 
 
 def _inside(scenes: Sequence[SceneFolder], files: Sequence[Path]) -> Collection[Path]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.file_set import FileSet, ModelFiles, model_files
+from poseviewer.files.file_set import FileSet, KnownCameras, ModelFiles, model_files
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
+from poseviewer.files.view_set import SetChoice
 from poseviewer.geometry.transform import RigidTransform
 
 ALL_MODELS = "all: compare them"
@@ -18,6 +19,8 @@ ALL_MODELS = "all: compare them"
 ALL_OBJECTS = "all: the photo shows each"
 """The answer that makes every model an object."""
 ANOTHER_OBJECT = "another object in the photo"
+ALL_PHOTOS = "all {}: one pose in all of them"
+"""The answer that makes photos with known cameras a set."""
 MOST_NAMED = 3
 """Missing files that are asked for."""
 MOST_SHOWN = 5
@@ -53,6 +56,8 @@ class Chosen:
     """A scene file, which says all by itself."""
     views: Path | None = None
     """A set of photos, for ``model`` or the one at hand, with ``pose``."""
+    choice: SetChoice = field(default_factory=SetChoice)
+    """What the set's file leaves open."""
 
 
 Choosing = Generator[Question, str | None, Chosen]
@@ -72,19 +77,19 @@ def choose(found: FileSet, placed: str = "") -> Choosing:
         return Chosen(scene=file)
     if found.set_files:
         file = yield from _one(found, "sets of photos", "is to be opened", found.set_files)
-        model, others, objects = yield from _model(found, None)
-        pose = yield from _one(found, "pose files", "is the start", found.poses)
-        unused = [one.path for one in (*others, *objects)]
-        return Chosen(model=model, pose=pose, notes=_not_used(found, unused), views=file)
-    photo, pictures = None, found.pictures
-    if found.scenes:
+        return (yield from _views(found, Chosen(views=file)))
+    photo, pictures, is_known = None, found.pictures, bool(found.scenes or found.known_cameras)
+    if is_known:
         photo = yield from _photo(found, ())
+    if isinstance(photo, KnownCameras):
+        return (yield from _photos(found, photo))
     model, others, objects = yield from _model(found, photo)
     if model is not None and not (others or objects):
         model = yield from _completed(found, model)
         pictures = tuple(path for path in pictures if path not in model.named.values())
-    if not found.scenes:
+    if not is_known:
         photo = yield from _photo(found, pictures)
+    assert not isinstance(photo, KnownCameras)  # there is none
     scene, calibration, place = found.scene_of(photo), None, None
     if scene is not None and photo is not None:
         calibration = Calibration(scene.cameras)
@@ -114,9 +119,54 @@ def choose(found: FileSet, placed: str = "") -> Choosing:
     return Chosen(photo, calibration, model, others, objects, pose, place, notes)
 
 
+def _views(found: FileSet, views: Chosen) -> Choosing:
+    """A set of photos with its model and its start."""
+    model, others, objects = yield from _model(found, views.photo)
+    pose = yield from _one(found, "pose files", "is the start", found.poses)
+    unused = [one.path for one in (*others, *objects)]
+    return replace(views, model=model, pose=pose, notes=_not_used(found, unused))
+
+
+def _photos(found: FileSet, known: KnownCameras) -> Choosing:
+    """All photos whose cameras are known as a set, with the model where a scene has it."""
+    rig = None
+    if len(known.rigs) > 1:
+        by_label = {f"object {rig}, in {len(of)} photos": rig for rig, of in known.rigs.items()}
+        text = (
+            "The scene does not say how its camera moved. Which object stood still, so that its "
+            "poses tell it?"
+        )
+        rig = by_label.get((yield Question(text, (*by_label, "none: open no photo"))) or "")
+        if rig is None:
+            return Chosen()
+    elif known.rigs:
+        (rig,) = known.rigs
+    choice = known.choice(rig)
+    photos = [photo for photo, name in known.photos.items() if name in choice.photos]
+    views = Chosen(photo=photos[0], views=known.path, choice=choice)
+    chosen = yield from _views(found, views)
+    scene = found.scene_of(photos[0])
+    if chosen.model is None or scene is None or not scene.images:
+        return chosen  # the world of others is not the model's frame
+    places = ((photo, scene.place(photo, chosen.model.path)) for photo in photos)
+    photo, place = next((one for one in places if one[1] is not None), (photos[0], None))
+    return replace(chosen, photo=photo, place=place)
+
+
 def _photo(
     found: FileSet, pictures: Sequence[Path]
-) -> Generator[Question, str | None, Path | None]:
+) -> Generator[Question, str | None, Path | KnownCameras | None]:
+    if found.known_cameras:
+        photos, sets = found.photos, {}
+        for known in found.known_cameras:
+            count = f"{len(known.photos)} photos"
+            several = len(found.known_cameras) > 1
+            of = f"{count} of {found.label(known.path)}" if several else count
+            sets[ALL_PHOTOS.format(of)] = known
+        by_label = {found.label(path): path for path in photos}
+        text = f"{len(photos):,} photos. Which one is to be opened?"
+        answer = yield Question(text, (*by_label, *sets, "none"))
+        return by_label.get(answer or "") or sets.get(answer or "")
     if found.photos or not pictures:
         # What is left of the pictures is of no use beside a photo that a camera has taken.
         return (yield from _one(found, "photos", "is to be opened", found.photos))

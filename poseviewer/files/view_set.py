@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -93,6 +94,34 @@ def is_view_set_file(path: Path) -> bool:
     except PoseFileError:
         return False
     return isinstance(data, dict) and data.get("format") == FORMAT
+
+
+def photos_of_frames(path: Path) -> dict[Path, str]:
+    """The photos that a ``transforms.json`` names and that are there, and what it calls each; none
+    where it is no such file.
+    """
+    try:
+        data = read_json(path) if path.suffix.lower() == ".json" else None
+    except PoseFileError:
+        data = None
+    frames = data.get("frames") if isinstance(data, dict) else None
+    names = [
+        frame["file_path"]
+        for frame in (frames if isinstance(frames, list) else ())
+        if isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
+    ]
+    found = {Path(os.path.normpath(_of_frame(path, name))): name for name in names}
+    return {photo: name for photo, name in found.items() if photo.is_file()}
+
+
+def says_world(cameras: Path) -> bool:
+    """Whether a BOP scene's file says of each image how its camera stands in the scene's world.
+
+    Raises:
+        PoseFileError: it is damaged.
+    """
+    entries = load_scene_file(cameras).values()
+    return all(isinstance(one, dict) and all(name in one for name in WORLD) for one in entries)
 
 
 def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:
@@ -271,11 +300,16 @@ def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> lis
         name = reading.text(own.get("file_path"), "file_path") or ""
         if not _is_chosen(name, choice.photos):
             continue
-        tried = [reading.path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
-        path = next((path for path in tried if path.is_file()), tried[0])
+        path = _of_frame(reading.path, name)
         place = frame_taken(reading, {"fl_x": 1.0, "cx": 0.0, "cy": 0.0, **own}, 1, 1)[1]
         found.append(_Shot(path, place, own))
     return found
+
+
+def _of_frame(path: Path, name: str) -> Path:
+    """The photo that a ``transforms.json`` calls so, there or not."""
+    tried = [path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
+    return next((path for path in tried if path.is_file()), tried[0])
 
 
 def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
@@ -315,10 +349,15 @@ def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:
-    """Whether a photo is one of those wanted, by name, by stem, or by number (BOP)."""
+    """Whether a photo is one of those wanted, by its name with or without folders, by stem, or by
+    number (BOP).
+    """
     path = PurePosixPath(name)
     numbers = {str(int(path.stem))} if path.stem.isdecimal() else set()
-    return not photos or not {name, path.name, path.stem, *numbers}.isdisjoint(photos)
+    if not photos or not {path.stem, *numbers}.isdisjoint(photos):
+        return True
+    ends = tuple(PurePosixPath("/", wanted).as_posix() for wanted in photos)
+    return any(f"/{whole}".endswith(ends) for whole in (path, path.with_suffix("")))
 
 
 def _chosen(reading: Reading, shots: list[_Shot], photos: Sequence[str]) -> list[_Shot]:

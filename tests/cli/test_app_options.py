@@ -14,6 +14,7 @@ from poseviewer.app.workers.opening import Opened
 from poseviewer.cli.main import main
 from poseviewer.files.pose import load_pose
 from tests.scene import Scene, make_scene
+from tests.view_sets import write_views
 
 
 @pytest.fixture
@@ -56,6 +57,21 @@ def test_a_folder_or_a_zip_is_opened(
     np.testing.assert_array_equal(
         document.pose.camera_from_model.translation, start.camera_from_model.translation
     )
+
+
+def test_a_folder_with_a_set_of_photos_opens_it(tmp_path: Path, served: list[Opened]) -> None:
+    _, model, start = write_views(tmp_path)
+    assert main(["app", str(tmp_path), "--method", "paper"]) == 0
+    start.rename(tmp_path.with_suffix(".json"))
+    assert main(["app", str(tmp_path), "--pose", str(tmp_path.with_suffix(".json"))]) == 0
+    for opened in served:
+        views = opened.document.views
+        assert views is not None
+        assert len(views.views.views) == 3
+        assert not opened.document.awaits_place
+    assert served[0].document.settings.method == "paper"
+    model.unlink()
+    assert main(["app", str(tmp_path)]) == 2
 
 
 def test_what_a_folder_does_not_say_is_asked_in_the_terminal(

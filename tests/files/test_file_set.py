@@ -31,8 +31,9 @@ from poseviewer.files.set_questions import (
     choose,
 )
 from poseviewer.files.state.uploads import gathered
+from poseviewer.files.view_set import load_view_set
 from tests.textured import write_gltf, write_obj, write_ply
-from tests.view_sets import write_views
+from tests.view_sets import TRUTH, write_bop, write_colmap, write_frames, write_views
 
 POSE = {"projection": "perspective", "camera": {}, "camera_from_model": {}}
 CAMERA = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "image_size": [160, 120]}
@@ -398,7 +399,8 @@ def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path, kind: str) 
     found = sort(tmp_path)
     assert found.leftovers == found.cameras == ()
     chosen, (question,) = answered(found, "images/b/one.jpg")
-    assert question.options[:-1] == ("images/a/one.jpg", "images/b/one.jpg")
+    in_all = "all 2 photos: one pose in all of them"
+    assert question.options == ("images/a/one.jpg", "images/b/one.jpg", in_all, "none")
     assert chosen.place is not None
     np.testing.assert_array_equal(chosen.place.translation, [0, 0, 5])
 
@@ -446,3 +448,55 @@ def test_a_set_of_photos_comes_with_its_model_and_start(tmp_path: Path):
         choose(found).send(None)
     chosen = end.value.value
     assert (chosen.views, chosen.model.path, chosen.pose) == (of_set, model, start)
+
+
+def test_all_photos_with_known_cameras_can_be_a_set(tmp_path: Path):
+    """Of COLMAP, nerfstudio and BOP; without the file of the set itself."""
+    in_all = "all 3 photos: one pose in all of them"
+    for kind, write_cameras in (
+        ("colmap", lambda folder: write_colmap(folder / "sparse" / "0")),
+        ("nerfstudio", lambda folder: write_frames(folder, camera_angle_x=0.5)),
+        ("bop", lambda folder: write_bop(folder, with_world=True)),
+        ("rig", lambda folder: write_bop(folder, with_world=False)),
+    ):
+        folder = tmp_path / kind
+        folder.mkdir()
+        of_set, model, start = write_views(folder)
+        for path in (of_set, start):
+            path.unlink()
+        cameras = write_cameras(folder)
+        if kind in ("bop", "rig"):
+            model = model.rename(folder / "obj_000005.ply")
+        found = sort_set(files_below(folder))
+        chosen, (question,) = answered(found, in_all)
+        assert question.options[-2] == in_all
+        assert (chosen.views, chosen.model and chosen.model.path) == (cameras, model)
+        assert chosen.choice.rig_object == (5 if kind == "rig" else None)
+        views = load_view_set(cameras, chosen.choice).views
+        assert len(views) == 3
+        if kind in ("bop", "rig"):
+            assert chosen.photo == views[0].path
+            np.testing.assert_array_equal(
+                chosen.place and chosen.place.translation, TRUTH[0].camera_from_model.translation
+            )
+        photo = question.options[1]
+        chosen, _ = answered(found, photo)  # one photo, as before
+        assert chosen.views is None
+        assert chosen.photo == folder / photo
+
+
+def test_of_several_objects_it_is_asked_which_one_tells_how_the_camera_moved(tmp_path: Path):
+    write_views(tmp_path)
+    (tmp_path / "set.json").unlink()
+    scene = write_bop(tmp_path, with_world=False)
+    poses = json.loads((scene / "scene_gt.json").read_text())
+    for entries in list(poses.values())[1:]:
+        entries.append(entries[0] | {"obj_id": 8})
+    (scene / "scene_gt.json").write_text(json.dumps(poses))
+    found = sort_set(files_below(scene))
+    in_all = "all 3 photos: one pose in all of them"
+    chosen, (_, question) = answered(found, in_all, "object 8, in 2 photos")
+    assert question.options[:2] == ("object 5, in 3 photos", "object 8, in 2 photos")
+    assert (chosen.choice.rig_object, len(chosen.choice.photos)) == (8, 2)
+    chosen, _ = answered(found, in_all, "none: open no photo")
+    assert chosen.views is chosen.photo is None

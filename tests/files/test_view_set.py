@@ -9,16 +9,20 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError, PoseViewerError
-from poseviewer.files.formats.bop import BopObject, save_bop_images
 from poseviewer.files.view_set import SetChoice, load_view_set
-from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from tests.schemas import json_schema
-from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, TRUTH, make_views, write_views
-
-LAST = [0.0, 0.0, 0.0, 1.0]
+from tests.view_sets import (
+    CAMERA,
+    CAMERAS_FROM_SET,
+    NAMES,
+    make_views,
+    write_bop,
+    write_colmap,
+    write_frames,
+    write_views,
+)
 
 
 @pytest.fixture
@@ -32,45 +36,6 @@ def edited(folder: Path, change) -> Path:
     change(data)
     (folder / "other.json").write_text(json.dumps(data))
     return folder / "other.json"
-
-
-def write_colmap(model: Path) -> Path:
-    model.mkdir(parents=True)
-    (model / "cameras.txt").write_text("7 PINHOLE 320 240 600 600 160.5 120.5\n")
-    lines = []
-    for number, (name, place) in enumerate(zip(NAMES, CAMERAS_FROM_SET, strict=True), 1):
-        q = Rotation.from_matrix(place.rotation).as_quat(scalar_first=True)
-        numbers = " ".join(map(repr, map(float, (*q, *place.translation))))
-        lines += [f"{number} {numbers} 7 {name}", ""]
-    (model / "images.txt").write_text("\n".join(lines) + "\n")
-    return model
-
-
-def write_frames(folder: Path, **shared) -> Path:
-    frames = []
-    for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
-        world = (OPENGL_FROM_OPENCV @ place).inverse()
-        matrix = np.vstack([np.column_stack([world.rotation, world.translation]), LAST])
-        frames.append({"file_path": f"./{Path(name).stem}", "transform_matrix": matrix.tolist()})
-    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
-    return folder / "transforms.json"
-
-
-def write_bop(folder: Path, with_world: bool) -> Path:
-    scene = folder / "bop"
-    (scene / "rgb").mkdir(parents=True)
-    cameras, poses = {}, {}
-    for number, name in enumerate(NAMES):
-        shutil.copy(folder / name, scene / "rgb" / f"{number:06d}.png")
-        entry: dict = {"cam_K": [600, 0, 160, 0, 600, 120, 0, 0, 1], "depth_scale": 1.0}
-        if with_world:
-            place = CAMERAS_FROM_SET[number]
-            entry["cam_R_w2c"] = place.rotation.ravel().tolist()
-            entry["cam_t_w2c"] = place.translation.tolist()
-        cameras[str(number)] = entry
-        poses[number] = [BopObject(5, TRUTH[number].camera_from_model)]
-    save_bop_images(scene, cameras, poses)
-    return scene
 
 
 def require_same_cameras(found, names=NAMES) -> None:
@@ -176,3 +141,13 @@ def test_colmap_photos_that_are_not_there_are_said(folder):
     assert len(kept.views) == 2
     with pytest.raises(PoseFileError, match="no photo z"):
         load_view_set(model, SetChoice(("a", "z")))
+
+
+def test_photos_are_chosen_by_their_names_in_folders(folder):
+    for name in NAMES:
+        (folder / name[0]).mkdir()
+        (folder / name).rename(folder / name[0] / "photo.png")
+    names = [f"{name[0]}/photo.png" for name in NAMES]
+    model = write_colmap(folder / "sparse" / "0", names)
+    found = load_view_set(model, SetChoice(tuple(names[:2])))
+    assert [view.name for view in found.views] == names[:2]

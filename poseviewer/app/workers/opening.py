@@ -106,9 +106,11 @@ def open_set(
     view: str | None = None,
     scale: float | None = None,
     without: Sequence[str] = (),
+    place: RigidTransform | None = None,
 ) -> Opened:
-    """The photos of a set and a model, with a start pose in one of them from a file, or seen from a
-    corner in the first; ``view`` and ``scale`` as of ``start_in_set``.
+    """The photos of a set and a model, with a start pose in one of them from a file, else at a
+    ``place`` in the photo ``view`` (camera from model), else seen from a corner in the first;
+    ``view`` and ``scale`` as of ``start_in_set``.
 
     Raises:
         PoseViewerError: one of the files cannot be used; the scale is not known, and nothing tells
@@ -116,12 +118,15 @@ def open_set(
     """
     views, loaded = load_view_set(path, choice), load_model(model)
     loaded = replace(loaded, mesh=loaded.mesh.without(without))
-    if pose is None:
+    if pose is not None:
+        start = start_in_set(views, loaded, pose, view, scale)
+    elif place is not None:
+        own = next((one for one in views.views if one.name == view), views.views[0])
+        start = start_in_set(views, loaded, Pose(own.camera, place), own.name, scale)
+    else:
         camera = views.views[0].camera
         guess = look_from("three-quarter", loaded.mesh, loaded.keypoints, camera)
         start = start_in_set(views, loaded, guess, views.views[0].name, scale)
-    else:
-        start = start_in_set(views, loaded, pose, view, scale)
     masks = [start.masks.get(index, one.mask) for index, one in enumerate(views.views)]
     own = tuple(OwnOfPhoto(mask, None, Marks()) for mask in masks)
     photos = PhotoSet(
@@ -135,12 +140,29 @@ def open_set(
         start.free_size,
     )
     document = _in_set(photos, loaded, start, model)
-    if pose is None:
+    if pose is None and place is None:
         guess = replace(document.registration, start_is_guess=True)
         document = replace(document, registration=guess)
     of_photos = (f"{one.name}: {note}" for one in views.views for note in one.photo.notes)
     warnings = (*of_photos, *document.registration.warnings, *start.notes)
     return Opened(document, tuple(dict.fromkeys(warnings)))
+
+
+def open_chosen_set(chosen: Chosen, model: Path, without: Sequence[str] = ()) -> Opened:
+    """The set of photos that was chosen of files, and its model, wherever that lies; ``without``:
+    parts of it that are left out.
+
+    Raises:
+        PoseViewerError: as of ``open_set``.
+    """
+    assert chosen.views is not None  # it was chosen
+    at = None if chosen.pose is not None or chosen.photo is None else chosen.photo.name
+    opened = open_set(
+        *(chosen.views, model, chosen.pose, chosen.choice, at),
+        without=without,
+        place=chosen.place,
+    )
+    return replace(opened, warnings=(*opened.warnings, *chosen.notes))
 
 
 def _in_set(photos: PhotoSet, model: LoadedModel, start: StartInSet, path: Path) -> Document:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from poseviewer.app.state.candidates import CandidateModel
@@ -18,9 +18,9 @@ from poseviewer.app.workers.opening import (
     Opened,
     open_candidate,
     open_chosen,
+    open_chosen_set,
     open_pose,
     open_scene,
-    open_set,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch.results import JobResult
@@ -171,8 +171,7 @@ class Tasks:
             model = gathered(self._uploads, chosen.model, in_use=session.paths)
         if model is None:
             raise QuickStartError(f"{views.name}: a set of photos without a model; drop both.")
-        opened = open_set(views, model, chosen.pose)
-        return replace(opened, warnings=(*opened.warnings, *chosen.notes))
+        return open_chosen_set(chosen, model)
 
     def _add(
         self,
