@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
-from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.view_chart import SIZE, ViewChart
 from poseviewer.optimise import quadratic
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.render.pyramid.levels import lighter_level
@@ -87,7 +88,7 @@ def joint_covariance(
     for view, verdict in zip(problem.views, views, strict=True):
         if verdict.covariance is None or not isinstance(view.chart, ViewChart):
             continue
-        from_first = _from_first(view.chart, parameters)
+        from_first = _from_first(view.chart, parameters)[:6]
         total += from_first.T @ _inverse(verdict.covariance) @ from_first
         own = own or PoseCovariance(
             problem.chart.to_pose(parameters), verdict.covariance.centre, np.zeros((6, 6))
@@ -96,24 +97,25 @@ def joint_covariance(
         return None
     scales = np.append(own.scales, 1.0)
     units = np.outer(scales, scales)
-    joint = np.asarray(np.linalg.pinv(total * units, PINV) * units, float)
-    if seen is None or chart is None:
-        return own.with_matrix(joint[:6, :6], mesh)
-    turn = _from_first(chart, parameters)
-    return PoseCovariance(seen, own.centre, np.zeros((6, 6))).with_matrix(
-        turn @ joint @ turn.T, mesh
-    )
+    inverse = np.asarray(np.linalg.pinv(total * units, PINV), float)
+    # Where the scale is known, or one photo alone has a covariance, nothing is said of the size.
+    size = 7 if (inverse @ total * units)[6, 6] > 1.0 - PINV**0.5 else 6
+    joint = inverse * units
+    if seen is not None and chart is not None:
+        turn = _from_first(chart, parameters)
+        joint, own = turn @ joint @ turn.T, replace(own, pose=seen)
+    return replace(own, seventh=SIZE).with_matrix(joint[:size, :size], mesh)
 
 
 def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
-    """(6, 7): deviations in a view from those in the first one: turns, shifts, and the logarithm of
-    the cameras' distances.
+    """(7, 7): deviations in a view from those in the first one: turns, shifts, and the logarithm of
+    the model's size, with which all cameras come nearer.
     """
     turn = chart.view_from_reference
-    from_first = np.zeros((6, 7))
-    from_first[:3, :3] = from_first[3:, 3:6] = turn.rotation
+    from_first = np.eye(7)
+    from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
     if chart.free_size:
-        from_first[3:, 6] = chart.nearness(parameters) * turn.translation
+        from_first[3:6, 6] = -chart.nearness(parameters) * turn.translation
     return from_first
 
 

@@ -30,6 +30,7 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import SIZE
 
 FORMAT = "poseviewer-pose"
 VERDICTS = ("found", "doubtful", "lost")
@@ -274,7 +275,9 @@ def covariance_as_json(covariance: PoseCovariance) -> dict[str, Any]:
     """The covariance, and what it says of single quantities."""
     deviations = {
         name: getattr(covariance, name)
-        for name in ("depth", "sideways", "scale_percent", "degrees", "focal_px", "px")
+        for name in (
+            *("depth", "sideways", "scale_percent", "degrees", "focal_px", "size_percent", "px"),
+        )
     }
     return {
         "covariance": covariance.matrix.tolist(),
@@ -382,7 +385,9 @@ def _covariance(reading: Reading, value: Any, pose: Pose) -> PoseCovariance:
     centre = reading.numbers(value.get("centre"), f"{what}.centre")
     deviations = reading.object(value.get("deviations", {}), f"{what}.deviations")
     px = reading.number(deviations.get("px", 0.0), f"{what}.deviations.px")
-    return PoseCovariance(pose, np.array(centre), matrix, px)
+    names = value.get("names")
+    seventh = SIZE if isinstance(names, list) and SIZE in names else "log_focal"
+    return PoseCovariance(pose, np.array(centre), matrix, px, seventh)
 
 
 def _verdict(reading: Reading, value: Any, what: str) -> RecordedVerdict:

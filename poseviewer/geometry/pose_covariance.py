@@ -7,7 +7,8 @@ camera's axes (a perturbation from the left, rotation first)::
 
 So turn and shift are told apart, wherever the model's own frame has its origin. Under parallel
 projection, which knows no depth, the logarithm of the scale stands for the third part of the shift;
-a free focal length adds its own logarithm.
+a free focal length adds its own logarithm. In a set of photos whose scale is not known, so does the
+model's size: the pose in this photo stays, and the other cameras come nearer.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,6 +29,7 @@ from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import SIZE, ViewChart
 
 REGION = 0.9
 """Share of the distribution within its region, an ellipsoid."""
@@ -48,11 +51,13 @@ class PoseCovariance:
     centre: FloatArray
     """(3,): the point that turns are about, in the model's frame."""
     matrix: FloatArray
-    """(d, d), read-only, symmetric; d is 6, or 7 with the focal length. In rad, the model's unit,
+    """(d, d), read-only, symmetric; d is 6, or 7 with the ``seventh``. In rad, the model's unit,
     and logarithms, in the order of ``names``; 0 where a number was held."""
     px: float = 0.0
     """Root mean square distance in the photo, over the distribution and the model's outer points,
     from where the pose shows them."""
+    seventh: Literal["log_focal", "log_size"] = "log_focal"
+    """What the last of seven numbers is: focal length, or size of the model in its set."""
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
@@ -100,7 +105,17 @@ class PoseCovariance:
         """What each number of a deviation is called."""
         depth = "log_scale" if isinstance(self.pose.camera, Parallel) else "shift_z"
         names = (*ROTATIONS, "shift_x", "shift_y", depth)
-        return (*names, "log_focal") if len(self.matrix) > 6 else names
+        return (*names, self.seventh) if len(self.matrix) > 6 else names
+
+    @property
+    def has_focal(self) -> bool:
+        """Whether the focal length is one of the numbers."""
+        return len(self.matrix) > 6 and self.seventh == "log_focal"
+
+    @property
+    def has_size(self) -> bool:
+        """Whether the model's size in its set is."""
+        return len(self.matrix) > 6 and self.seventh == SIZE
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -125,31 +140,44 @@ class PoseCovariance:
             camera = replace(camera, scale=camera.scale * math.exp(logarithms[5]))
         else:
             middle[2] += numbers[5]
-            if len(numbers) > 6:
+            if self.has_focal:
                 zoom = math.exp(logarithms[6])
                 camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
         return Pose(camera, RigidTransform(rotation, middle - rotation @ self.centre))
 
     def deviation(self, pose: Pose) -> FloatArray:
-        """(d,): how far a ``pose`` of the same projection is off."""
+        """(d,): how far a ``pose`` of the same projection is off; of a size, which it does not
+        say, 0.
+        """
         here, there = self.pose.camera_from_model, pose.camera_from_model
         turn = Rotation.from_matrix(there.rotation @ here.rotation.T).as_rotvec()
         shift = there.apply(self.centre) - here.apply(self.centre)
         own, its = self.pose.camera, pose.camera
         if isinstance(own, Parallel) and isinstance(its, Parallel):
             return np.array([*turn, *shift[:2], math.log(its.scale / own.scale)])
-        if len(self.matrix) > 6 and isinstance(own, Perspective) and isinstance(its, Perspective):
+        if self.has_focal and isinstance(own, Perspective) and isinstance(its, Perspective):
             return np.array([*turn, *shift, math.log(its.fx / own.fx)])
-        return np.array([*turn, *shift])
+        return np.array([*turn, *shift, *([0.0] * self.has_size)])
 
     def in_chart(self, chart: Chart) -> FloatArray:
-        """(n, n): the covariance of a chart's numbers at the pose, to first order.
+        """(n, n): the covariance of a chart's numbers at the pose, to first order; nan for a size
+        of which nothing is known.
 
         Raises:
             OutsideChartError, SingularChartError: the pose, or one beside it, has none.
         """
-        jacobian = _derivatives(lambda d: chart.from_pose(self.moved(d)), self.scales)
-        return jacobian @ self.matrix @ jacobian.T
+
+        def numbers(deviation: FloatArray) -> FloatArray:
+            pose = self.moved(deviation)
+            if self.has_size and isinstance(chart, ViewChart):
+                return chart.numbers_at(pose, chart.scale * math.exp(-deviation[6]))
+            return chart.from_pose(pose)
+
+        jacobian = _derivatives(numbers, self.scales)
+        found = jacobian @ self.matrix @ jacobian.T
+        if isinstance(chart, ViewChart) and chart.free_size and not self.has_size:
+            found[-1] = found[:, -1] = np.nan
+        return found
 
     def swung(self, mesh: Mesh, share: float) -> Pose:
         """The pose at a ``share``, from -1 to 1, of the half axis of the region along which it is
@@ -158,12 +186,21 @@ class PoseCovariance:
         Raises:
             OutsideChartError, SingularChartError: there is none so far off.
         """
-        free_focal = len(self.matrix) > 6
-        chart = FreeBodyChart.near(mesh, self.pose, free_focal)
+        chart = FreeBodyChart.near(mesh, self.pose, self.has_focal)
         values, axes = np.linalg.eigh(self.in_chart(chart))
         # Which of its two ends comes first is all the same, but must not change on the way.
         axis = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
         return chart.to_pose(share * self.reach * math.sqrt(max(values[-1], 0.0)) * axis)
+
+    def log_size_at(self, pose: Pose) -> float:
+        """The likeliest logarithm of the model's size where the pose in this photo is another; 0
+        where the size is none of the numbers.
+        """
+        if not self.has_size:
+            return 0.0
+        scales = self.scales[:6]
+        of_pose = np.linalg.pinv(self._of_pose / np.outer(scales, scales))
+        return float(self.matrix[6, :6] / scales @ of_pose @ (self.deviation(pose)[:6] / scales))
 
     @property
     def degrees(self) -> float:
@@ -201,14 +238,27 @@ class PoseCovariance:
     def focal_px(self) -> float | None:
         """Standard deviation of the focal length ``fx``, px; None where it was not looked for."""
         camera = self.pose.camera
-        if len(self.matrix) < 7 or isinstance(camera, Parallel):
+        if not self.has_focal or isinstance(camera, Parallel):
             return None
         return camera.fx * math.sqrt(max(self.matrix[6, 6], 0.0))
 
     @property
+    def size_percent(self) -> float | None:
+        """Standard deviation of the model's size in its set, %; None where that is known."""
+        return 100.0 * math.sqrt(max(self.matrix[6, 6], 0.0)) if self.has_size else None
+
+    @property
     def reach(self) -> float:
-        """How many standard deviations the ellipsoid of the ``REGION`` reaches, every way."""
-        return region_reach(np.linalg.matrix_rank(self.matrix / np.outer(self.scales, self.scales)))
+        """How many standard deviations the ellipsoid of the ``REGION`` of the pose reaches, every
+        way.
+        """
+        scales = self.scales[: len(self._of_pose)]
+        return region_reach(np.linalg.matrix_rank(self._of_pose / np.outer(scales, scales)))
+
+    @property
+    def _of_pose(self) -> FloatArray:
+        """Of what this photo shows: without the size."""
+        return self.matrix[:6, :6] if self.has_size else self.matrix
 
     @property
     def _line_of_sight(self) -> FloatArray:
@@ -226,7 +276,8 @@ class PoseCovariance:
             first = f"scale ±{short(self.scale_percent or 0.0)} %"
         rest = f"the rest ±{short(self.sideways)}{unit}, ±{short(self.degrees)}°"
         focal = "" if self.focal_px is None else f", focal length ±{short(self.focal_px)} px"
-        return f"{first}, {rest}{focal}, in the photo ±{short(self.px)} px"
+        size = "" if self.size_percent is None else f", its size ±{short(self.size_percent)} %"
+        return f"{first}, {rest}{focal}{size}, in the photo ±{short(self.px)} px"
 
 
 def region_reach(size: int) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
-SIZE = "log_size"
+SIZE: Literal["log_size"] = "log_size"
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,13 +88,21 @@ def test_what_is_written_is_read_to_the_last_digit(
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
 
 
-@pytest.mark.parametrize(("camera", "size"), [(PERSPECTIVE, 6), (PERSPECTIVE, 7), (PARALLEL, 6)])
+@pytest.mark.parametrize(
+    ("camera", "size", "seventh"),
+    [
+        (PERSPECTIVE, 6, "log_focal"),
+        (PERSPECTIVE, 7, "log_focal"),
+        (PERSPECTIVE, 7, "log_size"),
+        (PARALLEL, 6, "log_focal"),
+    ],
+)
 def test_how_sure_it_is_survives_the_file_and_passes_the_schema(
-    tmp_path: Path, camera: Perspective | Parallel, size: int, validator: Any
+    tmp_path: Path, camera: Perspective | Parallel, size: int, seventh: Any, validator: Any
 ) -> None:
     factor = np.random.default_rng(0).normal(size=(size, size))
     sure = PoseCovariance(
-        Pose(camera, TRANSFORM), np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7
+        Pose(camera, TRANSFORM), np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7, seventh
     )
     path = tmp_path / "pose.json"
     save_pose(path, replace(full_record(camera), covariance=sure))
@@ -103,6 +111,7 @@ def test_how_sure_it_is_survives_the_file_and_passes_the_schema(
     assert read is not None
     np.testing.assert_array_equal(read.matrix, sure.matrix)
     assert read.words("mm") == sure.words("mm")
+    assert read.names == sure.names
 
 
 @pytest.mark.parametrize(

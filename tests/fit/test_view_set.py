@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.model import judge_end
+from poseviewer.confidence.uncertainty import joint_covariance
 from poseviewer.errors import SettingsError
 from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
@@ -16,6 +17,7 @@ from poseviewer.fit.search import search
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.view_set import make_set_problem
+from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.view_set import place_in_views
@@ -77,6 +79,24 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
     assert np.abs(at - true).max() < 0.003 * DISTANCE
     assert isinstance(problem.chart, ViewChart)
     assert placed.scale * problem.chart.nearness(end.parameters) == pytest.approx(2.5, rel=0.003)
+    # The size is as sure as the distance, which is that of what the set looks at.
+    assert end.verdict is not None
+    joint = end.verdict.covariance
+    assert joint is not None
+    assert joint.depth is not None
+    assert joint.size_percent == pytest.approx(100.0 * joint.depth / DISTANCE, rel=0.3)
+    assert np.isfinite(joint.in_chart(problem.chart)).all()
+    # As each photo has it, pose and size are one distribution: that of what is seen there.
+    for view, pose in zip(problem.views, TRUTH, strict=True):
+        assert isinstance(view.chart, ViewChart)
+        seen = view.chart.to_pose(end.parameters)
+        also = joint_covariance(problem, MESH, end.parameters, end.verdict.views, seen, view.chart)
+        assert also is not None
+        assert also.size_percent == pytest.approx(joint.size_percent)
+        off = also.deviation(pose) / also.scales
+        off[6] = placed.scale * problem.chart.nearness(end.parameters) / 2.5 - 1.0
+        units = np.outer(also.scales, also.scales)
+        assert off @ np.linalg.solve(also.matrix / units, off) < region_reach(7) ** 2
 
 
 def test_threads_change_nothing(problem, renderer):

@@ -11,6 +11,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.pose_covariance import PoseCovariance, ellipse, region_reach, short
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box
@@ -63,6 +64,29 @@ def test_the_covariance_is_the_same_by_any_chart(free_focal: bool) -> None:
         again = PoseCovariance.from_chart(MESH, pose, also, sure.in_chart(also))
         np.testing.assert_allclose(again.matrix, sure.matrix, rtol=1e-5, atol=1e-12)
         assert again.px == pytest.approx(sure.px, rel=1e-5)
+
+
+def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:
+    pose = pose_by(PERSPECTIVE)
+    reference = FreeBodyChart.near(MESH, pose)
+    chart = ViewChart(reference, PERSPECTIVE, RigidTransform.identity(), True, 2.0)
+    off = np.random.default_rng(1).normal(size=(400, 7)) @ np.linalg.cholesky(random_covariance(7))
+    sure = PoseCovariance(pose, MESH.centre, np.cov(off.T), seventh="log_size")
+    numbers = np.array([chart.numbers_at(sure.moved(d), 2.0 * math.exp(-d[6])) for d in off])
+    told = sure.in_chart(chart)
+    scales = np.sqrt(np.outer(np.diag(told), np.diag(told)))
+    np.testing.assert_allclose(np.cov(numbers.T) / scales, told / scales, atol=0.01)
+    plain = PoseCovariance(pose, MESH.centre, sure.matrix[:6, :6])
+    np.testing.assert_allclose(sure.in_chart(reference), plain.in_chart(reference))
+    assert sure.reach == plain.reach
+    assert np.isnan(plain.in_chart(chart)[-1]).all()
+    likely, *_ = np.linalg.lstsq(off[:, :6], off[:, 6])
+    for deviation in off[:5]:
+        expected = float(likely @ deviation[:6])
+        assert sure.log_size_at(sure.moved(deviation)) == pytest.approx(expected, abs=2e-4)
+    assert sure.size_percent == pytest.approx(100.0 * math.sqrt(sure.matrix[6, 6]))
+    assert "its size ±" in sure.words()
+    assert sure.focal_px is plain.size_percent is None
 
 
 def test_it_is_what_a_sample_of_poses_spreads_by() -> None:

@@ -31,7 +31,6 @@ from poseviewer.fit.landscape import Slice, slice_minimum, strides
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name
-from poseviewer.geometry.view_chart import ViewChart
 
 PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""
@@ -195,8 +194,6 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
     if sure is not None:
         with suppress(PoseViewerError, OutsideChartError):
             covariance = sure.in_chart(chart)
-            if isinstance(chart, ViewChart) and chart.free_size:  # of which nothing is said
-                covariance[-1] = covariance[:, -1] = np.nan
     if search is None or not _same_chart(search.case, latest.case):
         return Markers(pose, covariance=covariance)
     trail = np.array([step.parameters for step in search.improvements])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -42,8 +43,10 @@ class StripWorker:
         if views is None or self._worker.busy or session.preparation is not None:
             return
         poses, mesh = views.poses, document.registration.mesh
-        if swung is not None and not views.free_size:  # whose size would swing along
-            poses = views.views.posed(views.at, swung, views.scale)
+        sure = session.covariance
+        if swung is not None and sure is not None:  # the size swings along
+            scale = views.scale * math.exp(-sure.log_size_at(swung))
+            poses = views.views.posed(views.at, swung, scale)
         drawn = mesh, views.views, *poses
         if len(drawn) == len(self._drawn) and all(map(operator.is_, drawn, self._drawn)):
             return
