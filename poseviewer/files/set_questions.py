@@ -165,7 +165,7 @@ def _photo(
             sets[ALL_PHOTOS.format(of)] = known
         by_label = {found.label(path): path for path in photos}
         text = f"{len(photos):,} photos. Which one is to be opened?"
-        answer = yield Question(text, (*by_label, *sets, "none"))
+        answer = yield Question(text, (*sets, *by_label, "none"))
         return by_label.get(answer or "") or sets.get(answer or "")
     if found.photos or not pictures:
         # What is left of the pictures is of no use beside a photo that a camera has taken.

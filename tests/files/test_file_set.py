@@ -400,7 +400,7 @@ def test_a_colmap_model_gives_photo_camera_and_start(tmp_path: Path, kind: str) 
     assert found.leftovers == found.cameras == ()
     chosen, (question,) = answered(found, "images/b/one.jpg")
     in_all = "all 2 photos: one pose in all of them"
-    assert question.options == ("images/a/one.jpg", "images/b/one.jpg", in_all, "none")
+    assert question.options == (in_all, "images/a/one.jpg", "images/b/one.jpg", "none")
     assert chosen.place is not None
     np.testing.assert_array_equal(chosen.place.translation, [0, 0, 5])
 
@@ -469,7 +469,7 @@ def test_all_photos_with_known_cameras_can_be_a_set(tmp_path: Path):
             model = model.rename(folder / "obj_000005.ply")
         found = sort_set(files_below(folder))
         chosen, (question,) = answered(found, in_all)
-        assert question.options[-2] == in_all
+        assert question.options[0] == in_all
         assert (chosen.views, chosen.model and chosen.model.path) == (cameras, model)
         assert chosen.choice.rig_object == (5 if kind == "rig" else None)
         views = load_view_set(cameras, chosen.choice).views
@@ -479,7 +479,7 @@ def test_all_photos_with_known_cameras_can_be_a_set(tmp_path: Path):
             np.testing.assert_array_equal(
                 chosen.place and chosen.place.translation, TRUTH[0].camera_from_model.translation
             )
-        photo = question.options[1]
+        photo = question.options[2]
         chosen, _ = answered(found, photo)  # one photo, as before
         assert chosen.views is None
         assert chosen.photo == folder / photo
