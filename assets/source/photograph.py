@@ -1,17 +1,22 @@
 """Photograph the demo car in its street: Blender Cycles, then a little camera physics in numpy.
 
     python photograph.py near|far [--draft]
+    python photograph.py round FOLDER
 
 Needs Blender as a Python module (`bpy` 4.5), trimesh and Pillow. Reads `demo_car.glb`, writes
 `demo_photo.jpg` / `demo_photo_parallel.jpg` and the true pose beside it. World frame = car frame.
+`round` writes photos from around the car and `views.json`, a set of photos for `--views` with exact
+cameras, whose frame is the car's: what `tests.measure.view_sets` measures on. Photos that are in
+the folder stay.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import blender_car
@@ -83,6 +88,12 @@ SHOTS = {
         seed=2,
     ),
 }
+
+
+ROUND = [(-72.0, 1.3), (-36.0, 2.6), (0.0, 1.7), (37.0, 1.58), (74.0, 2.2)]
+"""Azimuth and height of the cameras of a set: all on the side of the street."""
+ROUND_SAMPLES = 16
+"""Of each pixel: denoised, 64 of them look no better at this size."""
 
 
 def _towards(azimuth: float, height: float) -> Vector:
@@ -214,14 +225,34 @@ def save(path: Path, picture: np.ndarray, lens_mm: float) -> None:
     image.save(path, quality=92, subsampling=0, exif=exif)
 
 
+def round_the_car(folder: Path) -> None:
+    """Photos from around the car, and the set that they are."""
+    views = []
+    for number, (azimuth, height) in enumerate(ROUND):
+        shot = replace(SHOTS["near"], azimuth=azimuth, height=height, seed=10 + number)
+        path, begun = folder / f"car-{number}.jpg", time.time()
+        pose = place_camera(shot)
+        if not path.exists():
+            picture = camera_physics(render(shot, ROUND_SAMPLES, 100), shot.seed)
+            save(path, picture, shot.lens_mm)
+            print(f"{path.name}: {time.time() - begun:.0f} s", flush=True)
+        place = {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
+        views.append({"photo": path.name, "camera": pose.camera, "camera_from_set": place})
+    text = json.dumps({"format": "poseviewer-views", "version": 1, "unit": "m", "views": views})
+    (folder / "views.json").write_text(text + "\n")
+
+
 def main() -> None:
-    """Take one photo."""
+    """Take one photo, or those of a set."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("shot", choices=sorted(SHOTS))
+    parser.add_argument("shot", choices=[*sorted(SHOTS), "round"])
+    parser.add_argument("folder", nargs="?", type=Path, help="of a set")
     parser.add_argument("--draft", type=Path, help="write a small quick PNG here and nothing else")
     parser.add_argument("--pose-only", action="store_true", help="keep the photo, redo its pose")
     arguments = parser.parse_args()
-    shot = SHOTS[arguments.shot]
+    if (arguments.shot == "round") != (arguments.folder is not None):
+        parser.error("round wants a folder, the others none")
+    shot = SHOTS["near" if arguments.folder else arguments.shot]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     made: dict[str, bpy.types.Material] = {}
     for part in blender_car.load_car(ASSETS / "demo_car.glb").values():
@@ -232,6 +263,9 @@ def main() -> None:
     furnish()
     street.build()
     light(shot)
+    if arguments.folder:
+        round_the_car(arguments.folder)
+        return
     pose = place_camera(shot)
     begun = time.time()
     if arguments.draft:

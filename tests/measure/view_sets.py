@@ -3,7 +3,9 @@
 ``python -m tests.measure.view_sets FOLDER`` fits by one photo, and from the same start by sets of
 photos that differ by 30 degrees or more. In a folder of ``cases.json`` (as of ``poseviewer study``)
 with exact poses, they are photos of one model, whose frame is the set's, and the starts are its
-own, 15 degrees off. In the folder of LINEMOD-Occlusion one object's annotations tell how the camera
+own, 15 degrees off. In a folder of ``views.json`` (as of ``assets/source/photograph.py round``)
+they are that set's, whose frame is the demo car's, and starts are drawn as those are. In the folder
+of LINEMOD-Occlusion one object's annotations tell how the camera
 moved, and another is fitted; the objects were moved between the photos, so that those belong to a
 set in which the annotations of both keep their places to one another. It prints how far off each
 fit ends in the first photo, along the line of sight and across it.
@@ -21,6 +23,7 @@ import numpy as np
 
 from poseviewer.api import load_views, make_case
 from poseviewer.cli.options import listed, whole
+from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.photo import load_photo
 from poseviewer.files.view_set import SetChoice, load_view_set
@@ -28,6 +31,7 @@ from poseviewer.fit.registration import LoadedModel
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.geometry.view_set import View, ViewSet
 from poseviewer.render.pool import processors
@@ -46,6 +50,10 @@ all, a tenth of the radius, 3 % of the distance."""
 LEAST_SEEN = 0.5
 """Share of the model that nothing hides in a photo with exact poses."""
 MOST_PHOTOS = 8
+VIEWS = "views.json"
+START_DEG = 15.0
+"""Of starts that are drawn; they are shifted as those of ``cases.json`` are: by a normal deviate of
+7.5 % of the diameter across the line of sight, and twice that along it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,9 @@ class Trial:
     verdict: str
     probabilities: str
     """By each photo alone."""
+    right_px: float
+    """Of the model's centre in the first photo; so the next."""
+    down_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,11 +91,12 @@ class Case:
     start: Pose
 
 
-def exact_cases(folder: Path) -> Iterator[Case]:
+def exact_cases(folder: Path, draw: int = 0) -> Iterator[Case]:
     """Sets of photos of one model that need not show the same things about it."""
     cases = [c for c in load_cases(folder) if c.accuracy_percent == 0.0]
     cases = [c for c in cases if c.visible is None or c.visible >= LEAST_SEEN]
-    starts = {one.case: one.camera_from_model for one in load_starts(folder, (15,), 1)}
+    drawn = load_starts(folder, (15,), draw + 1)
+    starts = {one.case: one.camera_from_model for one in drawn if one.draw == draw}
     for first in cases:
         chosen = [first]
         for other in cases:
@@ -101,9 +113,38 @@ def exact_cases(folder: Path) -> Iterator[Case]:
 
 
 def _is_apart(other: RealCase, chosen: Sequence[RealCase]) -> bool:
-    own = other.truth.camera_from_model.rotation
-    angles = [rotation_angle(one.truth.camera_from_model.rotation, own) for one in chosen]
+    places = [one.truth.camera_from_model for one in chosen]
+    return _differs(other.truth.camera_from_model, places)
+
+
+def _differs(own: RigidTransform, others: Sequence[RigidTransform]) -> bool:
+    angles = [rotation_angle(one.rotation, own.rotation) for one in others]
     return bool(np.degrees(min(angles)) >= APART_DEG)
+
+
+def set_cases(folder: Path, draw: int = 0) -> Iterator[Case]:
+    """Every photo of a set in the demo car's frame, with those that are apart from it."""
+    known, model = load_view_set(folder / VIEWS), demo_case("perspective").model
+    mesh = load_model(model).mesh
+    for number, first in enumerate(known.views):
+        chosen = [first]
+        for other in known.views:
+            if _differs(other.camera_from_set, [one.camera_from_set for one in chosen]):
+                chosen.append(other)
+        truth, random = (
+            Pose(first.camera, first.camera_from_set),
+            np.random.default_rng((draw, number)),
+        )
+        axis, shift = random.normal(size=3), random.normal(size=3)
+        off = np.radians(START_DEG) * axis / np.linalg.norm(axis)
+        sigma = mesh.diameter * START_DEG / 200.0 * np.array([1.0, 1.0, 2.0])
+        sure = PoseCovariance(truth, mesh.centre, np.eye(6))
+        start = sure.moved(np.concatenate([off, sigma * shift]))
+
+        def views(chosen: Sequence[View] = chosen) -> ViewSet:
+            return replace(known, views=tuple(chosen), unit=None, scale=1.0)
+
+        yield Case(first.name, views, len(chosen), model, truth, start)
 
 
 def _view(case: RealCase) -> View:
@@ -193,6 +234,7 @@ def _trial(
         float(np.degrees(rotation_angle(*rotations))),
         "" if verdict is None else verdict.word,
         " ".join(f"{one.probability:.3f}" for one in each),
+        *map(float, (end.project(centre[None]) - case.truth.project(centre[None]))[0]),
     )
 
 
@@ -220,9 +262,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4))
     parser.add_argument("--every", type=whole, default=1, help="case")
+    parser.add_argument("--first", type=whole, default=1, help="the case to begin with")
+    parser.add_argument("--cases", type=whole, help="at most so many")
+    parser.add_argument("--draw", type=whole, default=1, help="of the starts, where they are drawn")
     options = parser.parse_args(arguments)
-    read = exact_cases if (options.folder / CASES).is_file() else bop_cases
-    cases = list(read(options.folder))[:: options.every]
+    folder, draw = options.folder, options.draw - 1
+    if (folder / VIEWS).is_file():
+        known = set_cases(folder, draw)
+    else:
+        known = exact_cases(folder, draw) if (folder / CASES).is_file() else bop_cases(folder)
+    cases = list(known)[options.first - 1 :: options.every][: options.cases]
     return print_trials(run_trials(cases, options.photos), summary)
 
 
