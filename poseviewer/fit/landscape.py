@@ -63,6 +63,11 @@ class Slice:
         object.__setattr__(self, "losses", frozen_array(self.losses, (size, size)))
 
     @property
+    def is_good(self) -> bool:
+        """Whether ``error`` is no more than ``GOOD``."""
+        return self.error is None or self.error <= GOOD
+
+    @property
     def complete(self) -> bool:
         """Whether every loss is known."""
         return not bool(np.isnan(self.losses).any())
@@ -115,6 +120,7 @@ def landscape(
     size: int = 41,
     pairs: Sequence[Pair] | None = None,
     light: Renderer | RendererPool | None = None,
+    path: FloatArray | None = None,
 ) -> Iterator[Slice]:
     """The slices through the loss about ``centre`` (d,), within +- ``half_width`` scales of it.
 
@@ -126,10 +132,11 @@ def landscape(
 
     With a ``light`` renderer, whose model is drawn sooner, the finer grids are its own, brought to
     the ``renderer``'s by what they differ on the first grid, and interpolated where they are
-    smooth; the centre and the surroundings of each slice's minimum are then the ``renderer``'s
-    again. Points drawn at random tell how good the others are. Where that is not ``GOOD``, the
-    difference is taken on the next finer grid too, and then the finer grids are the ``renderer``'s,
-    interpolated in the same way. Each pair's last slice says how good it is.
+    smooth; the centre, the surroundings of each slice's minimum and what is nearest to the points
+    of a ``path`` (t, d) are then the ``renderer``'s again. Points drawn at random tell how good the
+    others are. Where that is not ``GOOD``, the difference is taken on the next finer grid too, and
+    then the finer grids are the ``renderer``'s, interpolated in the same way, of one pair after
+    another, the worst first. Each pair's last slice says how good all are.
 
     Raises:
         SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
@@ -162,20 +169,29 @@ def landscape(
         return {p: _between(own.grids[p] - lighter.grids[p], stride, 1) for p in pairs}
 
     more = difference(first)
-    for piece in lighter.fill_smooth(finer):
+    for piece in lighter.fill_smooth(finer, pairs):
         yield replace(piece, losses=piece.losses + more[piece.first, piece.second])
+    exact = np.empty((0, len(centre))) if path is None else path
+    guesses: dict[Pair, FloatArray] = {}
     slices: dict[Pair, Slice] = {}
+    off: dict[Pair, FloatArray] = {}
     for stride in (first, finer[0]):
         for piece in own.fill(stride):  # what is known stays until all of it is better
             yield slices[piece.first, piece.second]
         more = difference(stride)
-        slices = own.checked({pair: lighter.grids[pair] + more[pair] for pair in pairs})
+        guesses = {pair: lighter.grids[pair] + more[pair] for pair in pairs}
+        slices, off = own.checked(guesses, exact)
         yield from slices.values()
-        if all((piece.error or 0.0) <= GOOD for piece in slices.values()):
+        if slices[pairs[0]].is_good:
             return
-    for piece in own.fill_smooth(finer):
-        yield slices[piece.first, piece.second]
-    yield from own.checked(own.grids).values()
+    for pair in sorted(pairs, key=lambda pair: -np.count_nonzero(off[pair] > GOOD)):
+        for _ in own.fill_smooth(finer, [pair]):
+            yield slices[pair]
+        guesses[pair] = own.grids[pair]
+        slices, _ = own.checked(guesses, exact)
+        yield from slices.values()
+        if slices[pair].is_good:
+            return
 
 
 class _Losses:
@@ -196,9 +212,12 @@ class _Losses:
         self.grids = {pair: np.full((size, size), np.nan) for pair in pairs}
         self._guessed = {pair: np.full((size, size), False) for pair in pairs}
 
-    def fill(self, stride: int) -> Iterator[Slice]:
-        """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
-        rows = _rows_to_fill(self.grids, stride)
+    def fill(self, stride: int, pairs: Sequence[Pair] | None = None) -> Iterator[Slice]:
+        """Evaluate what is not known on a grid of this stride; yields the slice after each row.
+        ``pairs``: all by default.
+        """
+        grids = {pair: self.grids[pair] for pair in pairs or self.grids}
+        rows = _rows_to_fill(grids, stride)
         coming = self._find([place for row in rows for place in row.places])
         for row in rows:
             for place in row.places:
@@ -208,29 +227,32 @@ class _Losses:
             self.grids[row.pair][row.row, row.columns] = known
             yield self._slice(row.pair, self.grids[row.pair].copy())
 
-    def fill_smooth(self, finer: Sequence[int]) -> Iterator[Slice]:
+    def fill_smooth(self, finer: Sequence[int], pairs: Sequence[Pair]) -> Iterator[Slice]:
         """As ``fill``, on grids of the strides that follow the first one, interpolated where that
         did well one grid before.
         """
         guesses: dict[Pair, FloatArray] = {}
         for level, stride in enumerate(finer, 1):
-            if level >= WHOLE_GRIDS:
-                for pair, losses in self.grids.items():
+            for pair in pairs:
+                losses = self.grids[pair]
+                if level >= WHOLE_GRIDS:
                     self.grids[pair] = _with_smooth(losses, guesses[pair], 2 * stride)
                     self._guessed[pair] |= np.isnan(losses) & ~np.isnan(self.grids[pair])
-            guesses = {p: _between(losses, 2 * stride, stride) for p, losses in self.grids.items()}
-            yield from self.fill(stride)
+                guesses[pair] = _between(self.grids[pair], 2 * stride, stride)
+            yield from self.fill(stride, pairs)
 
-    def checked(self, guesses: Mapping[Pair, FloatArray]) -> dict[Pair, Slice]:
-        """Slices of ``guesses`` (k, k), better where it counts, and how good they are where nothing
-        of them is known.
+    def checked(
+        self, guesses: Mapping[Pair, FloatArray], path: FloatArray
+    ) -> tuple[dict[Pair, Slice], dict[Pair, FloatArray]]:
+        """Slices of ``guesses`` (k, k), better where it counts, among others along a ``path``
+        (t, d); and how far off each is where nothing of it is known, as shares of its range.
         """
         size, random = len(self._values), np.random.default_rng(0)
-        off: list[float] = []
+        off: dict[Pair, FloatArray] = {}
         slices: dict[Pair, Slice] = {}
         for pair, guess in guesses.items():
             asked = random.integers(size, size=(CHECKED, 2))
-            points = np.vstack([asked, _about(guess), [[size // 2, size // 2]]])
+            points = np.vstack([asked, _about(guess), self._along(path, pair)])
             places = [
                 _place(size // 2, {pair[0]: column, pair[1]: row})
                 for row, column in points.tolist()
@@ -240,12 +262,21 @@ class _Losses:
             found = np.array([self._known[place] for place in places])
             aside = (np.isnan(grid[at]) | self._guessed[pair][at])[:CHECKED]
             away = np.abs(guess[at] - found)[:CHECKED] / max(np.ptp(guess), 1e-12)
-            off.extend(away[aside].tolist())
+            off[pair] = away[aside]
             losses = np.where(np.isnan(grid), guess, grid)
             losses[at] = found
             slices[pair] = self._slice(pair, losses)
-        error = float(np.quantile(off, 0.95)) if off else 0.0
-        return {pair: replace(piece, error=error) for pair, piece in slices.items()}
+        together = np.concatenate(list(off.values()))
+        error = float(np.quantile(together, 0.95)) if len(together) else 0.0
+        return {pair: replace(piece, error=error) for pair, piece in slices.items()}, off
+
+    def _along(self, path: FloatArray, pair: Pair) -> NDArray[np.intp]:
+        """(n, 2): rows and columns of the centre, and of what is nearest to a path's points (t, d);
+        at the border where they are beyond it.
+        """
+        ways = [np.abs(self._values[:, i, None] - path[:, i]).argmin(axis=0) for i in pair]
+        middle = len(self._values) // 2
+        return np.unique(np.vstack([[[middle, middle]], np.column_stack(ways[::-1])]), axis=0)
 
     def _find(self, places: Sequence[Place]) -> Iterator[None]:
         """Evaluates those that are not known, one a step."""

@@ -245,6 +245,20 @@ def test_a_light_model_and_interpolation_do_nearly_as_well():
     assert 0.0 < np.quantile(off, 0.95) < 2.0 * error < 0.01
 
 
+def test_along_a_path_maps_are_the_renderers_own():
+    problem, path = make_problem(3), np.array([[0.1, -0.2, 0.3], [0.02, 0.1, -9.0]])
+    exact = finished(problem, np.zeros(3), size=41)
+    near = finished(problem, np.zeros(3), size=41, light=LightRenderer())
+    along = finished(problem, np.zeros(3), size=41, light=LightRenderer(), path=path)
+    for (first, second), piece in along.items():
+        known = exact[first, second].losses
+        for point in path:
+            row = np.abs(piece.second_values - point[second]).argmin()
+            column = np.abs(piece.first_values - point[first]).argmin()
+            assert piece.losses[row, column] == known[row, column]
+            assert near[first, second].losses[row, column] != known[row, column]
+
+
 class WavyRenderer(CountingRenderer):
     """More loss and less, by waves that the first grid is too coarse for."""
 

@@ -17,6 +17,7 @@ from poseviewer.app.workers.views import set_case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.settings import FitSettings, Method
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
@@ -41,17 +42,23 @@ class MapJob:
     losses: tuple[FitSettings, ...]
     half_width: float
     moving: bool
+    path: FloatArray | None = None
+    """(t, d): where the search came by, in the chart of its case."""
 
     @classmethod
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
         latest = session.own_search
-        case = None if latest is None else latest.case
+        case, path = None, None
+        if latest is not None:
+            case = latest.case
+            path = np.array([step.parameters for step in latest.improvements])
         anchor = session.anchor or session.document.pose
         if case is not None:
             anchor = case.registration.start
         view = session.maps
-        return cls(session.document, anchor, case, session.mapped, view.half_width, moving)
+        losses, width = session.mapped, view.half_width
+        return cls(session.document, anchor, case, losses, width, moving, path)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -96,7 +103,9 @@ class MapMaker:
             shown = known[method].slices if method in known else ()
             quick, level = (case, self._fine) if size is None else self._quick_case(case, document)
             light = self._lighter(case, document) if size is None else None
-            for latest in maps(quick, document, level, job.half_width, size or SIZE, shown, light):
+            path = job.path if case is job.case else None
+            width = job.half_width
+            for latest in maps(quick, document, level, width, size or SIZE, shown, light, path):
                 known[method] = replace(latest, case=case, known=0.0) if size else latest
                 yield known[method]
 
@@ -179,11 +188,12 @@ def maps(
     size: int,
     shown: tuple[Slice, ...] = (),
     light: RendererPool | None = None,
+    path: FloatArray | None = None,
 ) -> Iterator[LandscapeUpdate]:
     """The maps about the pose at hand, coarse to fine, whenever a row of one is known.
 
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
-    one is known.
+    one is known. With a ``light`` model and a ``path``: as ``landscape``.
 
     Raises:
         PoseViewerError: there are fewer than two free parameters.
@@ -196,7 +206,9 @@ def maps(
     known = 0
     count = len(case.problem.free_indices)
     total = count * (count - 1) // 2 * size * size
-    slices = landscape(problem, pool, parameters, half_width=half_width, size=size, light=light)
+    slices = landscape(
+        problem, pool, parameters, half_width=half_width, size=size, light=light, path=path
+    )
     for piece in slices:
         pair = piece.first, piece.second
         known += _known(piece) - _known(newest.get(pair))
