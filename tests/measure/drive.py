@@ -238,6 +238,7 @@ def _rest(hand: Hand) -> None:
     wire.key("Escape")
     if wire.value("Swing"):
         wire.set("Swing", False)
+    _download(wire)  # a dialog that was asked for is there
     for label in ("Stop (space)", "Stop looking", "Stop", "Close"):  # dialogs are a page's own
         for uuid, props in list(wire.shown.fields.items()):
             if props.get("label") == label:
