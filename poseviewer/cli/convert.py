@@ -78,12 +78,13 @@ def run(options: Namespace) -> int:
         with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
             record = read(options.source, request)
         record, request = _with_files(record, request, options.source)
+        request = replace(request, others=_others(record, request, options.source))
     for warning in record.warnings:
         say(f"note: {warning}")
     known = FORMATS[options.out_format]
 
-    def beside() -> Path:
-        return _undistorted_beside(options, record)
+    def beside(one: PoseRecord, asked: ConvertOptions) -> Path:
+        return _undistorted_beside(options, one, asked.image)
 
     written = known.convert(record, options.out, request, beside)
     photo = written.undistorted_photo or request.photo
@@ -152,13 +153,30 @@ def _object_of_scene(options: Namespace) -> tuple[PoseRecord, ConvertOptions]:
     return replace(one.record, photo=photo, warnings=scene.warnings), request
 
 
-def _undistorted_beside(options: Namespace, record: PoseRecord) -> Path:
+def _others(
+    record: PoseRecord, request: ConvertOptions, source: Path
+) -> tuple[tuple[PoseRecord, ConvertOptions], ...]:
+    """The pose in the other photos of its set, which lie beside the pose or the photo that is
+    named; a number of an image is that of the first, and theirs follow.
+    """
+    from poseviewer.files.set_frame import set_frame
+
+    frame, found = set_frame(record), []
+    for index, other in enumerate(() if frame is None else frame.others, 1):
+        name, image = other.photo.file if other.photo else None, request.image
+        number = str(int(image) + index) if image and image.isdecimal() else None
+        photo = (request.photo and _beside(request.photo, name)) or _beside(source, name)
+        found.append((other, replace(request, photo=photo, image=number)))
+    return tuple(found)
+
+
+def _undistorted_beside(options: Namespace, record: PoseRecord, image: str | None) -> Path:
     """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
     from poseviewer.files.writing import make_folder
 
     name = Path((record.photo.file if record.photo else None) or "photo").stem
     if options.out_format == "bop":
-        number = Path(options.image or name).stem
+        number = Path(image or name).stem
         path = options.out / "rgb" / f"{number.zfill(6)}.png"
     elif options.out_format == "colmap":
         path = options.out / f"{name}.undistorted.png"

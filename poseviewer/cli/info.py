@@ -133,6 +133,7 @@ def _print_scene(path: Path) -> None:
 
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose, recorded_size
+    from poseviewer.files.set_frame import set_frame
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 
@@ -156,6 +157,8 @@ def _print_pose(path: Path) -> None:
         pairs = zip(record.chart.names, record.chart.parameters, strict=True)
         values = ", ".join(f"{name} {value:.5f}" for name, value in pairs)
         chart = f"{record.chart.name}: {values}"
+    frame = set_frame(record)
+    photos = f"one of {1 + len(frame.others)} photos" if frame else ""
     _print(
         pose=path.name,
         photo=photo,
@@ -172,6 +175,7 @@ def _print_pose(path: Path) -> None:
         sure=() if record.covariance is None else record.covariance.words(_unit(record)),
         mask=record.mask or (),
         without=record.without,
+        set=() if frame is None else f"{photos}: {frame.sentence}",
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )

@@ -20,6 +20,7 @@ from poseviewer.files.formats.bop import (
     CAMERAS,
     POSES,
     UNIT,
+    WORLD,
     load_bop_images,
     load_scene_file,
 )
@@ -53,8 +54,6 @@ PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
 """Where its photos are, from the model's folder."""
 NERF_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
-WORLD = ("cam_R_w2c", "cam_t_w2c")
-"""What BOP calls the camera from the scene's world; many scenes do not have it."""
 OF_VIEW = (
     *("photo", "projection", "camera", "distortion", "camera_from_model", "loss", "unexplained"),
     *("seen", "verdict"),

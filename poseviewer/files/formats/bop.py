@@ -34,6 +34,7 @@ from poseviewer.files.formats.conversion import (
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.scene import ObjectRecord, SceneRecord
+from poseviewer.files.set_frame import set_frame
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
@@ -43,6 +44,8 @@ UNIT = "mm"
 CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
 LARGEST_SCENE = 1_000_000_000
 """Bytes: thousands of images of dozens of objects."""
+WORLD = ("cam_R_w2c", "cam_t_w2c")
+"""What BOP calls the camera from the scene's world; many scenes do not have it."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -95,35 +98,48 @@ class BopScene:
 
 
 def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Append a pose to the scene folder ``out``; what is there stays, nothing is said twice.
+    """Append a pose to the scene folder ``out``, to the image of each of its photos; what is there
+    stays, nothing is said twice. The world of a set of photos is its frame, in mm.
 
     Raises:
         PoseFileError: parallel projection; the unit, image or object is not known; the image is
             there with another camera; the folder cannot be written to.
     """
-    matrix = opencv_matrix(require_pinhole(record, "BOP")).reshape(-1).tolist()
-    image = str(_number(request.image, PHOTO_NAME, photo_name(record), "image", "000003.png"))
-    entry = _entry(record, request)
-    paths = out / CAMERAS, out / POSES
+    paths, notes = (out / CAMERAS, out / POSES), []
     cameras, poses = (load_scene_file(path) for path in paths)
-    reading, what = Reading(paths[0]), f"image {image}"
-    there = cameras.setdefault(image, {"cam_K": matrix, "depth_scale": 1.0})
-    numbers = reading.numbers(reading.object(there, what).get("cam_K"), f"{image}.cam_K", 9)
-    if not np.allclose(numbers, matrix, rtol=SAME, atol=SAME):
-        raise PoseFileError(
-            f"{paths[0]}: image {image} is there with another camera; give the pose another "
-            "image with --image NUMBER, or convert it with that camera."
-        )
-    of_image = poses.setdefault(image, [])
-    if not isinstance(of_image, list):
-        raise PoseFileError(f"{paths[1]}: image {image} is not a list; is it a scene of BOP's?")
-    if entry in of_image:
-        return Written(paths, (f"Image {image} had this very pose already.",))
-    of_image.append(entry)
+    reading, frame = Reading(paths[0]), set_frame(record)
+    for one, asked in ((record, request), *request.others):
+        image = str(_number(asked.image, PHOTO_NAME, photo_name(one), "image", "000003.png"))
+        entry, camera = _entry(one, request), _camera_entry(one)
+        if frame is not None:
+            place = _in_mm(frame.camera_from_set(one.pose), one, request)
+            numbers = place.rotation.reshape(-1).tolist(), place.translation.tolist()
+            camera |= dict(zip(WORLD, numbers, strict=True))
+        there = reading.object(cameras.setdefault(image, camera), f"image {image}")
+        for key in ("cam_K", *(WORLD if frame else ())):
+            wanted = camera[key]
+            known = reading.numbers(there.setdefault(key, wanted), f"{image}.{key}", len(wanted))
+            if not np.allclose(known, wanted, rtol=SAME, atol=SAME):
+                raise PoseFileError(
+                    f"{paths[0]}: image {image} is there with another camera; give the pose "
+                    "another image with --image NUMBER, or convert it with that camera."
+                )
+        of_image = poses.setdefault(image, [])
+        if not isinstance(of_image, list):
+            raise PoseFileError(f"{paths[1]}: image {image} is not a list; is it a scene of BOP's?")
+        if entry in of_image:
+            notes.append(f"Image {image} had this very pose already.")
+        else:
+            of_image.append(entry)
     make_folder(out)
     for path, content in zip(paths, (cameras, poses), strict=True):
         write_whole(path, scene_text(content), PoseFileError)
-    return Written(paths)
+    return Written(paths, tuple(notes))
+
+
+def _camera_entry(record: PoseRecord) -> dict[str, Any]:
+    matrix = opencv_matrix(require_pinhole(record, "BOP"))
+    return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": 1.0}
 
 
 def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
@@ -133,8 +149,7 @@ def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> t
     Raises:
         PoseFileError: as of ``write_bop``; or the image is there already.
     """
-    first = replace(scene.objects[0].record, photo=scene.photo_reference)
-    matrix = opencv_matrix(require_pinhole(first, "BOP")).reshape(-1).tolist()
+    camera = _camera_entry(replace(scene.objects[0].record, photo=scene.photo_reference))
     number = _number(request.image, PHOTO_NAME, scene.photo.name, "image", "000003.png")
     entries = []
     for one in scene.objects:
@@ -148,7 +163,7 @@ def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> t
             f"{paths[1]}: image {number} is there already and was not touched; name another with "
             "--image NUMBER, or add --overwrite."
         )
-    cameras[str(number)] = {"cam_K": matrix, "depth_scale": 1.0}
+    cameras[str(number)] = camera
     poses[str(number)] = entries
     make_folder(out)
     for path, content in zip(paths, (cameras, poses), strict=True):
@@ -295,18 +310,22 @@ def scene_text(content: SceneFile) -> bytes:
 
 
 def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:
+    place = _in_mm(record.pose.camera_from_model, record, request)
+    given = None if request.object_id is None else str(request.object_id)
+    name = record.model.file if record.model else None
+    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
+    return BopObject(number, place).as_json()
+
+
+def _in_mm(place: RigidTransform, record: PoseRecord, request: ConvertOptions) -> RigidTransform:
     unit = unit_of(record, request)
     if unit is None:
         raise PoseFileError(
             "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
             "--unit mm."
         )
-    place = record.pose.camera_from_model
-    translation = place.translation * (metres_per_unit(unit) / metres_per_unit(UNIT))
-    given = None if request.object_id is None else str(request.object_id)
-    name = record.model.file if record.model else None
-    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
-    return BopObject(number, replace(place, translation=translation)).as_json()
+    factor = metres_per_unit(unit) / metres_per_unit(UNIT)
+    return replace(place, translation=place.translation * factor)
 
 
 def _number(given: str | None, pattern: str, name: str | None, what: str, example: str) -> int:

@@ -48,6 +48,8 @@ class ConvertOptions:
     overwrite: bool = False
     undistorted_photo: Path | None = None
     """Where to write the undistorted photo, which the pose is then written for."""
+    others: tuple[tuple[PoseRecord, ConvertOptions], ...] = ()
+    """Of a pose in a set of photos: the same in each of the others, and what is known of that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,8 @@ class Format:
     parallel: bool = False
     """Whether it can say parallel projection."""
     lens_as: LensAs | None = None
+    several: bool = True
+    """Whether it can say the cameras of several photos."""
     both_photos: bool = False
     """Whether it says of the photo as taken and the undistorted one what belongs to which."""
 
@@ -95,22 +99,58 @@ class Format:
         return None if found is None else found[0]
 
     def convert(
-        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Callable[[], Path]
+        self,
+        record: PoseRecord,
+        out: Path,
+        request: ConvertOptions,
+        beside: Callable[[PoseRecord, ConvertOptions], Path],
     ) -> Written:
         """Write a pose for the photo as taken where the format has its lens, else for the
-        undistorted photo, which is written to ``request.undistorted_photo`` or ``beside()``, and
-        taken away again where what follows fails.
+        undistorted photo, which is written to ``request.undistorted_photo`` or ``beside``, and
+        taken away again where what follows fails; so with the other photos of a set.
 
         Raises:
             PoseViewerError: the pose cannot be written; the photo is not known or unusable; a file
                 is in the way; there is nothing to undistort.
         """
+        if record.undistortion is None and request.undistorted_photo is not None:
+            raise PoseFileError(
+                "--undistorted-photo, and the pose is one in the photo as taken, without a "
+                "lens; leave it out."
+            )
+        if not request.others:
+            return self._convert_one(record, out, request, beside)
+        if not self.several:
+            left = f"It holds one photo: the other {len(request.others)} of the set are left out."
+            written = self._convert_one(record, out, replace(request, others=()), beside)
+            return replace(written, notes=(*written.notes, left))
+        others, notes, new = [], [], []
+        try:
+            for other, asked in request.others:
+                if other.undistortion is None or self.held(other) is not None:
+                    others.append((other, asked))
+                elif asked.photo is None:
+                    notes.append(f"{photo_name(other)} is not there to be undistorted: left out.")
+                else:
+                    path = beside(other, asked)
+                    new += [path] * _write(path, _undistorted(other, asked), asked)
+                    others.append((_of_undistorted(other, path), replace(asked, photo=path)))
+            of_all = replace(request, others=tuple(others))
+            written = self._convert_one(record, out, of_all, beside)
+        except PoseViewerError:
+            for path in new:
+                path.unlink()
+            raise
+        return replace(written, files=(*written.files, *new), notes=(*written.notes, *notes))
+
+    def _convert_one(
+        self,
+        record: PoseRecord,
+        out: Path,
+        request: ConvertOptions,
+        beside: Callable[[PoseRecord, ConvertOptions], Path],
+    ) -> Written:
         if record.undistortion is None:
-            if request.undistorted_photo is not None:
-                raise PoseFileError(
-                    "--undistorted-photo, and the pose is one in the photo as taken, without a "
-                    "lens; leave it out."
-                )
             return self.write(record, out, request)
         held, name = self.held(record), photo_name(record) or "the photo"
         if held is not None and request.undistorted_photo is None:
@@ -122,10 +162,8 @@ class Format:
                 )
             written = self.write(record, out, request)
             return replace(written, notes=(note, *written.notes))
-        path = request.undistorted_photo or beside()
+        path = request.undistorted_photo or beside(record, request)
         is_new = _write(path, _undistorted(record, request), request)
-        camera = record.pose.camera
-        photo = PhotoReference(path.name, camera.width, camera.height, sha256_of(path))
         note = (
             f"All numbers belong to {path.name}, the undistorted photo, which is written; not to "
             f"{name} as taken."
@@ -133,12 +171,19 @@ class Format:
         # BOP numbers its images by the names of their files.
         asked = replace(request, photo=path, image=request.image or photo_name(record))
         try:
-            written = self.write(replace(record, undistortion=None, photo=photo), out, asked)
+            written = self.write(_of_undistorted(record, path), out, asked)
         except PoseViewerError:
             if is_new:
                 path.unlink()
             raise
         return Written(written.files, (note, *written.notes), path)
+
+
+def _of_undistorted(record: PoseRecord, path: Path) -> PoseRecord:
+    """The same of the undistorted photo alone, which lies there."""
+    camera = record.pose.camera
+    photo = PhotoReference(path.name, camera.width, camera.height, sha256_of(path))
+    return replace(record, undistortion=None, photo=photo)
 
 
 def refuse_existing(request: ConvertOptions, *paths: Path) -> None:

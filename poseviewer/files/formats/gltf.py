@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from poseviewer.files.formats.conversion import (
     load_photo_of,
     make_record,
     metres_per_unit,
+    photo_name,
     refuse_lens,
     require_file,
     size_of,
@@ -43,6 +45,7 @@ from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord
+from poseviewer.files.set_frame import set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
@@ -74,8 +77,20 @@ def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Writte
     nodes = [file.add("nodes", name="model", mesh=file.add_mesh(mesh))]
     if scale != 1.0:
         nodes = [file.add("nodes", name="metres", scale=[scale] * 3, children=nodes)]
+    if frame := set_frame(record):
+        place = np.linalg.inv(frame.set_from_model)
+        place[:3] *= scale
+        said = {"poseviewer": {"file": frame.name, "unit": frame.unit}}
+        nodes.append(
+            file.add("nodes", name="set", matrix=place.T.reshape(-1).tolist(), extras=said)
+        )
+    others = []
+    for one, _ in request.others:
+        refuse_lens(one, "glTF")
+        name = photo_name(one) or "another photo"
+        others.append((name, one.pose, view_depths(one.pose, mesh)))
     record = replace(record, pose=pose)
-    return _write_view(file, nodes, record, (near, far), scale, out, request)
+    return _write_view(file, nodes, record, (near, far), scale, out, request, others)
 
 
 def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
@@ -139,18 +154,16 @@ def _write_view(
     scale: float,
     out: Path,
     request: ConvertOptions,
+    others: Sequence[tuple[str, Pose, tuple[float, float]]] = (),
 ) -> Written:
-    """Add the camera and the photo behind the furthest depth to the models' ``nodes``, and write.
+    """Add the camera and the photo behind the furthest depth to the models' ``nodes``, and the
+    cameras of ``others``, by name, pose and depths; and write.
 
     The record's ``camera_from_model`` is that from the file's world, before ``scale``.
     """
-    pose, (near, far) = record.pose, depths
-    clip = {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
-    place = as_4x4((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse())
-    place[:3, 3] *= scale
-    camera = file.add("cameras", name="photo", **_camera_as_json(pose.camera, clip, scale))
-    matrix = place.T.reshape(-1).tolist()
-    nodes.append(file.add("nodes", name="photo", camera=camera, matrix=matrix))
+    pose, (_, far) = record.pose, depths
+    for name, seen, its_depths in (("photo", pose, depths), *others):
+        nodes.append(file.add_camera(name, seen, its_depths, scale))
     notes = []
     if request.photo is None:
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
@@ -245,6 +258,15 @@ class _Glb:
                 }
             )
         return self.add("meshes", name="model", primitives=primitives)
+
+    def add_camera(self, name: str, pose: Pose, depths: tuple[float, float], scale: float) -> int:
+        """The camera of a pose that sees what is at some depths; returns the index of its node."""
+        near, far = depths
+        clip = {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
+        place = as_4x4((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse())
+        place[:3, 3] *= scale
+        camera = self.add("cameras", name=name, **_camera_as_json(pose.camera, clip, scale))
+        return self.add("nodes", name=name, camera=camera, matrix=place.T.reshape(-1).tolist())
 
     def add_photo(self, corners: FloatArray, rgb: NDArray[np.uint8]) -> int:
         """The photo on a quadrangle (4, 3): upper left, upper right, lower right, lower left."""

@@ -21,6 +21,7 @@ from poseviewer.files.formats.conversion import (
     Written,
     json_text,
     make_record,
+    photo_name,
     seen_as_taken,
     size_of,
     unit_of,
@@ -33,6 +34,7 @@ from poseviewer.files.pose import (
     distortion_as_json,
     distortion_from_json,
 )
+from poseviewer.files.set_frame import SetFrame, set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -49,7 +51,8 @@ CONVENTIONS = (
     "OpenCV camera axes: x right, y down, z forward. OpenGL camera axes: x right, y up, z "
     "backward. All right-handed, lengths in the model's unit. fx fy cx cy in px, with pixel "
     "centres at integers: u = fx x/z + cx, v = fy y/z + cy with OpenCV axes; under parallel "
-    "projection u = scale x + cx, v = scale y + cy."
+    "projection u = scale x + cx, v = scale y + cy. In a set of photos: x_in_set = "
+    "set_from_model @ x_in_model, in the set's unit."
 )
 
 
@@ -71,9 +74,30 @@ def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
 
 
 def write_matrices(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write one JSON file: the pose and its inverse for both kinds of axes, and the camera."""
+    """Write one JSON file: the pose and its inverse for both kinds of axes, and the camera; of a
+    set its frame, and the same for its other photos.
+    """
+    data: dict[str, Any] = {"conventions": CONVENTIONS, **_seen(record)}
+    if unit := unit_of(record, request):
+        data["unit"] = unit
+    if frame := set_frame(record):
+        data["set"] = {
+            **frame_as_json(frame),
+            "views": [{"photo": photo_name(one), **_seen(one)} for one, _ in request.others],
+        }
+    return write_new(request, {out: json_text(data)})
+
+
+def frame_as_json(frame: SetFrame) -> dict[str, Any]:
+    """The frame of a set; its matrix is for points as columns."""
+    unit = {} if frame.unit is None else {"unit": frame.unit}
+    return {"file": frame.name, **unit, "set_from_model": frame.set_from_model.tolist()}
+
+
+def _seen(record: PoseRecord) -> dict[str, Any]:
+    """Of one photo."""
+    data: dict[str, Any] = {}
     opencv = record.pose.camera_from_model
-    data: dict[str, Any] = {"conventions": CONVENTIONS}
     for axes, place in (("opencv", opencv), ("opengl", OPENGL_FROM_OPENCV @ opencv)):
         data[axes] = {
             "camera_from_model": as_4x4(place).tolist(),
@@ -81,11 +105,9 @@ def write_matrices(record: PoseRecord, out: Path, request: ConvertOptions) -> Wr
         }
     data |= camera_as_json(record.pose.camera)
     data |= {"image_width": record.pose.camera.width, "image_height": record.pose.camera.height}
-    if unit := unit_of(record, request):
-        data["unit"] = unit
     if record.undistortion is not None:
         data["distortion"] = distortion_as_json(record.undistortion)
-    return write_new(request, {out: json_text(data)})
+    return data
 
 
 def read_matrices(path: Path, request: ConvertOptions) -> PoseRecord:
@@ -131,6 +153,10 @@ def write_opencv(record: PoseRecord, out: Path, request: ConvertOptions) -> Writ
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
+    if frame := set_frame(record):
+        storage.write("set_file", frame.name)
+        storage.write("set_unit", frame.unit or "")
+        storage.write("set_from_model", frame.set_from_model)
     return write_new(request, {out: storage.releaseAndGetString()})
 
 
@@ -178,4 +204,4 @@ def _numbers(
 
 
 MATRICES = Format(write_matrices, read_matrices, parallel=True, both_photos=True)
-OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens)
+OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens, several=False)

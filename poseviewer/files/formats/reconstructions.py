@@ -38,8 +38,9 @@ from poseviewer.files.formats.conversion import (
     the_one,
     write_new,
 )
-from poseviewer.files.formats.matrices import as_4x4, from_4x4
+from poseviewer.files.formats.matrices import as_4x4, frame_as_json, from_4x4
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.set_frame import set_frame
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -56,19 +57,27 @@ LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
 
 
 def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a model of one camera and one image, without points, into the folder ``out``."""
-    camera, (model, distortion) = seen_as_taken(record, "COLMAP", colmap_lens)
-    transform = record.pose.camera_from_model
-    quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
-    place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
-    numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
+    """Write a model of a camera and an image for each photo, without points, into the folder
+    ``out``.
+    """
+    cameras: dict[str, int] = {}
+    images, frame = "", set_frame(record)
+    for image, one in enumerate((record, *(other for other, _ in request.others)), 1):
+        camera, (model, distortion) = seen_as_taken(one, "COLMAP", colmap_lens)
+        transform = one.pose.camera_from_model
+        quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
+        place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
+        numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
+        said = f"{model} {camera.width} {camera.height} {numbers}"
+        number = cameras.setdefault(said, len(cameras) + 1)
+        images += f"{image} {place} {number} {photo_name(one) or 'photo'}\n\n"
     make_folder(out)
     texts = {
         "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
-        f"1 {model} {camera.width} {camera.height} {numbers}\n",
-        "images.txt": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-        "# POINTS2D[] as (X, Y, POINT3D_ID)\n"
-        f"1 {place} 1 {photo_name(record) or 'photo'}\n\n",
+        + "".join(f"{number} {said}\n" for said, number in cameras.items()),
+        "images.txt": ("" if frame is None else f"# {frame.sentence}\n")
+        + "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+        "# POINTS2D[] as (X, Y, POINT3D_ID)\n" + images,
         "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
         "POINT2D_IDX)\n",
     }
@@ -152,21 +161,28 @@ def colmap_photos(path: Path) -> list[str]:
 
 
 def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a file of one frame; the world is the model's frame."""
-    camera, (model, distortion) = seen_as_taken(record, "nerfstudio", nerfstudio_lens)
-    name = photo_name(record) or "photo"
-    if request.photo is not None:
-        name = Path(os.path.relpath(request.photo, out.parent)).as_posix()
-    world_from_camera = (OPENGL_FROM_OPENCV @ record.pose.camera_from_model).inverse()
-    data = {
-        "camera_model": model,
-        "w": camera.width,
-        "h": camera.height,
-        **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
-        **distortion,
-        "frames": [{"file_path": name, "transform_matrix": as_4x4(world_from_camera).tolist()}],
-    }
-    return write_new(request, {out: json_text(data)})
+    """Write a file of a frame for each photo; the world is the model's frame."""
+    shared, frames = {}, []
+    for one, asked in ((record, request), *request.others):
+        camera, (model, distortion) = seen_as_taken(one, "nerfstudio", nerfstudio_lens)
+        name = photo_name(one) or "photo"
+        if asked.photo is not None:
+            name = Path(os.path.relpath(asked.photo, out.parent)).as_posix()
+        world_from_camera = (OPENGL_FROM_OPENCV @ one.pose.camera_from_model).inverse()
+        own = {
+            "camera_model": model,
+            "w": camera.width,
+            "h": camera.height,
+            **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
+            **distortion,
+        }
+        shared = shared or own
+        other = {key: value for key, value in own.items() if shared.get(key) != value}
+        matrix = as_4x4(world_from_camera).tolist()
+        frames.append({"file_path": name, **other, "transform_matrix": matrix})
+    frame = set_frame(record)
+    said = {} if frame is None else {"set": frame_as_json(frame)}
+    return write_new(request, {out: json_text({**shared, **said, "frames": frames})})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:

@@ -28,6 +28,7 @@ from poseviewer.files.formats.conversion import (
     Format,
     Written,
     make_record,
+    photo_name,
     refuse_lens,
     require_file,
     require_pinhole,
@@ -41,6 +42,7 @@ from poseviewer.files.mesh.load import GLTF as GLTF_ENDINGS
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord
+from poseviewer.files.set_frame import set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import (
@@ -89,12 +91,36 @@ def _write_project(
     """Write models, each by its label with the matrix (4, 4) that puts it into the world, which the
     record's pose is from.
     """
+    require_pinhole(record, "MeshLab")
+    require_file(request.photo, "photo", "MeshLab")
+    add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
+    if frame := set_frame(record):
+        root.append(ElementTree.Comment(f" {frame.sentence.replace('--', '- -')} "))
+    group = add(root, "MeshGroup")
+    for label, (model, place) in models.items():
+        mesh = {"label": label, "visible": "1", "filename": _from_folder(out, model)}
+        matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
+        matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
+    rasters, notes = add(root, "RasterGroup"), []
+    for one, asked in ((record, request), *request.others):
+        if asked.photo is None:
+            notes.append(f"{photo_name(one)} is not there, and is left out.")
+            continue
+        raster = add(rasters, "MLRaster", {"label": asked.photo.name})
+        add(raster, "VCGCamera", _shot(one))
+        add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, asked.photo)})
+    ElementTree.indent(root, " ")
+    text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
+    return write_new(request, {out: text}, *notes)
+
+
+def _shot(record: PoseRecord) -> dict[str, str]:
+    """MeshLab's words for a camera."""
     camera = camera_with_rows_from_below(require_pinhole(record, "MeshLab"))
-    photo = require_file(request.photo, "photo", "MeshLab")
     place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
     pixel_mm = SENSOR_MM / camera.width
     focal_mm = camera.fx * pixel_mm
-    shot = {
+    return {
         "TranslationVector": _words((*-place.inverse().translation, 1.0)),
         "LensDistortion": "0 0",
         "ViewportPx": f"{camera.width} {camera.height}",
@@ -105,18 +131,6 @@ def _write_project(
         "CameraType": "0",
         "BinaryData": "0",
     }
-    add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
-    group = add(root, "MeshGroup")
-    for label, (model, place) in models.items():
-        mesh = {"label": label, "visible": "1", "filename": _from_folder(out, model)}
-        matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
-        matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
-    raster = add(add(root, "RasterGroup"), "MLRaster", {"label": photo.name})
-    add(raster, "VCGCamera", shot)
-    add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, photo)})
-    ElementTree.indent(root, " ")
-    text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
-    return write_new(request, {out: text})
 
 
 def _from_folder(out: Path, path: Path) -> str:
@@ -184,7 +198,17 @@ def write_blender(record: PoseRecord, out: Path, request: ConvertOptions) -> Wri
     pose = in_front(record.pose, mesh)
     world = "the model's frame" + (", turned from y up to z up" if is_gltf else "")
     view = blender_view(pose, view_depths(pose, mesh), is_gltf)
-    return _write_script([(model, np.eye(4))], world, view, out, request)
+    others = []
+    for one, asked in request.others:
+        refuse_lens(one, "Blender")
+        seen = blender_view(one.pose, view_depths(one.pose, mesh), is_gltf)
+        paths = _paths(out, asked.photo) if asked.photo else "[]"
+        others.append((photo_name(one) or "another photo", seen, paths))
+    if frame := set_frame(record):
+        turn = as_4x4(BLENDER_FROM_GLTF) if is_gltf else np.eye(4)
+        world_from_set = turn @ np.linalg.inv(frame.set_from_model)
+        view["set"] = {"file": frame.name, "world_from_set": world_from_set.tolist()}
+    return _write_script([(model, np.eye(4))], world, view, out, request, others)
 
 
 def write_blender_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
@@ -221,19 +245,23 @@ def _write_script(
     view: dict[str, Any],
     out: Path,
     request: ConvertOptions,
+    others: Sequence[tuple[str, dict[str, Any], str]] = (),
 ) -> Written:
     """Write models, each with the matrix (4, 4) that moves what Blender imports, and what ``view``
-    says of the camera.
+    says of the camera; ``others``: names and views of the other photos of a set, and where they
+    lie.
     """
     if out.suffix.lower() != ".py":
         raise PoseFileError(f"{out.name}: Blender's scripts end in .py; name it so.")
     photo = request.photo
     listed = [f"    ({_paths(out, path)}, {place.tolist()}),\n" for path, place in models]
+    more = [f"    ({name!r}, {json.dumps(seen)}, {paths}),\n" for name, seen, paths in others]
     script = (
         DOC.format(name=out.name, world=world)
         + f"MODELS = [\n{''.join(listed)}]\n"
         + f"PHOTO = {_paths(out, photo) if photo else '[]'}\n"
-        + f"VIEW = {json.dumps(view, indent=4)}\n\n"
+        + f"VIEW = {json.dumps(view, indent=4)}\n"
+        + f"OTHERS = [\n{''.join(more)}]\n\n"
         + files("poseviewer.files.formats").joinpath("blender_scene.txt").read_text("utf-8")
     )
     notes = () if photo else ("No photo is known: there is no background; add --photo FILE.",)

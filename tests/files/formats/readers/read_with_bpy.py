@@ -39,4 +39,6 @@ scene.render.image_settings.color_mode = "RGBA"
 scene.render.filepath = picture
 bpy.ops.render.render(write_still=True, scene=scene.name)
 sizes = [list(shown.image.size) for shown in scene.camera.data.background_images]
-Path(out).write_text(json.dumps({"objects": names, "backgrounds": sizes}))
+places = {item.name: [list(row) for row in item.matrix_world] for item in scene.objects}
+said = {"objects": names, "backgrounds": sizes, "places": places}
+Path(out).write_text(json.dumps(said))
