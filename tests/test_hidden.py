@@ -149,6 +149,7 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
     assert "nothing would be left of the model" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_batch_hides_and_leaves_out_alike(scene, halves, mask, tmp_path):
     table = tmp_path / "jobs.csv"
     table.write_text(f"photo,model,start\n{scene.photo},{halves},{scene.start}\n")

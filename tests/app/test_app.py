@@ -259,6 +259,7 @@ def test_files_that_are_none_change_nothing(running: RunningApp) -> None:
             assert running.app.session.document is document
 
 
+@pytest.mark.slow
 def test_broken_scene_files_are_said_and_change_nothing(
     running: RunningApp, tmp_path: Path
 ) -> None:
@@ -406,6 +407,7 @@ def test_upload_writes_in_the_state_folder_alone(running: RunningApp, tmp_path: 
     assert {path.parts[1:] for path in kept} == {("x.png",), ("tmp", "x.png")}
 
 
+@pytest.mark.slow
 def test_uploads_that_undo_can_bring_back_stay(running: RunningApp) -> None:
     uploads = running.state / "uploads"
     with running.page() as page:
@@ -426,6 +428,7 @@ def test_uploads_that_undo_can_bring_back_stay(running: RunningApp) -> None:
         assert path.read_bytes() == running.scene.photo.read_bytes()
 
 
+@pytest.mark.slow
 def test_uploads_that_another_app_has_open_stay(running: RunningApp) -> None:
     """Two apps have one state folder; a crash of the other one would need its photo."""
     uploads = running.state / "uploads"

@@ -122,6 +122,7 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     assert places == sorted(places)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_second_run_does_only_what_is_new_or_changed(scene, tmp_path, capsys):
     table, out = write_table(scene, tmp_path, 2), tmp_path / "out"

@@ -113,6 +113,7 @@ def test_what_the_paper_does_not_have_is_refused_with_its_method(scene, tmp_path
     assert not (tmp_path / "pose.json").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

@@ -41,6 +41,7 @@ def of_box(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return make_scene_of(mesh, tmp_path_factory.mktemp("box"))
 
 
+@pytest.mark.slow
 def test_fits_from_equal_starts_are_written_as_one_pose(of_box: Scene, tmp_path: Path) -> None:
     mesh, start = load_mesh(of_box.model), load_pose(of_box.start, 160, 120)
     symmetry = find_symmetry(mesh).symmetry

@@ -196,6 +196,7 @@ def test_one_pixel_is_a_photo(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_photo(tmp_path / "dot.png").pixels, RGB[:1, :1])
 
 
+@pytest.mark.slow
 def test_100_megapixels_are_a_photo(tmp_path: Path) -> None:
     large = np.zeros((10_000, 10_000), np.uint8)
     large[-1, -1] = 200

@@ -89,6 +89,7 @@ def test_a_can_is_turned_about_its_axis_and_across():
         assert min(apart) < 2e-3
 
 
+@pytest.mark.slow
 def test_what_a_search_may_not_turn_is_not_turned():
     problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
     renderer = make_renderer(CAN)
@@ -127,6 +128,7 @@ def test_a_fit_that_would_end_turned_ends_right():
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0
 
 
+@pytest.mark.slow
 def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem, renderer = fitted_from(TRUTH), make_renderer(CAN)
     poses = TRUTH, turned(TRUTH, 30.0)
@@ -164,6 +166,7 @@ def test_an_equal_pose_is_not_away():
         assert away == pytest.approx(probe.distance(nothing, aside), rel=0.05)
 
 
+@pytest.mark.slow
 def test_equal_poses_are_no_rivals():
     """Of a can without print: by its loss alone it may be turned as one likes."""
     plain = make_mesh(CAN.vertices, CAN.faces)

@@ -31,6 +31,7 @@ def test_a_can_has_every_turn_and_can_be_turned_over():
     np.testing.assert_allclose(np.cross(found.centre - AWAY, TILT[:, 2]), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "count"),
     [
@@ -83,6 +84,7 @@ def test_a_texture_breaks_a_symmetry(is_printed, count):
     assert len(found.symmetry.transforms()) == count
 
 
+@pytest.mark.slow
 def test_a_spout_breaks_a_symmetry():
     pot = trimesh.creation.cylinder(1.0, 2.0, sections=64)
     spout = trimesh.creation.box(extents=(0.8, 0.3, 0.3)).apply_translation([1.3, 0.0, 0.4])

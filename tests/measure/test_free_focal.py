@@ -48,6 +48,7 @@ def photo_of(mesh: Mesh) -> Photo:
     return Photo(np.rint(np.clip(small, 0.0, 1.0) * 255.0).astype(np.uint8), "p.png", "0" * 64)
 
 
+@pytest.mark.slow
 def test_an_unknown_focal_length_comes_nearer_to_the_truth():
     ball = make_bumpy(3)
     mesh = replace(ball, colours=ball.colours[:, :1] * np.array([1.0, 0.8, 0.6], np.float32))

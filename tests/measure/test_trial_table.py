@@ -56,6 +56,7 @@ def test_no_case_at_all_is_refused(study, tmp_path, capsys):
     assert "--every: 0 is not a whole number above 0" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_set_that_is_not_there_is_said(shared_data, capsys):
     assert identification.main([str(shared_data), "--sets", "cats"]) == 2
     err = capsys.readouterr().err

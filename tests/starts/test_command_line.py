@@ -112,6 +112,7 @@ def test_the_demos_wheels_place_it(projection: str):
     assert "start from two wheels of radius 0.3" in start.notes[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("projection", ["perspective", "parallel"])
 def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
     case = demo_case(projection)

@@ -37,6 +37,7 @@ def is_it(found: Ellipse, wanted: Ellipse) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1.0, 2.7], ids=["as it is", "larger"])
 def test_both_ellipses_are_found_wherever_they_are(size: float):
     grey = picture(WHEEL, OTHER, levels=(0.9, 0.1))

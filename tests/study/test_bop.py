@@ -124,6 +124,7 @@ def write_data_set(folder: Path, scene: Scene, objects=(1, 2)) -> Path:
     return table
 
 
+@pytest.mark.slow
 def test_estimates_are_fitted_and_scored(scene: Scene, tmp_path: Path, capsys) -> None:
     table = write_data_set(tmp_path / "set", scene)
     command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), "--jobs", "1"]

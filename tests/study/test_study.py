@@ -63,6 +63,7 @@ def test_there_is_a_row_for_every_trial(study):
         assert row["verdict"] in ("found", "doubtful", "lost")
 
 
+@pytest.mark.slow
 def test_methods_start_at_the_same_places(study):
     starts: dict[tuple[str, ...], set[str]] = {}
     for row in rows_of(study):

@@ -73,6 +73,7 @@ def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session
     assert other.of_photos[0].loss == pytest.approx(losses[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
     maker = MapMaker(SoftwareRenderer(session.document.registration.mesh))
     job = MapJob.wanted(session, moving=True)

@@ -296,6 +296,7 @@ def test_small_textures_keep_their_size_beside_a_large_one(
     assert "huge.png has too many pixels" in " ".join(mesh.notes)
 
 
+@pytest.mark.slow
 def test_very_many_textures_take_no_square_of_memory(tmp_path: Path) -> None:
     mesh, peak = peak_of(textured_ply(tmp_path, [f"{i}.png" for i in range(3000)]))
     assert len(mesh.faces) == 3000
