@@ -37,6 +37,7 @@ class Strategy(enum.Enum):
     """Where a search begins and how far it looks: the first one, and those that may follow."""
 
     FIRST = "from the user's start"
+    COARSE = "from the user's start, on the coarsest level alone"
     CONTINUE = "from where the search before ended, nearby"
     SYMMETRIC = "from there with the model turned about an axis of its own, nearby"
     GLOBAL = "from the user's start, farther about it"

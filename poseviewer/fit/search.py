@@ -57,36 +57,50 @@ def search(
 
     Gathering the verdict's features takes a few hundred evaluations more, which are not counted.
     """
-    began = time.perf_counter()
     for progress in until_focal_settles(problem, renderer, threads):
         if progress.status is Status.RUNNING:
             yield progress
+        else:
+            yield from finish(problem, progress, mesh, renderer, judge, threads)
+
+
+def finish(
+    problem: FitProblem,
+    end: FitProgress,
+    mesh: Mesh,
+    renderer: Renderer,
+    judge: Judge,
+    threads: int = 1,
+) -> Iterator[FitProgress]:
+    """What follows where a first search has ended: without what is in front there, the verdict, and
+    restarts.
+    """
+    began = time.perf_counter() - end.seconds
+    problem, best = yield from _behind(problem, end, renderer, threads)
+    best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
+    gain = math.inf
+    for strategy in RESTARTS:
+        again = restarted(problem, best, strategy, time.perf_counter() - began)
+        if again is None:
+            break
+        if strategy is Strategy.CONTINUE and gain < GAIN_THRESHOLD:
             continue
-        problem, best = yield from _behind(problem, progress, renderer, threads)
-        best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
-        gain = math.inf
-        for strategy in RESTARTS:
-            again = restarted(problem, best, strategy, time.perf_counter() - began)
-            if again is None:
-                break
-            if strategy is Strategy.CONTINUE and gain < GAIN_THRESHOLD:
+        yield replace(best, status=Status.RUNNING, verdict=None)
+        if strategy is Strategy.SYMMETRIC:
+            turned = better_turn(problem, mesh, renderer, best.pose, threads)
+            if turned is None:
                 continue
-            yield replace(best, status=Status.RUNNING, verdict=None)
-            if strategy is Strategy.SYMMETRIC:
-                turned = better_turn(problem, mesh, renderer, best.pose, threads)
-                if turned is None:
-                    continue
-                again = replace(again, start=turned)
-            before, after = best, best
-            for after in fit_pose(again, renderer, threads):
-                after = replace(after, hidden=best.hidden, hidden_beside=best.hidden_beside)
-                if after.status is Status.RUNNING:
-                    yield merge(before, after, before)
-            if after.loss < before.loss:
-                after = replace(after, verdict=judge(after, again, mesh, renderer, threads))
-            best = merge(before, after, after if is_taken(after, before, strategy) else before)
-            gain = before.loss - best.loss
-        yield best
+            again = replace(again, start=turned)
+        before, after = best, best
+        for after in fit_pose(again, renderer, threads):
+            after = replace(after, hidden=best.hidden, hidden_beside=best.hidden_beside)
+            if after.status is Status.RUNNING:
+                yield merge(before, after, before)
+        if after.loss < before.loss:
+            after = replace(after, verdict=judge(after, again, mesh, renderer, threads))
+        best = merge(before, after, after if is_taken(after, before, strategy) else before)
+        gain = before.loss - best.loss
+    yield best
 
 
 def _behind(
@@ -97,7 +111,7 @@ def _behind(
     """
     whole = problem
     for _ in range(LOOKS):
-        rest = _rest(problem.limits, best, best.seconds)
+        rest = rest_of(problem.limits, best, best.seconds)
         if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
             break
         views, known = whole.views, (best.hidden, *best.hidden_beside)
@@ -139,7 +153,7 @@ def restarted(
     where there is to be none. A symmetric one is given where the search before ended: its start is
     still to be turned.
     """
-    rest = _rest(problem.limits, best, seconds)
+    rest = rest_of(problem.limits, best, seconds)
     has_population = problem.method == "default" and not problem.photo.clipped
     if best.status is not Status.CONVERGED or not has_population or rest is None:
         return None
@@ -180,7 +194,7 @@ def until_focal_settles(
             if progress.status is Status.RUNNING:
                 yield progress
         assert progress is not None  # a search yields at least once
-        rest = _rest(limits, progress, progress.seconds) if number < MOST_SEARCHES else None
+        rest = rest_of(limits, progress, progress.seconds) if number < MOST_SEARCHES else None
         is_settled = _focal_moved(problem, progress) <= FOCAL_THRESHOLD
         if progress.status is not Status.CONVERGED or rest is None or is_settled:
             yield progress
@@ -199,7 +213,9 @@ def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:
     return abs(focals[1] / focals[0] - 1.0) if is_searched else 0.0
 
 
-def _rest(limits: Limits, done: FitProgress, seconds: float) -> Limits | None:
-    """What is left of the limits after a search; None for nothing."""
+def rest_of(limits: Limits, done: FitProgress, seconds: float) -> Limits | None:
+    """What is left of the ``limits`` of searches after those that are ``done``, which took so many
+    ``seconds``; None for nothing.
+    """
     evaluations, seconds = limits.evaluations - done.evaluations, limits.seconds - seconds
     return Limits(evaluations, seconds) if evaluations > 0 and seconds > 0.0 else None

@@ -13,18 +13,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poseviewer.fit.problem import FitProblem, make_problem
-from poseviewer.fit.progress import FitProgress
+from poseviewer.fit.problem import FitProblem, Strategy, make_problem
+from poseviewer.fit.progress import FitProgress, Status, merge
 from poseviewer.fit.registration import PlacedModel, Registration
-from poseviewer.fit.search import Judge, search
+from poseviewer.fit.search import Judge, finish, rest_of, until_focal_settles
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding, hiding, visibility
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.render.types import Renderer
 
 CHANGED = 0.02
 """Share of a model's pixels that others must hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
+LOOKS = 3
+"""How often a search looks again at what others hide of its model, before its verdict: after two
+most have settled."""
 MOST_ROUNDS = 4
 """Searches of one model at most: two that slide along each other would take turns for ever."""
 
@@ -99,16 +103,58 @@ def search_together(
             before = compared[index]
             if now.is_whole or (before is not None and not _differ(before, now)):
                 continue
-            registration = replace(model.registration, start=poses[index], others=others)
-            problem, note = make_problem(registration, model.settings)
-            mesh, renderer = registration.mesh, model.renderer
-            for progress in search(problem, mesh, renderer, judge, threads):
-                poses[index] = progress.pose
-                placings[index] = Placing(registration, problem, note, progress)
+            there = replace(model, registration=replace(model.registration, others=others))
+            for seen, placing in _search(there, poses[index], now, judge, threads):
+                compared[index], placings[index] = seen, placing
+                poses[index] = placing.progress.pose
                 yield TogetherProgress(index, tuple(placings), tuple(poses))
-            compared[index], was_searched = now, True
+            was_searched = True
         if not was_searched:
             return
+
+
+def _search(
+    model: ModelToPlace, pose: Pose, seen: Hiding, judge: Judge, threads: int
+) -> Iterator[tuple[Hiding, Placing]]:
+    """Search for a model among its others from a ``pose`` at which it is known what they hide; with
+    what they hide where it is compared by then.
+
+    This is looked at again where the coarsest level leads, and where the search ends; only then the
+    verdict and restarts follow, as with wrong pixels they would be in vain.
+    """
+    registration, renderer = model.registration, model.renderer
+    mesh, others = registration.mesh, registration.others
+    problem, note = _problem(model, seen)
+    strategy = Strategy.FIRST if problem.photo.structure is None else Strategy.COARSE
+    done: FitProgress | None = None
+    for look in range(LOOKS + 1):
+        rest = problem.limits if done is None else rest_of(problem.limits, done, done.seconds)
+        if rest is None:
+            break
+        start = problem.chart.from_pose(pose)
+        part, before = replace(problem, strategy=strategy, start=start, limits=rest), done
+        for now in until_focal_settles(part, renderer, threads):
+            done = now if before is None else merge(before, now, now)
+            yield seen, Placing(registration, problem, note, replace(done, status=Status.RUNNING))
+        assert done is not None  # a search yields at least once
+        pose, found = done.pose, hiding(PlacedModel(mesh, done.pose), others)
+        is_same = found.is_whole or not _differ(seen, found)
+        if strategy is not Strategy.COARSE and (is_same or look == LOOKS):
+            break
+        if not is_same:
+            seen, (problem, note) = found, _problem(model, found)
+        strategy = Strategy.CONTINUE
+    assert done is not None
+    for progress in finish(problem, done, mesh, renderer, judge, threads):
+        yield seen, Placing(registration, problem, note, progress)
+
+
+def _problem(model: ModelToPlace, seen: Hiding) -> tuple[FitProblem, str]:
+    """As ``make_problem``, where a model's others hide what they do at another pose of it."""
+    registration = model.registration
+    weights = 1.0 if registration.mask is None else registration.mask.weights
+    mask = Mask.of(weights * ~seen.with_margin)
+    return make_problem(replace(registration, mask=mask, others=()), model.settings)
 
 
 def _most_seen(models: Sequence[ModelToPlace], poses: Sequence[Pose], due: set[int]) -> int:

@@ -10,11 +10,19 @@ import pytest
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.fit.problem import make_problem
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
-from poseviewer.fit.together import MOST_ROUNDS, ModelToPlace, TogetherProgress, search_together
-from poseviewer.fit.visibility import visibility
+from poseviewer.fit.together import (
+    CHANGED,
+    MOST_ROUNDS,
+    ModelToPlace,
+    TogetherProgress,
+    search_together,
+)
+from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.visibility import hiding, visibility
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.meshes import make_box
@@ -91,6 +99,41 @@ def test_it_can_be_stopped_after_any_evaluation(together):
     first = list(islice(search_together(models, judge_end), 5))
     assert [one.progress.loss for one in first] == [one.progress.loss for one in together[:5]]
     assert first[-1].placings.count(None) == 2
+
+
+@pytest.mark.slow
+def test_one_verdict_is_asked_for_where_what_others_hide_has_settled():
+    # At the start the ball is as near as the box: most of that is not in front of it.
+    place = STARTS[0].pose.camera_from_model
+    near = replace(place, translation=0.76 * place.translation)
+    start = replace(STARTS[0].pose, camera_from_model=near)
+    own = replace(registration(0, TRUTH[1]), start=start)
+    model = ModelToPlace(own, SETTINGS, SoftwareRenderer(MESHES[0]))
+    asked = []
+
+    def trust(progress: FitProgress, *_: object) -> Verdict:
+        asked.append(progress.pose)
+        return Verdict("found", 1.0, (), None)
+
+    *_, end = search_together([model], trust)
+    (placing,) = end.placings
+    assert placing is not None
+    first, last = (
+        hiding(PlacedModel(MESHES[0], pose), (TRUTH[1],)) for pose in (start, end.poses[0])
+    )
+    changed = np.count_nonzero((first.hidden ^ last.hidden) & last.drawn)
+    assert changed > CHANGED * np.count_nonzero(last.drawn)
+    assert len(asked) == 1
+    assert asked[0] is end.poses[0]
+    assert share_off(0, end.poses[0]) < 0.01
+    assert placing.registration.start is start
+    few = replace(
+        SETTINGS, limits=replace(SETTINGS.limits, evaluations=placing.progress.evaluations - 300)
+    )
+    *_, end = search_together([replace(model, settings=few)], trust)
+    assert end.progress.status is Status.EVALUATIONS_SPENT
+    assert end.progress.evaluations <= few.limits.evaluations + 2
+    assert end.progress.verdict is not None
 
 
 def test_what_stands_wholly_behind_another_is_left_where_it_is():

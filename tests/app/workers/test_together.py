@@ -21,7 +21,7 @@ from tests.several import MESHES, STARTS, TRUTH, make_photo
 
 def among(*poses) -> Session:
     """The ball, picked, and what stands in front of it."""
-    photo, settings = make_photo(), FitSettings(limits=Limits(400))
+    photo, settings = make_photo(), FitSettings(limits=Limits(800))
     ball, front = (
         SceneObject(
             Registration(photo, mesh, f"{n}.ply", str(n) * 64, None, pose, ()),
