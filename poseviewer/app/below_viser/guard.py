@@ -29,6 +29,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from poseviewer.app.below_viser.access import AccessPolicy, PageRequest
+from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
 from poseviewer.files.state.folder import forget_token
 
@@ -110,6 +111,7 @@ def serve(
     """
     listening = _listen(host, port)
     policy = AccessPolicy.for_address(host, listening.getsockname()[1], state)
+    wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
         with _guarded_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):

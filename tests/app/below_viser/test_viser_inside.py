@@ -13,7 +13,7 @@ import pytest
 import viser
 import websockets.asyncio.server
 from viser import _icons, _messages
-from viser.infra import _infra
+from viser.infra import _async_message_buffer, _infra
 from websockets.asyncio.server import ServerConnection
 
 import poseviewer
@@ -75,6 +75,14 @@ def test_the_server_is_made_by_the_call_that_is_intercepted():
     assert "process_request=" in source
     assert {"process_request", "logger"} <= set(arguments(websockets.asyncio.server.serve.__init__))
     assert arguments(ServerConnection.respond) == ["self", "status", "text"]
+
+
+def test_buffers_wake_their_pages_as_is_known():
+    push = inspect.getsource(_async_message_buffer.AsyncMessageBuffer.push)
+    assert push.count("self.message_event.set()") == 1
+    assert push.count("self.event_loop.call_soon_threadsafe(self.message_event.set)") == 1
+    source = inspect.getsource(_infra)
+    assert source.count("AsyncMessageBuffer(") == 2
 
 
 def test_handlers_and_states_of_uploads_are_there(server: viser.ViserServer):
