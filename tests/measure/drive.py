@@ -339,10 +339,11 @@ def _wrong_values(tab: Any, new: SocketPage) -> list[str]:
             continue
         if props["kind"] == "GuiNumberMessage":
             try:
-                value, wanted = float(value), round(float(wanted), props.get("precision") or 0)
+                value, wanted = float(value), float(wanted)
             except ValueError:
                 continue  # what is typed is no number yet
-            if abs(value - wanted) <= 1e-6 * max(abs(wanted), 1.0):
+            rounded = 0.501 * 0.1 ** (props.get("precision") or 0)
+            if abs(value - wanted) <= rounded + 1e-6 * abs(wanted):
                 continue
         if value != wanted:
             wrong.append(f"{props['label']!r} is {value!r:.60} in Chromium, not {wanted!r:.60}")
