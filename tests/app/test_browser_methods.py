@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Locator
 from playwright.sync_api import TimeoutError as NotInTime
 
 from poseviewer.api import load
@@ -120,6 +120,7 @@ def outlines_of_candidates(page: AppPage) -> int:
 
 
 def test_both_landscapes_can_be_compared_and_opened_large(page: AppPage):
+    page.page.evaluate("window.poseviewer.placeMaps('below')")
     choose(page, "Whose loss", "both")
     page.page.wait_for_function(
         f"document.querySelectorAll('.pv-cell image').length === {2 * MAPS}"
@@ -135,12 +136,22 @@ def test_both_landscapes_can_be_compared_and_opened_large(page: AppPage):
     page.until(lambda: plots.count() == 2)
     titles = page.page.locator(".js-plotly-plot .gtitle")
     page.until(lambda: titles.all_text_contents() == shown)
+    page.until(lambda: is_seen_whole(plots))
     keep_picture(page, "both_large")
     page.page.get_by_role("button", name="Close the large map").click()
     plots.first.wait_for(state="hidden")
     keep_picture(page, "both")
     choose(page, "Whose loss", "the chosen method's")
     page.page.wait_for_function(f"{SHOWN} === {MAPS}")
+    page.page.evaluate("window.poseviewer.placeMaps('beside')")
+
+
+def is_seen_whole(plots: Locator) -> bool:
+    """Whether they are large and lie inside the window."""
+    return plots.evaluate_all(
+        """plots => plots.map(plot => plot.getBoundingClientRect()).every(
+            box => box.width > 300 && box.right < innerWidth && box.bottom < innerHeight)"""
+    )
 
 
 def test_both_methods_are_compared_and_either_end_can_be_taken(page: AppPage, demo: AppProcess):

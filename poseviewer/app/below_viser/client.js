@@ -651,6 +651,7 @@ function findSteps() {
 // The maps lie beside the photo, below it, or are away; below, the photo is fitted above them.
 const BESIDE_WIDTH = 420; // CSS px
 const BELOW_SHARE = 0.29; // of the window's height
+const LARGE_SHARE = 0.6; // while a map is open large
 const BELOW_HEAD = 62; // CSS px: the strip's buttons and margins
 
 function placeOfMaps() {
@@ -664,17 +665,21 @@ function placeOfMaps() {
 }
 
 let arranged = "";
+let isLarge = false;
 function arrange(only) {
   const place = placeOfMaps();
+  const small = Math.round(window.innerHeight * BELOW_SHARE);
+  const large = Math.round(window.innerHeight * LARGE_SHARE);
   const message = {
     kind: "arrange", maps: place,
     light: window.matchMedia("(prefers-color-scheme: light)").matches,
-    width: window.innerWidth, height: Math.round(window.innerHeight * BELOW_SHARE),
+    width: window.innerWidth, height: isLarge ? large : small,
     only: only === "width" ? only : "",
   };
   const root = document.documentElement;
   root.dataset.poseviewerMaps = place;
-  root.style.setProperty("--pv-cell", `${Math.max((message.height - BELOW_HEAD) / 2 - 4, 48)}px`);
+  root.style.setProperty("--pv-cell", `${Math.max((small - BELOW_HEAD) / 2 - 4, 48)}px`);
+  root.style.setProperty("--pv-large", `${large - BELOW_HEAD}px`);
   if (arranged === JSON.stringify(message)) return;
   arranged = JSON.stringify(message);
   send(message);
@@ -700,6 +705,14 @@ function placeMaps(place) {
     if (box.width < window.innerWidth / 2 || performance.now() > until) arrange();
     else requestAnimationFrame(whenNarrow);
   })();
+}
+
+function findLarge() {
+  // One that is open has more of the window, where the maps lie below the photo.
+  const found = document.querySelector(".js-plotly-plot") !== null;
+  if (found === isLarge) return;
+  isLarge = found;
+  if (placeOfMaps() === "below") arrange();
 }
 
 function measureCovered() {
@@ -832,7 +845,7 @@ function watch(now) {
     if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
     sizeHandles();
     findSteps();
-    if (now - measured > 200) { measured = now; measureCovered(); }
+    if (now - measured > 200) { measured = now; findLarge(); measureCovered(); }
   }
   timer = requestAnimationFrame(watch);
 }
