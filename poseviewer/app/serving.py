@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import signal
+import tempfile
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.app.below_viser.guard import GuardedServer, serve
+from poseviewer.errors import SettingsError
 from poseviewer.files.state.folder import state_folder
 
 if TYPE_CHECKING:  # the server stands before the rest is imported
@@ -30,7 +34,13 @@ def serve_app(
     Raises:
         PoseViewerError: the address is taken, or what is to be opened cannot be used.
     """
-    state, signals = state_folder(), list[int]()  # those that come while files are read
+    try:
+        state = state_folder()
+    except SettingsError as error:  # the work is more than its traces
+        state = Path(tempfile.mkdtemp(prefix="poseviewer-"))
+        atexit.register(shutil.rmtree, state, ignore_errors=True)
+        tell(f"poseviewer: {error} Until then a crash would lose unsaved work.")
+    signals = list[int]()  # those that come while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda number, _: signals.append(number))
     guarded = serve(host, port, "poseviewer", state)

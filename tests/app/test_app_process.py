@@ -144,6 +144,20 @@ def test_a_folder_that_cannot_be_written_to_is_said_and_work_goes_on(
     assert not [line for line in app.lines if "Traceback" in line]
 
 
+def test_without_a_state_folder_it_says_so_and_works(scene: Scene, tmp_path: Path) -> None:
+    (tmp_path / "state").write_text("in the way")
+    with start(scene, tmp_path) as app, SocketPage(app.url) as page:
+        settle(page)
+        assert "a crash would lose unsaved work" in "".join(app.lines)
+        page.upload("Photo ...", "q.png", scene.photo.read_bytes())
+        page.wait_until(lambda: page.text_with("q.png"))
+        page.key("ArrowLeft")
+        page.wait_until(lambda: page.text_with("● unsaved"))
+        assert app.terminate() == 0
+    assert (tmp_path / "state").read_text() == "in the way"
+    assert not [line for line in app.lines if "Traceback" in line]
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits another process")
 def test_on_a_full_disk_work_goes_on_and_is_kept_when_there_is_room(
     scene: Scene, tmp_path: Path
