@@ -184,6 +184,9 @@ def _files(folder: Path) -> tuple[Scene, Files]:
 def _rounds(
     driven: Driven, hand: Hand, app: AppProcess, folder: Path, scene: Scene, seconds: float
 ) -> None:
+    hand.wire.wait_until(lambda: hand.wire.maps() and "Sheet (PNG)" in hand.wire.labels())
+    hand.wire.click("Sheet (PNG)")  # what draws it takes memory, once
+    hand.wire.wait_until(lambda: any(n.endswith(".png") for n in hand.wire.shown.downloads))
     began = time.monotonic()
     start = _kept_by_undo(hand, _download(hand.wire))
     while time.monotonic() - began < seconds:
