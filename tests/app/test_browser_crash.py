@@ -75,6 +75,10 @@ def test_an_upload_that_is_cut_off_is_one_sentence_and_nothing_is_lost(
         tab.page.reload()
         assert_cut_off(tab)
         begin_upload(tab, large)
+        tab.wait_for_text("Esc stops the upload")
+        tab.page.keyboard.press("Escape")
+        tab.page.locator("[id^=upload-]").wait_for(state="detached")
+        begin_upload(tab, large)
         app.kill()
     port = int(app.url.rstrip("/").rpartition(":")[2])
     with AppProcess(tmp_path, *files, port=port):

@@ -103,7 +103,7 @@ class Page:
         self._working: list[viser.NotificationHandle] = []
         self._offers: list[Any] = []
 
-        bound_uploads(server, self.show_error_to)
+        self._stop_uploads = bound_uploads(server, self.show_error_to)
         check_values(server)
 
         @server.on_client_connect
@@ -153,6 +153,8 @@ class Page:
         if content["kind"] == "arrange":
             arrange(client, self._maps, content)
         else:
+            if content.get("code") == "Escape":
+                self._stop_uploads(client.client_id)
             self._post(Report(content, client.client_id))
 
     def show_error(self, sentence: str) -> None:

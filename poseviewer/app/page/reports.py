@@ -92,7 +92,7 @@ HELP = """
 | **R** | back to the start pose |
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
 | **S**, **ctrl S** | save the pose |
-| **Esc** | let go, leave a tool, stop what is looked for or read |
+| **Esc** | let go, leave a tool, stop what is looked for, sent or read |
 | **A**, **N**, **P** | in a review: accept, next, previous |
 """
 

@@ -96,6 +96,23 @@ def test_an_upload_that_is_cut_off_is_said_to_the_page_that_comes_back(
     assert running.app.session.document is document
 
 
+def test_a_page_stops_its_own_upload(running: RunningApp) -> None:
+    document = running.app.session.document
+    with running.page() as page, running.page() as other:
+        page.upload("Model ...", "slow.glb", b"", size_bytes=199_000_000, part_count=398)
+        page.wait_until(lambda: held(running) == 1)
+        other.key("Escape")
+        other.key("KeyB")  # once this is taken, so is what came before it
+        other.wait_until(lambda: running.app.session.look.hidden)
+        assert held(running) == 1
+        other.key("KeyB")
+        page.key("Escape")
+        page.wait_until(lambda: held(running) == 0)
+        page.wait_until(lambda: page.shown.progress and page.shown.progress[-1] == (0, 0))
+        assert running.app.session.document is document
+        assert_taken(page, running.scene.photo, "after the stop.png")
+
+
 def test_all_uploads_together_are_bounded(running: RunningApp) -> None:
     most = LARGEST_UPLOAD - 1000
     with running.page() as page:
