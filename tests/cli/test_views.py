@@ -86,6 +86,17 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     assert np.abs(at - true).max() < 0.003 * DISTANCE
 
 
+def test_a_photo_that_does_not_see_the_model_is_left_out_and_said(files):
+    views, model, start = files
+    data = json.loads(Path(views).read_text())
+    data["views"][1]["camera_from_set"]["translation"][0] += 50.0
+    Path(views).write_text(json.dumps(data))
+    case = poseviewer.load_views(views, model, start)
+    assert case.names == ("a.png", "c.png")
+    left_out = "b.png does not see the model where it starts, and is left out."
+    assert left_out in case.registration.notes
+
+
 def test_a_set_is_drawn_and_mapped(files):
     views, model, start = files
     folder = Path(views).parent

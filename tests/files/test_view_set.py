@@ -91,6 +91,21 @@ def test_some_photos_can_be_chosen(folder):
     assert [view.name for view in found.views] == ["a.png", "c.png"]
 
 
+def test_every_photo_has_its_own_lens(folder):
+    models = ("opencv", "opencv-fisheye", None)
+
+    def mix(data):
+        for view, model in zip(data["views"], models, strict=True):
+            if model is not None:
+                view["distortion"] = {"model": model, "coefficients": [-0.1, 0.02, 0.0, 0.0]}
+
+    views = load_view_set(edited(folder, mix)).views
+    known = [view.photo.undistortion for view in views]
+    assert [one and one.lens.model for one in known] == ["opencv", "fisheye", None]
+    for view, one in zip(views, known, strict=True):
+        assert view.camera == (CAMERA if one is None else one.camera)
+
+
 def one(data):
     del data["views"][1:]
 

@@ -114,14 +114,18 @@ def _stop(number: int, frame: FrameType | None) -> None:
     raise TooLongError
 
 
+def _write(folder: Path, files: Files) -> None:
+    for name, data in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+
+
 def judge(reader: Reader, files: Files, folder: Path) -> str:
     """What is wrong with what the reader makes of the files, written into ``folder``; "" if
     nothing is.
     """
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    for name, data in files.items():
-        (folder / name).write_bytes(data)
+    _write(folder, files)
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
@@ -283,9 +287,7 @@ def _kept(found: Finding, files: Files, keep: Path | None) -> Finding:
     print(f"{found.reader} {found.number}: {found.found}", flush=True)
     if keep is not None:
         place = keep / f"{found.reader.replace(' ', '-')}-{found.number}"
-        place.mkdir(parents=True, exist_ok=True)
-        for name, data in files.items():
-            (place / name).write_bytes(data)
+        _write(place, files)
     return found
 
 

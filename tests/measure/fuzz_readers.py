@@ -33,18 +33,31 @@ from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PoseRecord, load_pose
+from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose, record_as_json
 from poseviewer.files.scene import load_scene
+from poseviewer.files.set_frame import set_frame
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave, save_autosave
 from poseviewer.files.state.uploads import keep_set, pack
 from poseviewer.files.symmetry import load_symmetry
-from poseviewer.files.view_set import load_view_set
+from poseviewer.files.view_set import load_view_set, set_as_json
 from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.starts.registration import load_registration
 from tests.files.formats.cases import perspective_record
 from tests.scene import make_scene
 from tests.several import make_three
-from tests.view_sets import write_views
+from tests.view_sets import (
+    CAMERA,
+    MESH,
+    NAMES,
+    TRUTH,
+    make_views,
+    write_bop,
+    write_colmap,
+    write_frames,
+    write_views,
+)
 
 Files = dict[str, bytes]
 """By their paths; the first is mutated, the others lie beside it."""
@@ -102,6 +115,10 @@ def make_readers(folder: Path) -> dict[str, Reader]:
     def use_upload(path: Path) -> None:
         sort_set(files_below(keep_set(path.parent / "kept", path.read_bytes(), kept=1)))
 
+    def use_known_cameras(path: Path) -> None:
+        for known in sort_set(files_below(path.parent)).known_cameras:
+            load_view_set(known.path, known.choice(next(iter(known.rigs), None)))
+
     def pair(file: str, data: bytes, **others: bytes) -> Files:
         return {file: data, **others}
 
@@ -112,6 +129,10 @@ def make_readers(folder: Path) -> dict[str, Reader]:
         "pose": Reader(lambda path: load_pose(path, 160, 120), ({"p.json": pose},)),
         "scene": Reader(load_scene, _scenes(folder)),
         "views": Reader(load_view_set, _views(folder)),
+        "pose in a set": Reader(
+            lambda path: set_frame(load_pose(path, 320, 240)), ({"p.json": _pose_in_set()},)
+        ),
+        "known cameras": Reader(use_known_cameras, _known_cameras(folder)),
         "cameras": Reader(load_cameras, _cameras()),
         "keypoints": Reader(
             lambda path: load_keypoints(path.with_name("m.glb"), mesh),
@@ -269,6 +290,50 @@ def _views(folder: Path) -> tuple[Files, ...]:
     angle = {"camera_angle_x": 0.5, "frames": frames}
     found = (data, {**whole, "frames": frames}, angle)
     return tuple({"s.json": json.dumps(one).encode(), **beside} for one in found)
+
+
+def _pose_in_set() -> bytes:
+    views, records = make_views(2.0, None), [PoseRecord(pose) for pose in TRUTH]
+    records = [
+        replace(record, photo=PhotoReference(name, CAMERA.width, CAMERA.height))
+        for record, name in zip(records, NAMES, strict=True)
+    ]
+    sure = PoseCovariance(TRUTH[0], MESH.centre, 1e-4 * np.eye(7), 0.5, "log_size")
+    in_set = set_as_json(views, records, 2.0, True, NO_SYMMETRY)
+    return json.dumps(record_as_json(replace(records[0], in_set=in_set, covariance=sure))).encode()
+
+
+def _known_cameras(folder: Path) -> tuple[Files, ...]:
+    """Photos with a COLMAP model, a BOP scene with a world and without, a file of frames."""
+    found = []
+    for number, write in enumerate(
+        (
+            write_colmap,
+            lambda folder: write_bop(folder, with_world=True),
+            lambda folder: write_bop(folder, with_world=False),
+            lambda folder: write_frames(folder, camera_angle_x=0.5),
+        )
+    ):
+        own = folder / f"known-{number}"
+        own.mkdir()
+        pictures = {path.name: path.read_bytes() for path in _pictures_of(own)}
+        place = write(own / "x" if write is write_colmap else own)
+        place = place.parent if place.is_file() else place
+        files = {
+            path.relative_to(place).as_posix(): path.read_bytes()
+            for path in sorted(place.rglob("*.*"))
+        }
+        files = pictures | files
+        texts = [name for name in files if name.endswith((".txt", ".json"))]
+        found += [{first: files[first], **files} for first in texts]
+    return tuple(found)
+
+
+def _pictures_of(folder: Path) -> list[Path]:
+    """Photos of the set, alone in the folder."""
+    for path in write_views(folder):
+        path.unlink()
+    return list(folder.glob("*.png"))
 
 
 def _scenes(folder: Path) -> tuple[Files, ...]:

@@ -63,6 +63,8 @@ class Written:
     """The photo that all belongs to, where it was written as well."""
 
 
+Beside = Callable[[PoseRecord, ConvertOptions], Path]
+"""Where the undistorted photo of a pose goes, that no user has named a place for."""
 LensAs = Callable[[Lens | None], tuple[str, Any] | None]
 """A format's name for a lens (None: a pinhole) and its parameters there; None: it has not that."""
 
@@ -99,11 +101,7 @@ class Format:
         return None if found is None else found[0]
 
     def convert(
-        self,
-        record: PoseRecord,
-        out: Path,
-        request: ConvertOptions,
-        beside: Callable[[PoseRecord, ConvertOptions], Path],
+        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Beside
     ) -> Written:
         """Write a pose for the photo as taken where the format has its lens, else for the
         undistorted photo, which is written to ``request.undistorted_photo`` or ``beside``, and
@@ -144,11 +142,7 @@ class Format:
         return replace(written, files=(*written.files, *new), notes=(*written.notes, *notes))
 
     def _convert_one(
-        self,
-        record: PoseRecord,
-        out: Path,
-        request: ConvertOptions,
-        beside: Callable[[PoseRecord, ConvertOptions], Path],
+        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Beside
     ) -> Written:
         if record.undistortion is None:
             return self.write(record, out, request)
