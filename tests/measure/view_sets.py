@@ -8,7 +8,7 @@ they are that set's, whose frame is the demo car's, and starts are drawn as thos
 of LINEMOD-Occlusion one object's annotations tell how the camera
 moved, and another is fitted; the objects were moved between the photos, so that those belong to a
 set in which the annotations of both keep their places to one another. It prints how far off each
-fit ends in the first photo, along the line of sight and across it.
+fit ends in the first photo, along the line of sight and across it, of equal poses the nearest.
 """
 
 from __future__ import annotations
@@ -154,16 +154,21 @@ def _view(case: RealCase) -> View:
     return View(case.photo.name, photo, case.truth.camera_from_model)
 
 
-def bop_cases(folder: Path) -> Iterator[Case]:
-    """For each photo and object the rig with the most photos, where these are four or more."""
+def bop_cases(folder: Path, least: int = 4, apart_deg: float = APART_DEG) -> Iterator[Case]:
+    """For each photo and object the rig with the most photos, where these are ``least`` or more."""
     images = load_bop_images(folder / SCENE).images
     placed = {image.number: {o.object_id: o.place for o in image.objects} for image in images}
-    for first, own in placed.items():
+    for image in images:
+        first, own = image.number, placed[image.number]
+        photo = load_photo(folder / SCENE / image.photo)
+        camera = replace(image.camera, width=photo.width, height=photo.height)
         for target in own:
-            sets = {rig: _chosen(placed, first, target, rig) for rig in own if rig != target}
+            sets = {
+                rig: _chosen(placed, first, target, rig, apart_deg) for rig in own if rig != target
+            }
             rig = max(sets, key=lambda rig: len(sets[rig]))
             names = tuple(map(str, sets[rig]))
-            if len(names) < 4:
+            if len(names) < least:
                 continue
 
             def views(names: tuple[str, ...] = names, rig: int = rig) -> ViewSet:
@@ -172,14 +177,18 @@ def bop_cases(folder: Path) -> Iterator[Case]:
                 return replace(found, views=tuple(by_name[name] for name in names))
 
             model = folder / "models" / MODEL_FILE.format(target)
-            truth = Pose(views().views[0].camera, own[target])
+            truth = Pose(camera, own[target])
             off = np.random.default_rng(first).normal(size=6) * OFF
             start = FreeBodyChart.near(load_model(model).mesh, truth).to_pose(off)
             yield Case(f"{first}-{target}-by-{rig}", views, len(names), model, truth, start)
 
 
 def _chosen(
-    placed: dict[int, dict[int, RigidTransform]], first: int, target: int, rig: int
+    placed: dict[int, dict[int, RigidTransform]],
+    first: int,
+    target: int,
+    rig: int,
+    apart_deg: float,
 ) -> list[int]:
     own, chosen = placed[first], [first]
     between = own[rig].inverse() @ own[target]
@@ -190,7 +199,7 @@ def _chosen(
         moved = float(np.linalg.norm(here.translation - between.translation))
         turned = np.degrees(rotation_angle(here.rotation, between.rotation))
         apart = [rotation_angle(places[rig].rotation, placed[n][rig].rotation) for n in chosen]
-        if moved < KEPT_MM and turned < KEPT_DEG and np.degrees(min(apart)) >= APART_DEG:
+        if moved < KEPT_MM and turned < KEPT_DEG and np.degrees(min(apart)) >= apart_deg:
             chosen.append(number)
     return chosen
 
@@ -217,6 +226,7 @@ def _trial(
     case: Case, model: LoadedModel, photos: int, end: Pose, verdict: Verdict | None
 ) -> Trial:
     centre = model.mesh.centre
+    end = model.whole_symmetry.nearest_pose(end, case.truth)
     at = case.truth.camera_from_model.apply(centre)
     distance = float(np.linalg.norm(at))
     began, ended = (pose.camera_from_model.apply(centre) - at for pose in (case.start, end))
@@ -265,12 +275,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=whole, default=1, help="the case to begin with")
     parser.add_argument("--cases", type=whole, help="at most so many")
     parser.add_argument("--draw", type=whole, default=1, help="of the starts, where they are drawn")
+    parser.add_argument(
+        "--apart", type=float, default=APART_DEG, help="least degrees between photos (LINEMOD)"
+    )
     options = parser.parse_args(arguments)
     folder, draw = options.folder, options.draw - 1
     if (folder / VIEWS).is_file():
         known = set_cases(folder, draw)
     else:
-        known = exact_cases(folder, draw) if (folder / CASES).is_file() else bop_cases(folder)
+        is_exact = (folder / CASES).is_file()
+        of_bop = max(4, *options.photos), options.apart
+        known = exact_cases(folder, draw) if is_exact else bop_cases(folder, *of_bop)
     cases = list(known)[options.first - 1 :: options.every][: options.cases]
     return print_trials(run_trials(cases, options.photos), summary)
 
