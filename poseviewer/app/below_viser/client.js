@@ -744,7 +744,9 @@ function placeMaps(place) {
   arrange("width");
   const until = performance.now() + 3000;
   (function whenNarrow() {
-    const panel = document.querySelector(".pv-places").closest(".mantine-ScrollArea-root");
+    const places = document.querySelector(".pv-places");
+    if (places === null) return;  // what was open has no maps any more
+    const panel = places.closest(".mantine-ScrollArea-root");
     const box = panel.getBoundingClientRect();
     if (box.width < window.innerWidth / 2 || performance.now() > until) arrange();
     else requestAnimationFrame(whenNarrow);
