@@ -38,8 +38,9 @@ FEWEST_OF_STRUCTURE = 2000
 COARSE_POPULATION = CmaOptions(least_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
 GLOBAL_POPULATION = replace(COARSE_POPULATION, sigma=0.2, nearness=1.0)
-FINE_POPULATION = CmaOptions(sigma=0.06, generations=24, least_sigma=2e-3)
-"""On the photo itself: as wide as the coarse level can be wrong."""
+FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
+"""On the photo itself: as wide as the coarse level can be wrong, and half as many as there, as side
+valleys are behind."""
 LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
 """In standard deviations of the population before. The loss is some 40 in all: a gain of less than
 0.02 moves the model by less than a twentieth of a pixel."""

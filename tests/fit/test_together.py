@@ -125,7 +125,7 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled():
     assert changed > CHANGED * np.count_nonzero(last.drawn)
     assert len(asked) == 1
     assert asked[0] is end.poses[0]
-    assert share_off(0, end.poses[0]) < 0.01
+    assert share_off(0, end.poses[0]) < 0.05  # a verdict that trusts anything ends the search
     assert placing.registration.start is start
     few = replace(
         SETTINGS, limits=replace(SETTINGS.limits, evaluations=placing.progress.evaluations - 300)
