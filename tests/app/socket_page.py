@@ -49,6 +49,8 @@ class Shown:
     """Properties of inputs and texts, by uuid; ``kind`` among them."""
     modals: dict[str, str] = field(default_factory=dict)
     """Titles of the open modals, by uuid."""
+    waits: set[str] = field(default_factory=set)
+    """Notices that something is under way, by uuid."""
     notices: list[tuple[str, str]] = field(default_factory=list)
     """Title and text of every notice so far."""
     progress: list[tuple[int, int]] = field(default_factory=list)
@@ -81,6 +83,10 @@ class Shown:
         elif kind in ("NotificationShowMessage", "NotificationUpdateMessage"):
             props = message.get("props") or message["updates"]
             self.notices.append((props.get("title", ""), props.get("body", "")))
+            if props.get("loading"):
+                self.waits.add(message["uuid"])
+        elif kind == "RemoveNotificationMessage":
+            self.waits.discard(message["uuid"])
         elif kind == "RunJavascriptMessage":
             found = CHANNEL.search(message["source"])
             self.channel = found.group(1) if found else self.channel
