@@ -127,8 +127,9 @@ class AppPage:
         )
 
     def open_step(self, number: int) -> None:
-        """Open a step of the left panel, and close the others."""
-        self.page.evaluate("label => window.poseviewer.openStep(label)", STEPS[number - 1])
+        """Open a step of the left panel, and close the others; once it is there."""
+        is_open = "label => window.poseviewer.openStep(label)"
+        self.page.wait_for_function(is_open, arg=STEPS[number - 1])
 
     def drag(
         self,
@@ -181,8 +182,8 @@ class AppPage:
         return before
 
     def wait_for_text(self, text: str) -> None:
-        """Until the page says so."""
-        self.page.get_by_text(text).first.wait_for()
+        """Until the page says so where it is seen: a step that is closed may say so as well."""
+        self.page.get_by_text(text).filter(visible=True).first.wait_for()
 
     def until(self, predicate: Callable[[], Any]) -> None:
         """Until something is true, asked again and again."""

@@ -663,11 +663,13 @@ const folders = () => [...document.querySelectorAll(".mantine-Paper-root > .mant
   .filter((header) => CONFIG.steps.includes(header.textContent));
 const isOpen = (header) => header.querySelector(".tabler-icon-chevron-up") !== null;
 
+// Gives whether it is open already.
 function openStep(label) {
   for (const header of folders()) {
     if (isOpen(header) !== (header.textContent === label)) header.click();
   }
   stored(sessionStorage, "step", label);
+  return folders().some((header) => header.textContent === label && isOpen(header));
 }
 
 // What a search begun by its key leads to is kept or undone there.
