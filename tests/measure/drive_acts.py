@@ -102,6 +102,8 @@ class Hand:
     """Of all models that may be uploaded while the app runs: undo keeps four."""
     down: bool = False
     """Whether a tab's main button is held."""
+    sent: dict[str, Any] = field(default_factory=dict)
+    """What the page over the wire has last changed each input to."""
     stale: list[str] = field(default_factory=list)
     """Errors of tabs that were closed since."""
 
@@ -338,7 +340,7 @@ class Hand:
             else:
                 continue
             budget.steps -= 1
-            self.wire.shown.fields[uuid]["value"] = value
+            self.wire.shown.fields[uuid]["value"] = self.sent[uuid] = value
             self.wire.change(uuid, value)
             said.append(f"{props['label']!r} = {str(value)[:30]}")
         return ", ".join(said)
