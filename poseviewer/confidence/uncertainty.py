@@ -62,8 +62,7 @@ def find_covariance(
         chart = FreeBodyChart.near(mesh, pose, free_focal)
         photo = compared_photo(problem, mesh, pose)
         level = lighter_level(photo, renderer, pose)
-        bare = replace(problem, size=None)
-        with closing(Probe(bare, photo, mesh, renderer, pose, threads, chart, level)) as probe:
+        with closing(Probe(problem, photo, mesh, renderer, pose, threads, chart, level)) as probe:
             least, inverse = inverse_curvature(probe.losses, len(probe.motions))
             unexplained = LossScale.of(photo).unexplained(least)
             factor = SPREAD / (unexplained * seen**SEEN_POWER)

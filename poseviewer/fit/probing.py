@@ -89,7 +89,7 @@ class Probe:
         self.motions = _without_equal(motions, self.chart, problem.symmetry)
         """(k, d): orthonormal, of the free-body chart about the pose; none that leads along equal
         ones."""
-        self._problem = problem
+        self._symmetry = problem.symmetry
         self.level = level or coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
         self._mesh, self._points = mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
@@ -119,8 +119,7 @@ class Probe:
             pose = self.pose(step)
         except OutsideChartError:
             return np.inf
-        loss = registration_loss(renderer.moments(pose, self.level.photo))
-        return loss + self._problem.cost(pose)
+        return registration_loss(renderer.moments(pose, self.level.photo))
 
     def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
         edges = descent.edge * np.eye(len(descent.step))
@@ -148,7 +147,7 @@ class Probe:
         """
         try:
             pose = self.pose(one)
-            equal = self._problem.symmetry.nearest_pose(self.pose(other), pose)
+            equal = self._symmetry.nearest_pose(self.pose(other), pose)
         except OutsideChartError:
             return 1.0
         here, there = (place.project(self._points) for place in (pose, equal))

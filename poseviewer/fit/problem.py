@@ -19,7 +19,7 @@ from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
@@ -41,43 +41,6 @@ class Strategy(enum.Enum):
     CONTINUE = "from where the search before ended, nearby"
     SYMMETRIC = "from there with the model turned about an axis of its own, nearby"
     GLOBAL = "from the user's start, farther about it"
-
-
-SIZE_COST = 10.0
-"""Cost of the squared logarithm of how many times larger a search makes the model than it is at the
-start, added to the loss: 0.1 where a start is off by a tenth. Over a thing in front of it a model
-grows for little more."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UsualSize:
-    """How large the model is at the start that a person, or a file, gave."""
-
-    centre: FloatArray
-    """(3,): of the model."""
-    log_size: float
-    """The logarithm of the px that a length of 1 takes there."""
-
-    @classmethod
-    def of(cls, mesh: Mesh, start: Pose) -> UsualSize:
-        """The size of a model at its start, before the camera."""
-        return cls(mesh.centre, _log_size(start, mesh.centre))
-
-    def away(self, pose: Pose) -> float:
-        """The logarithm of how many times larger a pose is, or smaller."""
-        return abs(_log_size(pose, self.centre) - self.log_size)
-
-    def cost(self, pose: Pose) -> float:
-        """What a search adds to the loss of a pose."""
-        return SIZE_COST * self.away(pose) ** 2
-
-
-def _log_size(pose: Pose, centre: FloatArray) -> float:
-    camera = pose.camera
-    if isinstance(camera, Parallel):
-        return math.log(camera.scale)
-    depth = float(pose.camera_from_model.apply(centre)[2])
-    return math.log(camera.fx / max(depth, np.finfo(float).tiny))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +77,6 @@ class FitProblem:
     """The model's: poses that differ by it are one."""
     others: tuple[OtherView, ...] = ()
     """More photos of the same pose: the loss is the mean over all."""
-    size: UsualSize | None = None
-    """That its searches keep to; None: to none."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free parameters."""
 
@@ -147,10 +108,6 @@ class FitProblem:
         """How its losses are read."""
         return LossScale.of(self.photo)
 
-    def cost(self, pose: Pose) -> float:
-        """What a search adds to the loss of a pose, but in its last models: of its size."""
-        return 0.0 if self.size is None else self.size.cost(pose)
-
     def complete(self, free_parameters: FloatArray) -> FloatArray:
         """(..., d): the start's parameters with the free ones replaced by (..., k)."""
         parameters = np.empty((*free_parameters.shape[:-1], len(self.start)))
@@ -164,10 +121,9 @@ def pose_loss(
     renderer: Renderer,
     parameters: FloatArray,
     photo: PhotoAttributes | None = None,
-    with_cost: bool = False,
 ) -> float:
     """The loss at ``parameters`` (d,): the mean over the problem's photos; or on one level of its
-    own photo alone. ``with_cost``: as a search compares it.
+    own photo alone.
     """
     if photo is None and problem.others:
         losses = [pose_loss(view, renderer, parameters) for view in problem.views]
@@ -177,8 +133,7 @@ def pose_loss(
         pose = problem.chart.to_pose(parameters)
     except OutsideChartError:
         return problem.worst_loss
-    loss = loss_of(problem.method, renderer.moments(pose, photo), photo)
-    return loss + problem.cost(pose) if with_cost else loss
+    return loss_of(problem.method, renderer.moments(pose, photo), photo)
 
 
 def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:

@@ -1,10 +1,9 @@
 """When to restart a search, and whether to trust where it ended.
 
 Where a search has ended, what stands in front of the model there (``fit.occlusion``) counts no
-more, and the search goes on. It ends with a verdict on its pose. Where that is not trusted and much
-larger or smaller than the start, the start is searched from again, with a cost of other sizes than
-its own. Unless that is trusted, further searches follow, each by another strategy (``RESTARTS``),
-and the pose of one of them is taken where the verdict allows it.
+more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, further
+searches follow, each by another strategy (``RESTARTS``), and the pose of one of them is taken where
+the verdict allows it.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 
 from poseviewer.fit.occlusion import Hidden, behind, find_hidden
 from poseviewer.fit.probing import better_turn
-from poseviewer.fit.problem import FitProblem, Strategy, UsualSize, pose_loss
+from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
 from poseviewer.fit.progress import FitProgress, Status, merge
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose
@@ -39,13 +38,10 @@ GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
 """A pose found elsewhere must be more probable by this than the one before; one that was found by
-continuing, or that is nearly as large as the start, may be less probable by as much."""
+continuing may be less probable by as much."""
 ELSEWHERE_THRESHOLD = 0.75
 """Probability that a pose found elsewhere must have: what no pose explains is not to be looked for
 far from where the user put it."""
-SIZE_THRESHOLD = 0.1
-"""Logarithm of how many times larger, or smaller, a pose in doubt is than the start, from which the
-start's size is kept to: a start is not to be farther off."""
 LOOKS, NEW_SHARE = 2, 0.03
 """How often a search looks for what is in front: the second time the pose is a better one. Share of
 P by which what it sees then must differ, to search again."""
@@ -79,10 +75,9 @@ def finish(
     """What follows where a first search has ended: without what is in front there, the verdict, and
     restarts.
     """
-    began, whole = time.perf_counter() - end.seconds, problem
+    began = time.perf_counter() - end.seconds
     problem, best = yield from _behind(problem, end, renderer, threads)
     best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
-    problem, best = yield from _sized(whole, problem, best, mesh, renderer, judge, threads)
     gain = math.inf
     for strategy in RESTARTS:
         again = restarted(problem, best, strategy, time.perf_counter() - began)
@@ -141,40 +136,6 @@ def _behind(
                 yield merge(before, after, before)
         problem, best = seen, merge(before, after, after)
     return problem, best
-
-
-def _sized(
-    whole: FitProblem,
-    problem: FitProblem,
-    best: FitProgress,
-    mesh: Mesh,
-    renderer: Renderer,
-    judge: Judge,
-    threads: int,
-) -> Generator[FitProgress, None, tuple[FitProblem, FitProgress]]:
-    """Where the ``best`` end of ``problem`` is not found and of another size than the start: the
-    ``whole`` problem is searched again from there with a cost of other sizes, as a model grows over
-    what is in front of it. The problem and the end that are taken.
-    """
-    rest, known = rest_of(whole.limits, best, best.seconds), best.verdict
-    is_alone = whole.photo.structure is not None and not whole.others
-    if best.status is not Status.CONVERGED or rest is None or not is_alone:
-        return problem, best
-    size = UsualSize.of(mesh, whole.chart.to_pose(whole.start))
-    if known is None or known.word == "found" or size.away(best.pose) < SIZE_THRESHOLD:
-        return problem, best
-    after = best
-    for after in fit_pose(replace(whole, size=size, limits=rest), renderer, threads):
-        if after.status is Status.RUNNING:
-            yield merge(best, after, best)
-    after = replace(merge(best, after, after), start_loss=after.start_loss)
-    sized, after = yield from _behind(replace(whole, size=size), after, renderer, threads)
-    after = replace(after, verdict=judge(after, sized, mesh, renderer, threads))
-    assert after.verdict is not None
-    if after.verdict.probability >= known.probability - PROBABILITY_MARGIN:
-        return sized, after
-    spent = {name: getattr(after, name) for name in ("evaluations", "restart", "seconds")}
-    return problem, replace(best, **spent, status=after.status)
 
 
 def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:

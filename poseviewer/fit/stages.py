@@ -174,8 +174,7 @@ class _Run:
         self._problem, self._renderer, self._threads = problem, renderer, threads
         self._began = time.perf_counter()
         self._evaluations, self._restart = 0, 0
-        self._start_loss, self._loss, self._cost = np.inf, np.inf, 0.0
-        self._with_cost = True
+        self._start_loss, self._loss = np.inf, np.inf
         self._best = problem.start[problem.free_indices]
         self._scale = np.diag(problem.chart.scales(problem.start)[problem.free_indices])
         self._axes = self._scale
@@ -191,8 +190,6 @@ class _Run:
     def _run_stage(self, stages: Sequence[Stage], is_last: bool) -> Iterator[FitProgress]:
         """A stage, that of each view: they differ in their levels alone."""
         stage = stages[0]
-        if is_last:  # what a start says of its size is not as exact as these models
-            self._loss, self._cost, self._with_cost = self._loss - self._cost, 0.0, False
         factor, scored, due = stage.level.factor, None, stage.rescore_every
         if 0.0 < due < math.inf:
             scored = self._best
@@ -215,7 +212,6 @@ class _Run:
     def _states(self, stages: Sequence[Stage]) -> Iterator[State]:
         """The minimiser's, from the best point so far."""
         problem, before, stage = self._problem, self._restart, stages[0]
-        with_cost = self._with_cost
         views, photos = problem.views, [one.level.photo for one in stages]
         if photos[0].structure is None and problem.photo.structure is not None:
             # The fine photo's is made only now, as searches of a short limit do not come here.
@@ -224,9 +220,7 @@ class _Run:
 
         def loss(renderers: Any, parameters: FloatArray) -> float:
             each = zip(views, renderers.each, photos, strict=True)
-            losses = [
-                pose_loss(view, one, parameters, photo, with_cost) for view, one, photo in each
-            ]
+            losses = [pose_loss(view, one, parameters, photo) for view, one, photo in each]
             return sum(losses) / len(losses)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
@@ -245,20 +239,18 @@ class _Run:
                 yield state
 
     def _score(self, point: FloatArray) -> float:
-        """The loss on the photo itself, with its cost where that counts."""
+        """The loss on the photo itself."""
         self._evaluations += 1
-        parameters = self._problem.complete(point)
-        return pose_loss(self._problem, self._renderer, parameters, with_cost=self._with_cost)
+        return pose_loss(self._problem, self._renderer, self._problem.complete(point))
 
     def _keep(self, point: FloatArray, loss: float, tolerance: float = 0.0) -> None:
-        """Take the point if there is nothing better; ``loss`` is as of ``_score``."""
+        """Take the point if there is nothing better; ``loss`` is on the photo."""
         if self._start_loss == np.inf:
-            self._start_loss = loss - (self._problem.cost(self._pose) if self._with_cost else 0.0)
+            self._start_loss = loss
         if loss < self._loss + tolerance:
             self._best, self._loss = point, loss
             self._parameters = self._problem.complete(point)
             self._pose = self._problem.chart.to_pose(self._parameters)
-            self._cost = self._problem.cost(self._pose) if self._with_cost else 0.0
 
     def _progress(self, state: State, factor: int, finished: bool = False) -> FitProgress:
         problem, seconds = self._problem, time.perf_counter() - self._began
@@ -273,7 +265,7 @@ class _Run:
         return FitProgress(
             parameters=self._parameters,
             pose=self._pose,
-            loss=self._loss - self._cost,
+            loss=self._loss,
             start_loss=self._start_loss,
             scale=problem.scale,
             candidates=problem.complete(state.candidates),

@@ -10,21 +10,12 @@ import pytest
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.problem import (
-    SIZE_COST,
-    FitProblem,
-    Strategy,
-    UsualSize,
-    make_problem,
-    pose_loss,
-)
+from poseviewer.fit.problem import FitProblem, Strategy, make_problem
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import RESTARTS, SURE_FROM, is_taken, restarted, search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.verdict import Verdict
-from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
 
@@ -165,42 +156,3 @@ def test_a_search_that_ends_in_another_valley_is_mended():
     assert verdict.word != "found"
     *_, end = search(problem, registration.mesh, renderer, judge_end, 2)
     assert end.loss < alone.loss - 1.0
-
-
-def far_by(pose: Pose, centre: np.ndarray, factor: float) -> Pose:
-    """The pose with the model so many times as far away, at the same place in the photo."""
-    place = pose.camera_from_model
-    moved = (factor - 1.0) * place.apply(centre)
-    return replace(pose, camera_from_model=replace(place, translation=place.translation + moved))
-
-
-def test_another_size_costs_while_it_is_searched_and_is_no_loss(small):
-    problem, mesh, renderer, alone = small
-    size = UsualSize.of(mesh, alone.pose)
-    sized = replace(problem, size=size)
-    assert problem.cost(far_by(alone.pose, mesh.centre, 2.0)) == 0.0
-    assert sized.cost(alone.pose) == 0.0
-    for factor in (0.9, 1.2):
-        pose = far_by(alone.pose, mesh.centre, factor)
-        cost, parameters = SIZE_COST * np.log(factor) ** 2, problem.chart.from_pose(pose)
-        assert sized.cost(pose) == pytest.approx(cost)
-        losses = [pose_loss(sized, renderer, parameters, with_cost=w) for w in (False, True)]
-        assert losses[1] - losses[0] == pytest.approx(cost)
-    few = replace(sized, limits=Limits(evaluations=60))
-    *_, end = fit_pose(few, renderer)
-    assert end.loss == pytest.approx(pose_loss(problem, renderer, end.parameters), abs=1e-9)
-    assert end.start_loss == pytest.approx(alone.start_loss, abs=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.75, 1.3])
-def test_a_pose_in_doubt_is_searched_for_at_the_size_of_the_start(small, factor):
-    problem, mesh, renderer, alone = small
-    start = far_by(alone.pose, mesh.centre, factor)
-    moved = replace(problem, start=problem.chart.from_pose(start))
-    doubting, trusting = Judge(Verdict("doubtful", 0.95, (), None)), Judge(FOUND)
-    *_, end = search(moved, mesh, renderer, doubting)
-    assert [asked.size is None for asked in doubting.asked] == [True, False]
-    assert pose_error(mesh, end.pose, alone.pose).percent < 0.5
-    *_, end = search(moved, mesh, renderer, trusting)
-    assert [asked.size is None for asked in trusting.asked] == [True]

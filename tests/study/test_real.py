@@ -118,11 +118,3 @@ def test_the_other_cases_of_the_photo_can_be_given(folder):
     assert other.pose is task.others[0].truth
     (alone,) = real_tasks(folder, [5], 1, "*-a", FitSettings())
     assert alone.open()[0].others == ()
-
-
-@pytest.mark.slow
-def test_what_grew_over_a_thing_in_front_is_searched_for_at_the_start_s_size(shared_data):
-    (task,) = real_tasks(shared_data / "clutter", (15,), 1, "tight-0-driller", FitSettings())
-    trial = task.run()
-    assert trial.error_percent_end < 2.0
-    assert trial.verdict == "found"
