@@ -257,7 +257,7 @@ class SocketPage:
 
     def maps(self) -> int:
         """How many maps of the loss are shown."""
-        return max(text.count("<image ") for text in self.texts())
+        return max((text.count("<image ") for text in self.texts()), default=0)
 
     def outline(self) -> NDArray[np.float32]:
         """(N, 2, 3): the outline's segments, in world units; empty where there is none."""
