@@ -41,7 +41,8 @@ PRESSABLE = "button, input, textarea, [role=tab], [role=option], tr[tabindex], .
 AT_RANDOM = """([selector, share, options]) => {
     const all = [...document.querySelectorAll(options ? "[role=option]" : selector)].filter(e => {
         const box = e.getBoundingClientRect();
-        return box.width > 0 && box.height > 0 && e.type !== "file" && !e.disabled;
+        const isAddress = (e.value || "").startsWith("ws");  // the server's, in viser's own panel
+        return box.width > 0 && box.height > 0 && e.type !== "file" && !e.disabled && !isAddress;
     });
     if (!all.length) return null;
     const found = all[Math.floor(share * all.length)];

@@ -40,6 +40,8 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
+MOST_DIGITS = 18
+"""Of an image's number: what 64 bits hold."""
 UNIT = "mm"
 CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
 LARGEST_SCENE = 1_000_000_000
@@ -257,7 +259,7 @@ def load_bop_images(folder: Path) -> BopScene:
     reading, objects = Reading(folder / CAMERAS), Reading(folder / POSES)
     photos, images = _photos(folder), []
     for found in bop_cameras(reading, cameras):
-        if not found.name.isdecimal():
+        if not (found.name.isdecimal() and len(found.name) <= MOST_DIGITS):
             raise reading.error(f"image {found.name[:40]!r}", "wanted images' numbers")
         number = int(found.name)
         photo = photos.get(number, f"{PHOTO_FOLDERS[0]}/{number:06d}.png")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop import read_bop, write_bop
+from poseviewer.files.formats.bop import load_bop_images, read_bop, write_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
@@ -136,3 +136,12 @@ def test_one_of_many_poses_is_chosen(tmp_path):
     for asked in unclear:
         with pytest.raises(PoseFileError, match=r"--image|--object"):
             read_bop(tmp_path, replace(asked, photo_size=SIZE))
+
+
+@pytest.mark.parametrize("name", ["left", "-1", "9" * 5001])
+def test_an_image_whose_name_is_no_number_is_said(tmp_path, name):
+    camera = {"cam_K": [100, 0, 50, 0, 100, 40, 0, 0, 1], "depth_scale": 1.0}
+    (tmp_path / "scene_camera.json").write_text(json.dumps({name: camera}))
+    with pytest.raises(PoseFileError, match="wanted images' numbers") as told:
+        load_bop_images(tmp_path)
+    assert len(str(told.value)) < 200 + len(str(tmp_path))
