@@ -214,8 +214,8 @@ def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:
 
 
 def rest_of(limits: Limits, done: FitProgress, seconds: float) -> Limits | None:
-    """What is left of the ``limits`` of searches after those that are ``done``, which took so many
-    ``seconds``; None for nothing.
+    """What is left of the ``limits`` after searches that ended in ``done`` and took ``seconds``;
+    None for nothing.
     """
     evaluations, seconds = limits.evaluations - done.evaluations, limits.seconds - seconds
     return Limits(evaluations, seconds) if evaluations > 0 and seconds > 0.0 else None

@@ -273,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4))
     parser.add_argument("--every", type=whole, default=1, help="case")
     parser.add_argument("--first", type=whole, default=1, help="the case to begin with")
-    parser.add_argument("--cases", type=whole, help="at most so many")
+    parser.add_argument("--cases", type=whole, help="largest number of cases (all)")
     parser.add_argument("--draw", type=whole, default=1, help="of the starts, where they are drawn")
     parser.add_argument(
         "--apart", type=float, default=APART_DEG, help="least degrees between photos (LINEMOD)"
