@@ -42,7 +42,7 @@ continuing may be less probable by as much."""
 ELSEWHERE_THRESHOLD = 0.75
 """Probability that a pose found elsewhere must have: what no pose explains is not to be looked for
 far from where the user put it."""
-LOOKS, NEW_SHARE = 2, 0.03
+OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 """How often a search looks for what is in front: the second time the pose is a better one. Share of
 P by which what it sees then must differ, to search again."""
 FOCAL_THRESHOLD, MOST_SEARCHES = 0.02, 4
@@ -110,7 +110,7 @@ def _behind(
     the end of that; the same as given where nothing is.
     """
     whole = problem
-    for _ in range(LOOKS):
+    for _ in range(OCCLUSION_PASSES):
         rest = rest_of(problem.limits, best, best.seconds)
         if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
             break
