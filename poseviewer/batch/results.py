@@ -26,7 +26,10 @@ ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 LOCK = ".at-work"
 ACCEPTED, MENDED = "accepted", "mended"
-STDS = ("depth_std", "sideways_std", "degrees_std", "px_std")
+STDS = (
+    *("depth_std", "sideways_std", "degrees_std", "px_std"),
+    *("scale_percent_std", "focal_px_std", "size_percent_std"),
+)
 """Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
 FORMAT, VERSION = "poseviewer-batch", 1
 
@@ -79,6 +82,11 @@ class JobResult:
     sideways_std: float | None = None
     degrees_std: float | None = None
     px_std: float | None = None
+    scale_percent_std: float | None = None
+    """In place of the depth's, under parallel projection; of a focal length that was free; of the
+    model's size among cameras of unknown scale."""
+    focal_px_std: float | None = None
+    size_percent_std: float | None = None
     review: str = ""
     """What a person said of the pose: ``accepted``, or ``mended`` by hand and then accepted."""
     note: str = ""

@@ -13,9 +13,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from poseviewer.batch.results import STDS, alone_in
+from poseviewer.batch.results import (
+    STDS,
+    JobResult,
+    alone_in,
+    save_table,
+    standard_deviations,
+)
 from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
@@ -23,9 +30,10 @@ from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.pose_error import pose_error
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.view_sets import write_views
+from tests.view_sets import MESH, TRUTH, write_views
 
 QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "150")
@@ -99,8 +107,9 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         assert found.photo is not None
         assert found.photo.file == row["photo"]
         assert found.covariance is not None
-        for name in STDS:
+        for name in STDS[:4]:
             assert float(row[name]) == getattr(found.covariance, name.removesuffix("_std")) > 0.0
+        assert [row[name] for name in STDS[4:]] == [""] * 3  # nothing to be searched for
     assert [row["px_std"] for row in results[2:]] == [""] * 3
 
 
@@ -324,3 +333,19 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     assert found["verdict"]
     assert float(found["unexplained"]) < float(found["start_unexplained"])
     assert "with a set of photos" in refused["reason"]
+
+
+@pytest.mark.parametrize(
+    ("seventh", "column", "wanted"),
+    [("log_size", "size_percent_std", 3.0), ("log_focal", "focal_px_std", 0.03 * 600.0)],
+)
+def test_the_seventh_number_has_a_column(tmp_path: Path, seventh, column, wanted):
+    sure = PoseCovariance(TRUTH[0], MESH.centre, np.diag([1e-4] * 6 + [9e-4]), seventh=seventh)
+    found = standard_deviations(sure)
+    assert found[column] == pytest.approx(wanted)
+    assert [name for name in STDS if found[name] is None] == [
+        name for name in STDS[4:] if name != column
+    ]
+    save_table(tmp_path, [JobResult(1, "a.png", "m.ply", "s.json", "Converged.", **found)])
+    (row,) = read_results(tmp_path)
+    assert float(row[column]) == found[column]
