@@ -921,14 +921,13 @@ class SetResult:
         verdict = None
         if self.verdict is not None:
             said = self.verdict
-            verdict = RecordedVerdict(said.word, said.probability, said.reasons)
+            verdict = RecordedVerdict(said.word, said.probability, (*said.reasons, *self.notes))
         return replace(
             records[0],
             chart=ChartParameters(chart.name, chart.names, tuple(self.parameters.tolist())),
             loss=self.loss,
             unexplained=self.unexplained,
             verdict=verdict,
-            notes=(*self.notes, *records[0].notes),
             covariance=self.covariance,
             in_set=in_set,
         )

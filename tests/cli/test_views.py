@@ -82,6 +82,9 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     assert found.verdict is not None
     assert found.verdict.word != "found"
     assert found.notes[0].startswith("c.png goes least with the others")
+    recorded = found.record.verdict  # as the file and the page have it
+    assert recorded is not None
+    assert recorded.reasons[-1] == found.notes[0]
     at, true = (p.camera_from_model.apply(MESH.centre) for p in (found.pose, TRUTH[0]))
     assert np.abs(at - true).max() < 0.003 * DISTANCE
 
