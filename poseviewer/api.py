@@ -162,6 +162,8 @@ def load(
         start = AutoStart(rectangle, camera or StartCamera(), chosen, watch).find
     if isinstance(mask, str | Path):
         chosen = replace(chosen, mask=Path(mask).name)
+    if symmetry is not None and not isinstance(model, LoadedModel):
+        model = load_model(model, own_symmetry=False)
     more = (calibration, mask, chosen.without or ())
     if isinstance(start, str | Path):
         registration = load_registration(photo, model, start, *more)
@@ -230,7 +232,7 @@ def load_views(
     """
     chosen = _chosen(settings, changes)
     read = views if isinstance(views, ViewSet) else load_view_set(views, choice)
-    loaded = model if isinstance(model, LoadedModel) else load_model(model)
+    loaded = model if isinstance(model, LoadedModel) else load_model(model, symmetry is None)
     loaded = replace(loaded, mesh=loaded.mesh.without(chosen.without or ()))
     placed = place_in_views(read, loaded, start, view, scale)
     if symmetry is not None:

@@ -84,14 +84,15 @@ class StartInputs:
 FindStart = Callable[[StartInputs], Start]
 
 
-def load_model(path: str | Path) -> LoadedModel:
-    """A model, its key points and its symmetry.
+def load_model(path: str | Path, own_symmetry: bool = True) -> LoadedModel:
+    """A model, its key points and, unless another is to be used, its symmetry.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     mesh, name = load_mesh(path), printable(Path(path).name)
-    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    keypoints = load_keypoints(path, mesh)
+    symmetry = load_symmetry(path, mesh) if own_symmetry else NO_SYMMETRY
     return LoadedModel(mesh, name, sha256_of(path), keypoints, symmetry)
 
 

@@ -80,3 +80,20 @@ def test_a_file_that_is_not_there_is_said(of_box: Scene, tmp_path: Path, capsys)
     out = ["--out", str(tmp_path / "p.json"), "--symmetry", str(tmp_path / "no.json")]
     assert cli.main([*arguments, *out]) == 2
     assert "no.json: no such file" in capsys.readouterr().err
+
+
+def test_one_that_the_model_has_not_is_refused_and_can_be_done_without(
+    of_box: Scene, tmp_path: Path, capsys
+) -> None:
+    model = tmp_path / "box.ply"
+    model.write_bytes(Path(of_box.model).read_bytes())
+    turns = [{"axis": [0, 0, 1], "fold": "any"}]
+    beside = {"format": "poseviewer-symmetry", "version": 1, "centre": [0, 0, 0], "turns": turns}
+    (tmp_path / "box.symmetry.json").write_text(json.dumps(beside))
+    arguments = ["overlay", str(of_box.photo), str(model), "--pose", str(of_box.start)]
+    out = tmp_path / "o.png"
+    assert cli.main([*arguments, "--out", str(out)]) == 2
+    assert "the model has no such symmetry, every turn about (0, 0, 1)" in capsys.readouterr().err
+    assert not out.exists()
+    fit = ["fit", *arguments[1:], "--out", str(tmp_path / "p.json"), "--quiet"]
+    assert cli.main([*fit, "--evaluations", "20", "--symmetry", "none"]) == 0
