@@ -70,6 +70,18 @@ def test_a_drag_in_any_photo_moves_all_and_undo_brings_all_back(session: Session
     assert_poses_are(after(dragged, c.Undo()), TRUTH)
 
 
+def test_a_pin_of_one_photo_holds_the_model_in_another(session: Session):
+    x, y = TRUTH[0].project(MESH.centre)
+    u, v = TRUTH[1].project(MESH.centre) + np.array([25.0, 0.0])
+    pinned = after(session, c.DoublePress(x, y), LookAt(1), c.DoublePress(u, v))
+    dragged = after(pinned, c.Press(u, v), c.DragTo(u, v + 15.0), c.Release())
+    poses, (pin, moved) = set_of(dragged).poses, dragged.document.pins
+    np.testing.assert_allclose(poses[1].project(pin), TRUTH[1].project(pin), atol=0.5)
+    np.testing.assert_allclose(poses[1].project(moved), [u, v + 15.0], atol=0.5)
+    turned = poses[0].project(MESH.vertices) - TRUTH[0].project(MESH.vertices)
+    assert np.abs(turned).max() > 3.0
+
+
 def test_masks_marks_and_regions_belong_to_their_photo(session: Session):
     painted = after(session, Paint(STROKE), LookAt(1))
     assert painted.document.registration.mask is None

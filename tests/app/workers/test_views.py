@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import open_chosen_set, open_pose, open_set, restore
 from poseviewer.app.workers.overlay import OverlayDrawer
-from poseviewer.errors import SettingsError
+from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.set_questions import ALL_PHOTOS, choose
 from poseviewer.files.state.autosave import load_autosave
@@ -164,6 +165,28 @@ def test_fewer_than_two_photos_that_see_the_model_are_said(session: Session):
     assert asked.search is not None
     with pytest.raises(SettingsError, match="of 3 photos"):
         next(iter(run_search(asked.search)))
+
+
+def one_photo(data: dict) -> None:
+    del data["views"][1:]
+
+
+def one_twice(data: dict) -> None:
+    data["views"][2]["photo"] = "a.png"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [(one_photo, "1 photo; a set has two or more"), (one_twice, "one photo twice")],
+)
+def test_a_set_that_cannot_be_used_is_one_sentence(tmp_path: Path, change, said: str):
+    of_set, model, start = write_views(tmp_path)
+    data = json.loads(of_set.read_text())
+    change(data)
+    of_set.write_text(json.dumps(data))
+    with pytest.raises(PoseViewerError, match=said) as caught:
+        open_set(of_set, model, start)
+    assert "\n" not in str(caught.value)
 
 
 def test_masks_of_all_photos_are_saved_with_the_pose_and_opened_again(
