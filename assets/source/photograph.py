@@ -2,12 +2,14 @@
 
     python photograph.py near|far [--draft]
     python photograph.py round FOLDER
+    python photograph.py table FOLDER MODEL.ply [MODEL.ply ...]
 
 Needs Blender as a Python module (`bpy` 4.5), trimesh and Pillow. Reads `demo_car.glb`, writes
 `demo_photo.jpg` / `demo_photo_parallel.jpg` and the true pose beside it. World frame = car frame.
 `round` writes photos from around the car and `views.json`, a set of photos for `--views` with exact
-cameras, whose frame is the car's: what `tests.measure.view_sets` measures on. Photos that are in
-the folder stay.
+cameras, whose frame is the car's; `table` photos from around the models (in mm, with texture or
+colours) on a table, and for each a set `MODEL.views.json` in its frame: what
+`tests.measure.view_sets` measures on. Photos that are in the folder stay.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ import nodes
 import numpy as np
 import poses
 import street
+import tabletop
 import trimesh
 from mathutils import Vector
 from PIL import Image
@@ -53,6 +56,9 @@ class Shot:
     exposure: float
     size: tuple[int, int] = (960, 720)
     seed: int = 1
+    f_stop: float = 5.6
+    nearer: float = 0.8
+    """By how much the lens is focused nearer than the point."""
 
 
 SHOTS = {
@@ -90,6 +96,11 @@ SHOTS = {
 }
 
 
+TABLE = replace(
+    SHOTS["near"], aim=(0.0, 0.0, 0.05), distance=0.75, lens_mm=40.0, f_stop=16.0, nearer=0.0
+)
+TABLE_ROUND = [(-150.0, 0.55), (-78.0, 0.75), (-6.0, 0.5), (66.0, 0.8), (138.0, 0.65)]
+"""Azimuth and height of the cameras about a table."""
 ROUND = [(-72.0, 1.3), (-36.0, 2.6), (0.0, 1.7), (37.0, 1.58), (74.0, 2.2)]
 """Azimuth and height of the cameras of a set: all on the side of the street."""
 ROUND_SAMPLES = 16
@@ -114,8 +125,8 @@ def place_camera(shot: Shot) -> poses.Pose:
     look = Vector(shot.aim) - camera.location
     camera.rotation_euler = look.to_track_quat("-Z", "Y").to_euler()
     if shot.lens_mm < 100:  # a real lens is not sharp everywhere, but the car should be
-        data.dof.use_dof, data.dof.aperture_fstop = True, 5.6
-        data.dof.focus_distance = look.length - 0.8
+        data.dof.use_dof, data.dof.aperture_fstop = True, shot.f_stop
+        data.dof.focus_distance = look.length - shot.nearer
     bpy.context.view_layer.update()
     world = np.array(camera.matrix_world)
     u, _, vt = np.linalg.svd(world[:3, :3])  # Blender's numbers are single precision
@@ -225,35 +236,72 @@ def save(path: Path, picture: np.ndarray, lens_mm: float) -> None:
     image.save(path, quality=92, subsampling=0, exif=exif)
 
 
-def round_the_car(folder: Path) -> None:
-    """Photos from around the car, and the set that they are."""
-    views = []
-    for number, (azimuth, height) in enumerate(ROUND):
-        shot = replace(SHOTS["near"], azimuth=azimuth, height=height, seed=10 + number)
-        path, begun = folder / f"car-{number}.jpg", time.time()
-        pose = place_camera(shot)
+def photograph(folder: Path, name: str, shots: list[Shot]) -> dict[str, poses.Pose]:
+    """Photos from around, by their names, with the pose of what is photographed."""
+    found = {}
+    for number, shot in enumerate(shots):
+        path, begun = folder / f"{name}-{number}.jpg", time.time()
+        found[path.name] = place_camera(shot)
         if not path.exists():
             picture = camera_physics(render(shot, ROUND_SAMPLES, 100), shot.seed)
             save(path, picture, shot.lens_mm)
             print(f"{path.name}: {time.time() - begun:.0f} s", flush=True)
+    return found
+
+
+def save_set(path: Path, photos: dict[str, poses.Pose], unit: str) -> None:
+    """The photos as a set, whose frame is that of the poses."""
+    views = []
+    for name, pose in photos.items():
         place = {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
-        views.append({"photo": path.name, "camera": pose.camera, "camera_from_set": place})
-    text = json.dumps({"format": "poseviewer-views", "version": 1, "unit": "m", "views": views})
-    (folder / "views.json").write_text(text + "\n")
+        views.append({"photo": name, "camera": pose.camera, "camera_from_set": place})
+    text = json.dumps({"format": "poseviewer-views", "version": 1, "unit": unit, "views": views})
+    path.write_text(text + "\n")
+
+
+def round_shots(like: Shot, cameras: list[tuple[float, float]]) -> list[Shot]:
+    """The same from other azimuths and heights."""
+    return [
+        replace(like, azimuth=azimuth, height=height, seed=10 + number)
+        for number, (azimuth, height) in enumerate(cameras)
+    ]
+
+
+def photograph_table(folder: Path, models: list[Path]) -> None:
+    """Photos from around the models on a table, and a set for each model."""
+    things = tabletop.build(models)
+    light(TABLE)
+    photos = photograph(folder, "table", round_shots(TABLE, TABLE_ROUND))
+    for name, thing in things.items():
+        turn, shift = tabletop.place_of(thing)
+        own = {
+            photo: replace(
+                pose,
+                rotation=pose.rotation @ turn,
+                translation=pose.rotation @ shift + pose.translation / tabletop.UNIT,
+            )
+            for photo, pose in photos.items()
+        }
+        save_set(folder / f"{name}.views.json", own, "mm")
 
 
 def main() -> None:
     """Take one photo, or those of a set."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("shot", choices=[*sorted(SHOTS), "round"])
+    parser.add_argument("shot", choices=[*sorted(SHOTS), "round", "table"])
     parser.add_argument("folder", nargs="?", type=Path, help="of a set")
+    parser.add_argument("models", nargs="*", type=Path, help="on a table")
     parser.add_argument("--draft", type=Path, help="write a small quick PNG here and nothing else")
     parser.add_argument("--pose-only", action="store_true", help="keep the photo, redo its pose")
     arguments = parser.parse_args()
-    if (arguments.shot == "round") != (arguments.folder is not None):
-        parser.error("round wants a folder, the others none")
-    shot = SHOTS["near" if arguments.folder else arguments.shot]
+    is_set, is_table = arguments.shot in ("round", "table"), arguments.shot == "table"
+    if is_set != (arguments.folder is not None) or is_table != bool(arguments.models):
+        parser.error("round wants a folder, table a folder and models, the others none")
+    shot = SHOTS["near" if is_set else arguments.shot]
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    if is_table:
+        photograph_table(arguments.folder, arguments.models)
+        return
     made: dict[str, bpy.types.Material] = {}
     for part in blender_car.load_car(ASSETS / "demo_car.glb").values():
         kind = part["material"]
@@ -263,8 +311,9 @@ def main() -> None:
     furnish()
     street.build()
     light(shot)
-    if arguments.folder:
-        round_the_car(arguments.folder)
+    if is_set:
+        photos = photograph(arguments.folder, "car", round_shots(shot, ROUND))
+        save_set(arguments.folder / "views.json", photos, "m")
         return
     pose = place_camera(shot)
     begun = time.time()

@@ -4,7 +4,9 @@
 photos that differ by 30 degrees or more. In a folder of ``cases.json`` (as of ``poseviewer study``)
 with exact poses, they are photos of one model, whose frame is the set's, and the starts are its
 own, 15 degrees off. In a folder of ``views.json`` (as of ``assets/source/photograph.py round``)
-they are that set's, whose frame is the demo car's, and starts are drawn as those are. In the folder
+they are that set's, whose frame is the demo car's, and starts are drawn as those are; of
+``MODEL.views.json`` (as of ``photograph.py table``), those of each model, which is found below
+``--models``. In the folder
 of LINEMOD-Occlusion one object's annotations tell how the camera
 moved, and another is fitted; the objects were moved between the photos, so that those belong to a
 set in which the annotations of both keep their places to one another. It prints how far off each
@@ -23,6 +25,7 @@ import numpy as np
 
 from poseviewer.api import load_views, make_case
 from poseviewer.cli.options import listed, whole
+from poseviewer.errors import PoseViewerError
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.photo import load_photo
@@ -122,19 +125,29 @@ def _differs(own: RigidTransform, others: Sequence[RigidTransform]) -> bool:
     return bool(np.degrees(min(angles)) >= APART_DEG)
 
 
-def set_cases(folder: Path, draw: int = 0) -> Iterator[Case]:
-    """Every photo of a set in the demo car's frame, with those that are apart from it."""
-    known, model = load_view_set(folder / VIEWS), demo_case("perspective").model
-    mesh = load_model(model).mesh
+def set_cases(folder: Path, draw: int = 0, models: Path = Path()) -> Iterator[Case]:
+    """Every photo of each set in the folder, with those of the set that are apart from it."""
+    for path in sorted(folder.glob(f"*{VIEWS}")):
+        name = path.name.removesuffix(VIEWS).removesuffix(".")
+        model = demo_case("perspective").model if not name else _model_below(models, name)
+        yield from _cases_of_set(path, name, model, draw)
+
+
+def _model_below(folder: Path, name: str) -> Path:
+    for path in sorted(folder.rglob(f"{name}.ply")):
+        return path
+    raise PoseViewerError(f"--models {folder}: no {name}.ply below it; name the models' folder.")
+
+
+def _cases_of_set(path: Path, name: str, model: Path, draw: int) -> Iterator[Case]:
+    known, mesh = load_view_set(path), load_model(model).mesh
     for number, first in enumerate(known.views):
         chosen = [first]
         for other in known.views:
             if _differs(other.camera_from_set, [one.camera_from_set for one in chosen]):
                 chosen.append(other)
-        truth, random = (
-            Pose(first.camera, first.camera_from_set),
-            np.random.default_rng((draw, number)),
-        )
+        truth = Pose(first.camera, first.camera_from_set)
+        random = np.random.default_rng((draw, number))
         axis, shift = random.normal(size=3), random.normal(size=3)
         off = np.radians(START_DEG) * axis / np.linalg.norm(axis)
         sigma = mesh.diameter * START_DEG / 200.0 * np.array([1.0, 1.0, 2.0])
@@ -144,7 +157,8 @@ def set_cases(folder: Path, draw: int = 0) -> Iterator[Case]:
         def views(chosen: Sequence[View] = chosen) -> ViewSet:
             return replace(known, views=tuple(chosen), unit=None, scale=1.0)
 
-        yield Case(first.name, views, len(chosen), model, truth, start)
+        title = f"{name}-{first.name}".removeprefix("-")
+        yield Case(title, views, len(chosen), model, truth, start)
 
 
 def _view(case: RealCase) -> View:
@@ -278,10 +292,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--apart", type=float, default=APART_DEG, help="least degrees between photos (LINEMOD)"
     )
+    parser.add_argument("--models", type=Path, default=Path(), help="folder of a table's models")
     options = parser.parse_args(arguments)
     folder, draw = options.folder, options.draw - 1
-    if (folder / VIEWS).is_file():
-        known = set_cases(folder, draw)
+    if any(folder.glob(f"*{VIEWS}")):
+        known = set_cases(folder, draw, options.models)
     else:
         is_exact = (folder / CASES).is_file()
         of_bop = max(4, *options.photos), options.apart
