@@ -28,7 +28,7 @@ from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.study.real_cases import load_cases, load_starts
+from poseviewer.study.real_cases import RealCase, RealStart, load_cases, load_starts
 from poseviewer.study.run import TRIALS
 from poseviewer.study.trials import RealTask, RealTrial
 from tests.measure.trial_table import print_trials
@@ -53,8 +53,19 @@ class Agreement:
     """... and at the truth."""
 
 
-def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator[Agreement]:
-    """One for each case of two fits or more, of those from starts ``degrees`` off (default: all).
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseEnds:
+    """Where the fits of one case have ended."""
+
+    case: RealCase
+    trials: tuple[RealTrial, ...]
+    starts: tuple[RealStart, ...]
+    mesh: Mesh
+    ends: tuple[Pose, ...]
+
+
+def ends_of_cases(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator[CaseEnds]:
+    """Of each case of which there are fits, of those from starts ``degrees`` off (default: all).
 
     Raises:
         PoseViewerError: there are no such fits, or the folder does not hold their cases and starts.
@@ -68,19 +79,26 @@ def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator
     draws = 1 + max(trial.draw for trial in fitted)
     starts = {(s.case, s.degrees, s.draw): s for s in load_starts(folder, angles, draws)}
     for case in load_cases(folder):
-        own = [trial for trial in fitted if trial.case == case.name]
-        if len(own) < 2:
+        own = tuple(trial for trial in fitted if trial.case == case.name)
+        if not own:
             continue
-        own_starts = [starts[trial.case, trial.degrees, trial.draw] for trial in own]
-        task = RealTask(case, own_starts[0], FitSettings())
+        own_starts = tuple(starts[trial.case, trial.degrees, trial.draw] for trial in own)
         mesh = load_mesh(case.mesh)
-        ends = [
+        ends = tuple(
             FreeBodyChart.near(mesh, Pose(case.truth.camera, start.camera_from_model)).to_pose(
                 np.array(trial.end.split(), float)
             )
             for trial, start in zip(own, own_starts, strict=True)
-        ]
-        yield _agreement(task, mesh, ends)
+        )
+        yield CaseEnds(case, own, own_starts, mesh, ends)
+
+
+def agreements(folder: Path, out: Path, degrees: Sequence[int] = ()) -> Iterator[Agreement]:
+    """One for each case of two fits or more; raises as ``ends_of_cases``."""
+    for one in ends_of_cases(folder, out, degrees):
+        if len(one.ends) > 1:
+            task = RealTask(one.case, one.starts[0], FitSettings())
+            yield _agreement(task, one.mesh, one.ends)
 
 
 def _agreement(task: RealTask, mesh: Mesh, ends: Sequence[Pose]) -> Agreement:
@@ -135,13 +153,18 @@ def summary(found: Sequence[Agreement]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """A line of CSV for each case on standard output; the summary on standard error."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def options_of(about: str | None, arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Of a command that reads the trials of a study."""
+    parser = argparse.ArgumentParser(description=about)
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--degrees", type=int, nargs="*", default=[], help="only fits from there")
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """A line of CSV for each case on standard output; the summary on standard error."""
+    options = options_of(__doc__, arguments)
     return print_trials(agreements(options.folder, options.out, options.degrees), summary)
 
 
