@@ -72,13 +72,16 @@ def judge(features: Features | None) -> Verdict:
 def judge_together(views: Sequence[Verdict]) -> Verdict:
     """The verdict on one pose from those of several photos of it, by the mean of their log odds:
     that is cautious, as if they told the same thing again. ``found`` where half of them are as
-    probable, whatever hides the model there.
+    probable, whatever hides the model there; ``lost`` where most of them are as improbable: a few
+    that no pose of the set explains contradict the others, and say little of the pose.
     """
     odds = np.clip([one.probability for one in views], LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
     confirm = sum(one.probability >= FOUND_FROM for one in views)
-    is_trusted = probability >= FOUND_FROM and 2 * confirm >= len(views)
-    word: Word = "found" if is_trusted else "lost" if probability < LOST_BELOW else "doubtful"
+    deny = sum(one.probability < LOST_BELOW for one in views)
+    is_found = probability >= FOUND_FROM and 2 * confirm >= len(views)
+    is_lost = probability < LOST_BELOW and 2 * deny > len(views)
+    word: Word = "found" if is_found else "lost" if is_lost else "doubtful"
     words = [one.word for one in views]
     said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
     reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.features import gather_features
-from poseviewer.confidence.model import judge
+from poseviewer.confidence.model import judge, judge_together
 from poseviewer.fit.probing import free_motions
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -100,3 +101,23 @@ def test_a_model_in_part_hidden_must_be_more_probable_to_be_found(verdicts):
     between = [f for f in whole if judge(f).word == "found" and judge(f).probability < 0.95]
     assert between
     assert all(judge(replace(f, seen=0.6)).word == "doubtful" for f in between)
+
+
+@pytest.mark.parametrize(
+    ("alone", "word"),
+    [
+        *(([0.9] * count, "found") for count in (2, 3, 4, 8)),
+        *(([0.1] * count, "lost") for count in (2, 3, 4, 8)),
+        ([0.99, 0.99, 0.3], "found"),
+        ([0.97, 0.97, 0.01], "doubtful"),  # a camera contradicts the other two
+        ([0.99, 0.01], "doubtful"),  # one of the other
+        ([0.99, 0.99, 0.99, 0.7, 0.7, 0.7, 0.7], "doubtful"),  # fewer than half are as sure
+        ([0.87, 0.77, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "doubtful"),  # as many for it as against
+        ([0.87, 0.47, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "lost"),
+    ],
+)
+def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], word: str):
+    verdict = judge_together([Verdict("found", one, (), None) for one in alone])
+    assert verdict.word == word
+    assert min(alone) - 1e-9 <= verdict.probability <= max(alone) + 1e-9
+    assert len(verdict.views) == len(alone)
