@@ -19,8 +19,10 @@ def write_whole(
     can read a ``private`` one (mode 0600).
 
     Raises:
-        error: the folder is missing, or cannot be written to.
+        error: the folder is missing, or cannot be written to; there is something else than a file.
     """
+    if path.exists() and not path.is_file():  # a device would be a file from then on
+        raise error(f"{path.name}: is no regular file and was not replaced; name another.")
     temporary = None
     try:
         handle, name = tempfile.mkstemp(".part", f".{path.name[:40]}.", path.parent)

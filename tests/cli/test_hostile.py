@@ -65,6 +65,66 @@ def test_any_argument_gives_one_line_and_exit_code_2(
     assert printed.out == ""
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("kind", ["pipe", "device", "hole"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fit", "p.png", "m.ply", "--pairs", "odd.csv", "--out", "o.json"),
+        ("fit", "p.png", "m.ply", "--wheels", "odd.json", "--out", "o.json"),
+        ("fit", "p.png", "m.ply", "--pose", "s.json", "--mask", "odd.png", "--out", "o.json"),
+        (
+            "fit",
+            "p.png",
+            "m.ply",
+            "--pose",
+            "s.json",
+            "--calibration",
+            "odd.yml",
+            "--out",
+            "o.json",
+        ),
+        ("fit", "p.png", "m.ply", "--pose", "s.json", "--symmetry", "odd.json", "--out", "o.json"),
+        ("fit", "--views", "odd.json", "m.ply", "--pose", "s.json", "--out", "o.json"),
+        ("fit", "--scene", "odd.json", "--out", "o.json"),
+        ("undistort", "p.png", "--calibration", "cameras.txt", "--out", "o.png"),
+        ("batch", "odd.csv", "--out", "o"),
+        ("convert", "odd.json", "o.json"),
+        ("info", "odd.glb"),
+    ],
+    ids=" ".join,
+)
+def test_what_is_no_regular_file_is_refused_wherever_one_is_wanted(
+    scene: Scene, arguments: tuple[str, ...], kind: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    for path, name in ((scene.photo, "p.png"), (scene.model, "m.ply"), (scene.start, "s.json")):
+        shutil.copy(path, tmp_path / name)
+    (name,) = (word for word in arguments if word.startswith(("odd", "cameras")))
+    if kind == "pipe":
+        os.mkfifo(tmp_path / name)
+    elif kind == "device":
+        (tmp_path / name).symlink_to("/dev/zero")
+    else:
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(3_000_000_000)
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    assert name in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_what_is_no_regular_file_is_not_replaced(scene: Scene, tmp_path: Path, capsys) -> None:
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    for arguments in (
+        ("fit", scene.photo, scene.model, "--pose", scene.start, "--out", pipe),
+        ("convert", scene.start, pipe, "--photo", scene.photo, "--overwrite"),
+    ):
+        assert run(*arguments) == 2
+        assert "no regular file" in one_line(capsys.readouterr().err)
+    assert pipe.is_fifo()
+
+
 def test_names_that_are_no_text_can_be_used(scene: Scene, tmp_path: Path, capsys) -> None:
     photo, model, start = (
         tmp_path / os.fsdecode(b"f\xe4hre." + ending) for ending in (b"png", b"ply", b"json")
