@@ -17,6 +17,7 @@ from poseviewer.cli.options import (
     option,
     positive,
     rectangle,
+    seed,
 )
 from poseviewer.cli.overlay import add_look
 from poseviewer.cli.terminal import require_writable, say
@@ -30,7 +31,7 @@ SEARCHED = {
         "classes and edges, or exactly the paper's: grey, clip or whole, no coarser levels",
     ),
     "lock": ("--lock NAME,...", "parameters of the chart to hold", names),
-    "seed": ("--seed SEED", None, int),
+    "seed": ("--seed SEED", None, seed),
 }
 RESTARTED = {
     "x_tolerance": ("--tolerance SHARE", "size of a finished simplex ({:g})", positive),

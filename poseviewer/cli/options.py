@@ -54,6 +54,7 @@ def names(text: str) -> tuple[str, ...]:
 
 positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("inf"))
 whole = _value(int, "a whole number above 0", lambda value: value > 0)
+seed = _value(int, "a whole number of 0 or more", lambda value: value >= 0)
 port = _value(int, "a port, from 0 to 65535", lambda value: 0 <= value <= 65535)
 map_size = _value(int, "an odd number from 3 to 401", lambda value: value in range(3, 402, 2))
 size = _value(

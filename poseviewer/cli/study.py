@@ -17,6 +17,7 @@ from poseviewer.cli.options import (
     option,
     positive,
     refuse_with_paper,
+    seed,
     size,
     whole,
 )
@@ -52,7 +53,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(drawn, "--model MODEL", "a vehicle (the bundled one)", Path)
     option(drawn, "--backgrounds FOLDER", "of photos", Path)
     option(drawn, "--cars FOLDER", "of cases.json, for photo-...", Path)
-    option(drawn, "--seed SEED", kind=int)
+    option(drawn, "--seed SEED", kind=seed)
     real = parser.add_argument_group("real photos with fixed starts")
     option(real, "--real FOLDER", "of cases.json and starts.json", Path, dest="folder")
     option(real, "--degrees N,...", "(5,15)", listed(whole))

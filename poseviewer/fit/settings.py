@@ -73,13 +73,15 @@ class FitSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError`` where there is no such choice."""
+        """Raises ``SettingsError`` where there is no such choice or seed."""
         for name, choices in CHOICES.items():
             if getattr(self, name) not in choices:
                 raise SettingsError(
                     f"{name}={getattr(self, name)!r}: there is no such choice; "
                     f"take one of {', '.join(choices)}."
                 )
+        if not isinstance(self.seed, int) or self.seed < 0:
+            raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
         if self.region is not None:
             object.__setattr__(self, "region", Rectangle(*self.region))
         if self.method == "paper":

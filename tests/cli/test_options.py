@@ -35,6 +35,7 @@ def test_values_are_read(read, text, wanted):
         (values.positive, ("0", "-1", "nan", "inf", "a")),
         (values.whole, ("0", "1.5", "")),
         (values.port, ("-1", "65536", "a")),
+        (values.seed, ("-1", "1.5", "")),
         (values.map_size, ("8", "1", "403")),
     ],
 )

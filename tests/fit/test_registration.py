@@ -114,6 +114,12 @@ def test_a_photo_that_is_all_hidden_is_refused():
         make_problem(registration, FitSettings())
 
 
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", None])
+def test_a_seed_that_is_none_is_refused(seed):
+    with pytest.raises(SettingsError, match=r"^seed=.*: wanted a whole number of 0 or more\.$"):
+        FitSettings(seed=seed)
+
+
 def test_another_mask_is_another_comparison():
     photo = make_photo(30.0)
     mask = Mask.of(np.ones((120, 160)))
