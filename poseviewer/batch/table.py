@@ -144,6 +144,9 @@ def _rows_in(reading: Reading) -> list[dict[str, str]]:
             f"no column {missing[0]!r} in its first line, which has {found}",
             f"wanted {', '.join(COLUMNS)}",
         )
+    double = next((name for name in names if name and names.count(name) > 1), None)
+    if double is not None:
+        raise reading.error(f"two columns are called {double[:100]!r}", "wanted each name once")
     return [dict.fromkeys(names, "") | dict(zip(names, line, strict=False)) for line in lines[1:]]
 
 

@@ -274,10 +274,11 @@ def test_a_broken_result_is_done_again(scene, tmp_path):
         (b"", "an empty file"),
         (b"photo,model,start\n", "no rows"),
         (b"photo,model\na,b\n", "no column 'start'"),
+        (b"photo,model,start,Photo\na,b,c,d\n", "two columns are called 'photo'"),
         (b"\xff\xfe\x00p\x00", "not a text in UTF-8"),
         (b'photo,model,start\n"' + b"x" * 200_000 + b'",b,c\n', "not a readable table of jobs"),
     ],
-    ids=["empty", "no rows", "no start", "binary", "huge field"],
+    ids=["empty", "no rows", "no start", "twice", "binary", "huge field"],
 )
 def test_a_table_that_cannot_be_used_is_said(tmp_path, content, words, capsys):
     table = tmp_path / "jobs.csv"
