@@ -134,7 +134,7 @@ class Attacked:
         asyncio.run(all_of_them())
 
     def uploads(self, count: int) -> None:
-        """Photos that are none, one after the other; the last is waited for."""
+        """Photos that are none, one after the other, until the last of them is read."""
         rubbish = random.Random(SEED).randbytes(1_000_000)
         for number in range(count):
             self.page.upload("Photo ...", f"{number}.png", rubbish)
@@ -142,6 +142,8 @@ class Attacked:
         self.page.wait_until(
             lambda: any(text.startswith(last) for _, text in self.page.shown.notices), 300.0
         )
+        self.page.click("Download pose")  # is done after those that wait
+        self.page.wait_until(lambda: self.page.shown.downloads)
 
     def announced(self, count: int) -> None:
         """Uploads that are announced and never come, or are larger than was said."""
