@@ -98,7 +98,10 @@ class Shown:
             self._files[message["transfer_uuid"]] = message["filename"]
             self.downloads[message["filename"]] = b""
         elif kind == "FileTransferPart":
-            self.downloads[self._files[message["transfer_uuid"]]] += message["content"]
+            name = self._files[message["transfer_uuid"]]
+            before = self.downloads.get(name)
+            if before is not None:  # else they were cleared since it began
+                self.downloads[name] = before + message["content"]
         elif "props" in message and "name" in message:
             self.nodes[message["name"]] = dict(message["props"])
         elif "props" in message and "uuid" in message:

@@ -3,9 +3,10 @@
 The real app, two tabs of real Chromium, and a page over the wire; what they do is in
 ``drive_acts``. After each round all must be well: no error on a page or in the log; all pages agree
 with one that has just come; what is saved and kept can be read; undo all the way gives the start.
-In runs of more than two minutes the memory after the first minute grows by less than 5 %. How soon
-the app answers is printed. Exit code 1 where something was found; the same seed does the same
-things again, as far as the app answers as fast.
+The app answers within half a second, 19 of 20 times, where its threads' waits for a processor do
+not count: the machine may be busy with other work. In runs of more than two minutes the memory
+after the first minute grows by less than 5 %. Exit code 1 where something was found; the same seed
+does the same things again, as far as the app answers as fast.
 """
 
 from __future__ import annotations
@@ -36,14 +37,17 @@ from poseviewer.files.state.autosave import load_autosave
 from tests.app.app_process import AppProcess
 from tests.app.browser import open_browser
 from tests.app.socket_page import SocketPage
-from tests.measure.drive_acts import DOWNLOAD, Budget, Files, Hand, page_over_wire
+from tests.measure.drive_acts import DOWNLOAD, Budget, Files, Hand, contents, page_over_wire
 from tests.meshes import make_painted
 from tests.scene import Scene, make_scene, make_scene_of
+from tests.view_sets import write_views
 
 MOST_GROWTH, WARM_S, LONG_S = 0.05, 60.0, 120.0
 """Of the memory, counted from ``WARM_S`` on, in runs of ``LONG_S`` and more."""
 FEWEST_ROUNDS = 8
 """To tell a growth from chance."""
+ANSWER_S = 0.5
+"""Within which the app answers."""
 ROUND_ACTS, ROUND_S = 80, 25.0
 """A round ends after so many acts, or seconds."""
 UNDO_STEPS, UNDO_PHOTOS = 180, 3
@@ -51,6 +55,11 @@ UNDO_STEPS, UNDO_PHOTOS = 180, 3
 UNDONE = 210
 ANSWERS_EVERY = 10
 """Acts from one look at how soon the app answers to the next."""
+USED_FIRST = (
+    "Sheet (PNG)", "Numbers (NPZ)", "Download overlay", "Propose starts", "Compare both methods",
+)  # fmt: skip
+BUSY = {"Stop (space)", "Stop looking"}
+"""Labels of buttons while something goes on."""
 TRAIL_SHOWN = 30
 WRONG_WORDS = "Something went wrong inside", "Traceback", "Error:", "WARNING", "Exception"
 """Of a log, or of a notice, that are never to be there."""
@@ -83,6 +92,8 @@ class Driven:
     acts: Counter[str] = field(default_factory=Counter)
     rounds: int = 0
     answers_s: list[float] = field(default_factory=list)
+    waits_s: list[float] = field(default_factory=list)
+    """For how long the app's threads stood ready during each answer without a processor."""
     memory: list[tuple[float, int]] = field(default_factory=list)
     """Seconds from the start, and bytes of the app, after each round."""
     found: list[str] = field(default_factory=list)
@@ -97,6 +108,13 @@ class Driven:
         first, last = warm[: len(warm) // 2], warm[-max(len(warm) // 4, 1) :]
         return float(np.median(last) / np.median(first) - 1.0)
 
+    def own_s(self) -> float:
+        """Within which the app answered 19 of 20 times, but for its waits for a processor; of few
+        answers the longest does not count.
+        """
+        own = np.maximum(np.array(self.answers_s) - np.array(self.waits_s), 0.0)
+        return float(np.quantile(own, 0.95, method="lower")) if len(own) else 0.0
+
     def report(self) -> str:
         """For a terminal."""
         rows = tuple((kind, f"{count:,}") for kind, count in sorted(self.acts.items()))
@@ -105,10 +123,10 @@ class Driven:
         if self.answers_s:
             answers = 1000.0 * np.quantile(self.answers_s, [0.5, 0.95, 1.0])
             median, most, longest = answers
-            late = np.mean(np.array(self.answers_s) > 0.5)
             lines.append(
                 f"answers ({len(self.answers_s)}): median {median:.0f} ms, 95 % within "
-                f"{most:.0f} ms, at most {longest:.0f} ms; {late:.1%} took more than 500 ms"
+                f"{most:.0f} ms, at most {longest:.0f} ms; but for waits for a processor 95 % "
+                f"within {1000.0 * self.own_s():.0f} ms"
             )
         held = [f"{size / 1e6:.0f}" for _, size in self.memory]
         grown = self.growth()
@@ -131,6 +149,8 @@ def main() -> int:
     grown = driven.growth()
     if grown is not None and grown > MOST_GROWTH:
         driven.found.append(f"the memory has grown by {grown:.1%}")
+    if driven.own_s() > ANSWER_S:
+        driven.found.append(f"answers take {driven.own_s():.2f} s")
     for found in driven.found:
         print(f"FOUND: {found}")
     return int(bool(driven.found))
@@ -167,10 +187,12 @@ def drive(seed: int, seconds: float, with_browser: bool) -> Driven:
 
 def _files(folder: Path) -> tuple[Scene, Files]:
     """The scene that is open at first, and what is uploaded."""
-    places = [folder / name for name in ("scene", "box")]
+    places = [folder / name for name in ("scene", "box", "set")]
     for place in places:
         place.mkdir()
     scene, box = make_scene(places[0]), make_scene_of(make_painted(), places[1])
+    _, model, _ = write_views(places[2])
+    model.unlink()  # it is opened with the one at hand
     broken = {name: folder / name for name in ("no.png", "no.ply", "no.json")}
     for path in broken.values():
         path.write_bytes(b"no such thing \xff\xfe{")
@@ -178,6 +200,7 @@ def _files(folder: Path) -> tuple[Scene, Files]:
         (scene.photo, box.photo, broken["no.png"]),
         (scene.model, box.model, broken["no.ply"]),
         (scene.start, scene.truth, box.start, broken["no.json"]),
+        (places[2],),
     )
 
 
@@ -185,10 +208,10 @@ def _rounds(
     driven: Driven, hand: Hand, app: AppProcess, folder: Path, scene: Scene, seconds: float
 ) -> None:
     hand.wire.wait_until(lambda: hand.wire.maps() and "Sheet (PNG)" in hand.wire.labels())
-    hand.wire.click("Sheet (PNG)")  # what draws it takes memory, once
-    hand.wire.wait_until(lambda: any(n.endswith(".png") for n in hand.wire.shown.downloads))
-    began = time.monotonic()
     start = _kept_by_undo(hand, _download(hand.wire))
+    if seconds >= LONG_S:
+        _use_all(hand)
+    began = time.monotonic()
     while time.monotonic() - began < seconds:
         budget = Budget(UNDO_STEPS, UNDO_PHOTOS)
         ends = time.monotonic() + min(ROUND_S, max(began + seconds - time.monotonic(), 1.0))
@@ -197,7 +220,9 @@ def _rounds(
                 break
             driven.acts[hand.act(budget)] += 1
             if number % ANSWERS_EVERY == 0:
+                waited = _waited_s(app.pid)
                 driven.answers_s.append(_answer(hand.wire))
+                driven.waits_s.append(_waited_s(app.pid) - waited)
         _rest(hand)
         _check_agreement(hand)
         _check_files(hand, folder, scene)
@@ -220,6 +245,31 @@ def _rounds(
         driven.memory.append((time.monotonic() - began, held))
 
 
+def _use_all(hand: Hand) -> None:
+    """Use once, and undo, what takes memory when it is used first and keeps it: what draws figures,
+    searches by both methods and over a set, what finds edges, plots, starts, symmetries.
+    """
+    wire = hand.wire
+    for folder in (None, *hand.files.sets):
+        if folder is not None:
+            wire.upload_set("Folder ...", contents(folder))
+            wire.wait_until(lambda: wire.text_with("mean of"))
+        wire.report(kind="enlarge", first=0, second=1)
+        wire.wait_until(lambda: "As a surface" in wire.labels())
+        wire.set("As a surface", True)
+        line = [40.0, 30.0, 60.0, 30.0, 80.0, 40.0]
+        wire.report(kind="stroke", shape="scribble", points=line, radius=3.0, erase=False)
+        for label in USED_FIRST:
+            wire.click(label)
+            _download(wire)
+            wire.wait_until(lambda: not BUSY & wire.labels())
+        wire.set("As a surface", False)
+        wire.click("Close the large map")
+    for _ in range(UNDONE):
+        wire.key("KeyZ")
+    _rest(hand)
+
+
 def _answer(wire: SocketPage) -> float:
     """Seconds until the page knows of another look, asked by its key (or by another page's)."""
     label = "Model (1-5, 0)"
@@ -228,6 +278,15 @@ def _answer(wire: SocketPage) -> float:
     wire.key("Digit3" if before != "relit" else "Digit2")
     wire.wait_until(lambda: wire.value(label) != before)
     return time.perf_counter() - began
+
+
+def _waited_s(pid: int) -> float:
+    """For how long a process's threads, those that are there, stood ready without a processor."""
+    waited_ns = 0
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):  # it has ended
+            waited_ns += int((thread / "schedstat").read_text().split()[1])
+    return 1e-9 * waited_ns
 
 
 def _rest(hand: Hand) -> None:

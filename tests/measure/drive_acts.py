@@ -17,8 +17,8 @@ from playwright.sync_api import Error as BrowserError
 from tests.app.browser import AppPage
 from tests.app.socket_page import PHOTO, SocketPage
 
-SIZE = 160, 120
-"""Of the photos, px."""
+SIZES = (160, 120), (320, 240)
+"""Of the photos, and of those of the set, px."""
 WINDOWS = ((1400, 900), (1000, 700), (600, 500))
 MOST_TABS = 2
 RUBBISH = (
@@ -37,7 +37,10 @@ CODES = (
     "Space", "KeyB", "KeyG", "KeyH", "KeyZ", "KeyZ", "KeyY", "KeyR", "Escape",
 )  # fmt: skip
 ODD_NUMBERS = (0, -1, 1, 1e308, -1e308, 1e-308, 1e9, 12.5, 300.0, 2**31, 0.1)
-PRESSABLE = "button, input, textarea, [role=tab], [role=option], tr[tabindex], .pv-cell, svg rect"
+PRESSABLE = (
+    "button, input, textarea, [role=tab], [role=option], tr[tabindex], .pv-cell, .pv-photo, "
+    "svg rect"
+)
 AT_RANDOM = """([selector, share, options]) => {
     const all = [...document.querySelectorAll(options ? "[role=option]" : selector)].filter(e => {
         const box = e.getBoundingClientRect();
@@ -59,7 +62,9 @@ AT_RANDOM = """([selector, share, options]) => {
     };
 }"""
 """Something that can be pressed, scrolled to; null where it is covered."""
-UPLOADS = {"Photo ...": "photos", "Pose file ...": "poses", "Model ...": "models"}
+UPLOADS = {
+    "Photo ...": "photos", "Pose file ...": "poses", "Model ...": "models", "Folder ...": "sets",
+}  # fmt: skip
 DOWNLOAD = "Download pose"
 MORE_MODELS = "Add another object ...", "Add a model ..."
 
@@ -71,6 +76,12 @@ def page_over_wire(url: str) -> SocketPage:
     return page
 
 
+def contents(path: Path) -> list[tuple[str, bytes]]:
+    """Name and bytes of a file, or of the files in a folder."""
+    paths = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [(one.name, one.read_bytes()) for one in paths]
+
+
 @dataclass
 class Files:
     """What is uploaded: good files and bad ones, by what they are taken for."""
@@ -78,6 +89,8 @@ class Files:
     photos: Sequence[Path]
     models: Sequence[Path]
     poses: Sequence[Path]
+    sets: Sequence[Path]
+    """Folders, each with the photos of one."""
 
 
 @dataclass
@@ -236,6 +249,9 @@ class Hand:
         if label is None or label in MORE_MODELS:
             return "none left"
         tab = self._tab()
+        if path.is_dir():
+            tab.drop_files([path])
+            return f"{path.name} dropped"
         tab.open_step(1)
         with tab.page.expect_file_chooser() as chooser:
             tab.page.get_by_role("button", name=label).click()
@@ -261,7 +277,8 @@ class Hand:
     # --- over the wire ---------------------------------------------------------------------------
 
     def _point(self) -> dict[str, float]:
-        x, y = (side * (0.5 + 0.25 * self.chance.gauss(0.0, 1.0)) for side in SIZE)
+        size = self.chance.choice(SIZES)
+        x, y = (side * (0.5 + 0.25 * self.chance.gauss(0.0, 1.0)) for side in size)
         return {"x": x, "y": y}
 
     def _report(self) -> dict[str, Any]:
@@ -269,7 +286,7 @@ class Hand:
         chance = self.chance
         kind = chance.choice(
             ("press", "drag", "drag", "release", "release", "key", "key", "key", "double", "pick",
-             "stroke", "object", "model", "part", "enlarge", "cancel")
+             "stroke", "object", "model", "part", "enlarge", "cancel", "photo", "photo")
         )  # fmt: skip
         held = {"shift": chance.random() < 0.2, "ctrl": chance.random() < 0.2}
         match kind:
@@ -298,6 +315,9 @@ class Hand:
                 return {"kind": kind, "wish": wish, "index": chance.randint(-1, 3)}
             case "part":
                 return {"kind": kind, "index": chance.randint(-1, 2)}
+            case "photo":
+                wish = chance.choice(("look", "look", "compare", "leave"))
+                return {"kind": kind, "wish": wish, "index": chance.randint(-1, 3)}
         return {"kind": kind}
 
     def _reports(self, budget: Budget) -> str:
@@ -364,22 +384,26 @@ class Hand:
         else:
             kinds |= dict.fromkeys(MORE_MODELS, "models")
         if budget.photos <= 0:
-            del kinds["Photo ..."]
+            del kinds["Photo ..."], kinds["Folder ..."]
         label = self.chance.choice(list(kinds))
         path = self.chance.choice(getattr(self.files, kinds[label]))
         budget.steps -= 2
-        budget.photos -= label == "Photo ..."
+        budget.photos -= kinds[label] in ("photos", "sets")
         self.models_left -= kinds[label] == "models"
         return label, path
 
     def _upload(self, budget: Budget) -> str:
         label, path = self._file(budget)
         assert label is not None
-        data = path.read_bytes()
+        files = contents(path)
         if self.chance.random() < 0.3:
+            which = self.chance.randrange(len(files))
+            name, data = files[which]
             at = self.chance.randrange(len(data))
-            data = data[:at] + self.chance.randbytes(3) + data[at + 3 :]
-        self.wire.upload(label, self.chance.choice((path.name, "<b>&\u202e.x" + path.suffix)), data)
+            files[which] = name, data[:at] + self.chance.randbytes(3) + data[at + 3 :]
+        if len(files) == 1 and self.chance.random() < 0.5:
+            files[0] = "<b>&\u202e.x" + path.suffix, files[0][1]
+        self.wire.upload_set(label, files)
         return f"{label} {path.name}"
 
     def _leaver(self, budget: Budget) -> str:

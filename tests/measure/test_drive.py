@@ -43,3 +43,10 @@ def test_memory_that_grows_is_seen() -> None:
     assert steady.growth() == 0.0
     assert (growing.growth() or 0.0) > 0.05
     assert Driven(memory=steady.memory[:5]).growth() is None
+
+
+def test_answers_that_are_late_are_seen_but_for_waits_for_a_processor() -> None:
+    assert Driven().own_s() == 0.0
+    assert Driven(answers_s=[0.1] * 10 + [3.0], waits_s=[0.0] * 11).own_s() == 0.1
+    assert Driven(answers_s=[0.1] * 10 + [3.0] * 2, waits_s=[0.0] * 12).own_s() == 3.0
+    assert Driven(answers_s=[3.0] * 9, waits_s=[2.9] * 9).own_s() < 0.2
