@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -57,16 +58,21 @@ def turned(pose: Pose, degrees: float) -> Pose:
     return replace(pose, camera_from_model=pose.camera_from_model @ turn)
 
 
-def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
-    """A photo of the can, drawn by OpenGL, and a start beside its pose."""
+@cache
+def photo_of(mesh: Mesh) -> Photo:
+    """Drawn by OpenGL."""
     require_opengl()
     quality = PhotoQuality(blur_px=0.7, noise=2.0)
     lighting = random_lighting(np.random.default_rng(3))
     photographer = Photographer(mesh)
     pixels = photographer.photograph(TRUTH, lighting, (0.45, 0.5, 0.4), quality, seed=3)
     photographer.close()
-    photo = Photo(pixels, "can.png", "0" * 64)
-    registration = Registration(photo, mesh, "", "", None, start, ())
+    return Photo(pixels, "can.png", "0" * 64)
+
+
+def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
+    """A photo of the can and a start beside its pose."""
+    registration = Registration(photo_of(mesh), mesh, "", "", None, start, ())
     return make_problem(registration, FitSettings(chart="free-body"))[0]
 
 
