@@ -35,6 +35,12 @@ READY = (
     "document.documentElement.dataset.poseviewerView"
 )
 
+NO_NOTICE = """() => {
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync("#webgl-software-rendering { display: none }");
+    document.adoptedStyleSheets.push(sheet);
+}"""
+"""viser says that there is no GPU, over the photo's corner."""
 TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 LOOK_AGAIN_MS = 50
 
@@ -75,6 +81,7 @@ class AppPage:
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
+        self.page.add_init_script(f"({NO_NOTICE})()")
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
         self.page.goto(f"{url}?fixedDpr=1")
         self._wait_until_ready()
@@ -86,24 +93,6 @@ class AppPage:
 
     def _wait_until_ready(self) -> None:
         self.page.wait_for_function(READY)
-        # viser says that there is no GPU, over the photo's corner: once.
-        notice = self.page.locator(".mantine-Notification-root").filter(
-            has_text="Software WebGL rendering detected"
-        )
-        if "SwiftShader" in self._graphics() or "llvmpipe" in self._graphics():
-            notice.wait_for()
-            notice.locator(".mantine-Notification-closeButton").click()
-            notice.wait_for(state="hidden")
-
-    def _graphics(self) -> str:
-        """What draws the scene."""
-        return self.page.evaluate(
-            """() => {
-                const gl = document.createElement("canvas").getContext("webgl2");
-                const names = gl && gl.getExtension("WEBGL_debug_renderer_info");
-                return names ? gl.getParameter(names.UNMASKED_RENDERER_WEBGL) : "";
-            }"""
-        )
 
     def view(self) -> dict[str, Any]:
         """Zoom, centre and scale, and the canvas's box above the maps, as the page has them."""
