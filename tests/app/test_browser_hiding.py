@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.api import load
+from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
@@ -25,10 +27,17 @@ BAR = slice(50, 62), slice(20, 140)
 """Rows and columns of what stands in front."""
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Scene:
-    """The scene with a green bar across the model."""
-    scene = make_scene(tmp_path)
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """The scene with a green bar across the model, which has two parts: by the sign of x."""
+    whole = make_scene(tmp_path_factory.mktemp("files"))
+    scene = replace(whole, model=whole.model.with_name("halves.obj"))
+    mesh = load_mesh(whole.model)
+    lines = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
+    left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
+    for name, faces in (("left", mesh.faces[left]), ("right", mesh.faces[~left])):
+        lines += [f"o {name}", *("f {} {} {}".format(*face) for face in faces + 1)]
+    scene.model.write_text("\n".join(lines) + "\n")
     photo = np.asarray(cv2.imread(str(scene.photo)))
     noise = np.random.default_rng(1).normal(0.0, 4.0, photo[BAR].shape)
     photo[BAR] = np.clip(np.array([40, 170, 60]) + noise, 0, 255).astype(np.uint8)
@@ -43,10 +52,33 @@ def opened(browser: Browser, app: AppProcess) -> AppPage:
     return tab
 
 
-@pytest.fixture
-def app(tmp_path: Path, scene: Scene) -> Iterator[AppProcess]:
-    with AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start) as process:
+@pytest.fixture(scope="module")
+def app(scene: Scene) -> Iterator[AppProcess]:
+    files = scene.photo, scene.model, "--pose", scene.start
+    with AppProcess(scene.photo.parent, *files) as process:
         yield process
+
+
+@pytest.fixture(scope="module")
+def shared(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
+    tab = opened(browser, app)
+    yield tab
+    tab.page.close()
+
+
+@pytest.fixture
+def tab(shared: AppPage) -> Iterator[AppPage]:
+    """One tab for several tests; each begins at the start, with nothing hidden or left out."""
+    yield shared
+    assert shared.errors == []
+    shared.page.keyboard.press("Escape")
+    shared.until(lambda: is_whole(shared) or shared.page.keyboard.press("z"))
+    shared.page.keyboard.press("r")
+
+
+def is_whole(tab: AppPage) -> bool:
+    """Whether nothing of the photo is hidden, and no part of the model left out."""
+    return not hidden_share(tab) and not tab.page.get_by_text("Left out of the model").is_visible()
 
 
 def hidden_share(tab: AppPage) -> str:
@@ -63,9 +95,9 @@ def hidden_in(path: Path) -> np.ndarray:
 
 
 def test_what_is_painted_over_is_kept_and_compared_alike(
-    browser: Browser, app: AppProcess, scene: Scene, tmp_path: Path
+    tab: AppPage, browser: Browser, scene: Scene, tmp_path: Path
 ) -> None:
-    tab = opened(browser, app)
+    folder = scene.photo.parent
     tab.page.keyboard.press("h")
     tab.wait_for_text("Brush:")
     tab.drag((25.0, 56.0), (135.0, 56.0), PHOTO)
@@ -85,30 +117,28 @@ def test_what_is_painted_over_is_kept_and_compared_alike(
     tab.page.keyboard.press("Escape")
     tab.page.keyboard.press("Space")
     tab.wait_for_text("Verdict:")
-    path = tmp_path / "p.pose.json"
+    path, mask = folder / "p.pose.json", folder / "p.mask.png"
     record = tab.saved_pose(path)
-    assert record["mask"] == "p.mask.png"
-    hidden = hidden_in(tmp_path / "p.mask.png")
+    assert record["mask"] == mask.name
+    hidden = hidden_in(mask)
     assert hidden[53:59, 30:110].all()
     assert not hidden[56, 136:].any()
     assert not hidden[:30].any()
-    tab.page.close()
 
     settings = FitSettings(limits=Limits(10))
     by_pose = load(scene.photo, scene.model, path, settings)
-    by_option = load(scene.photo, scene.model, scene.start, settings, mask=tmp_path / "p.mask.png")
+    by_option = load(scene.photo, scene.model, scene.start, settings, mask=mask)
     for case in (by_pose, by_option):
         assert case.registration.mask is not None
         assert np.array_equal(case.registration.mask.weights == 0.0, hidden)
-    again = load(scene.photo, scene.model, path, settings, mask=tmp_path / "p.mask.png")
+    again = load(scene.photo, scene.model, path, settings, mask=mask)
     assert np.array_equal(again.problem.photo.weights, by_pose.problem.photo.weights)
 
-    (tmp_path / "again").mkdir()
-    with AppProcess(tmp_path / "again", scene.photo, scene.model, "--pose", path) as second:
-        tab = opened(browser, second)
-        tab.wait_for_text("of the photo is hidden")
-        assert tab.errors == []
-        tab.page.close()
+    with AppProcess(tmp_path, scene.photo, scene.model, "--pose", path) as app:
+        again = opened(browser, app)
+        again.wait_for_text("of the photo is hidden")
+        assert again.errors == []
+        again.page.close()
 
 
 def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
@@ -133,17 +163,16 @@ def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
         tab.page.get_by_role("button", name="Open it again").click()
         tab.open_step(3)
         tab.wait_for_text("of the photo is hidden")
-        tab.saved_pose(tmp_path / "p.pose.json")
+        tab.saved_pose(scene.photo.with_name("p.pose.json"))
         assert tab.errors == []
         tab.page.close()
-    hidden, bar = hidden_in(tmp_path / "p.mask.png"), np.zeros((120, 160), bool)
+    hidden, bar = hidden_in(scene.photo.with_name("p.mask.png")), np.zeros((120, 160), bool)
     bar[BAR] = True
     assert np.sum(hidden & bar) / np.sum(hidden | bar) > 0.8
     assert np.sum(hidden & bar) / np.sum(bar) > 0.97
 
 
-def test_a_polygon_is_clicked_or_dragged(browser: Browser, app: AppProcess) -> None:
-    tab = opened(browser, app)
+def test_a_polygon_is_clicked_or_dragged(tab: AppPage) -> None:
     tab.page.keyboard.press("h")
     tab.page.get_by_role("button", name="● Brush").wait_for()
     tab.page.get_by_role("button", name="Polygon").click()
@@ -156,39 +185,24 @@ def test_a_polygon_is_clicked_or_dragged(browser: Browser, app: AppProcess) -> N
     tab.wait_for_text("of the photo is hidden")
     share = float(hidden_share(tab).split("%")[0])
     assert share == pytest.approx(100.0 * 60 * 30 / (160 * 120), abs=0.8)
-    assert tab.errors == []
-    tab.page.close()
 
 
-def test_a_part_is_left_out_and_comes_back(browser: Browser, scene: Scene, tmp_path: Path) -> None:
-    # The same model in two parts, by the sign of x.
-    mesh = load(scene.photo, scene.model, scene.start).registration.mesh
-    vertices = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
-    faces: dict[str, list[str]] = {"left": [], "right": []}
-    for face in mesh.faces:
-        side = "left" if mesh.vertices[face, 0].mean() < 0.0 else "right"
-        faces[side].append("f {} {} {}".format(*(face + 1)))
-    model = tmp_path / "halves.obj"
-    lines = [*vertices, "o left", *faces["left"], "o right", *faces["right"]]
-    model.write_text("\n".join(lines) + "\n")
+def test_a_part_is_left_out_and_comes_back(tab: AppPage, scene: Scene) -> None:
+    mesh, path = load_mesh(scene.model), scene.photo.with_name("p.pose.json")
     pose = load_pose(scene.start, *PHOTO).pose
-    with AppProcess(tmp_path, scene.photo, model, "--pose", scene.start) as app:
-        tab = opened(browser, app)
-        tab.page.keyboard.press("h")
-        tab.page.get_by_role("button", name="Part").click()
-        tab.wait_for_text("press a part of the model")
-        middle = mesh.vertices[mesh.vertices[:, 0] > 0.5].mean(axis=0)
-        tab.page.mouse.click(*tab.on_screen(pose.project(middle).tolist(), PHOTO))
-        tab.wait_for_text("Left out of the model")
-        keep_picture(tab, "left_out")
-        (name,) = tab.saved_pose(tmp_path / "p.pose.json")["without"]
-        assert tab.page.locator(".pv-parts li").inner_text().startswith(name)
-        tab.page.get_by_role("button", name="Bring back").click()
-        tab.page.get_by_text("Left out of the model").wait_for(state="hidden")
-        assert tab.errors == []
-        tab.page.close()
-    case = load(scene.photo, model, tmp_path / "p.pose.json")
+    tab.page.keyboard.press("h")
+    tab.page.get_by_role("button", name="Part").click()
+    tab.wait_for_text("press a part of the model")
+    middle = mesh.vertices[mesh.vertices[:, 0] > 0.5].mean(axis=0)
+    tab.page.mouse.click(*tab.on_screen(pose.project(middle).tolist(), PHOTO))
+    tab.wait_for_text("Left out of the model")
+    keep_picture(tab, "left_out")
+    (name,) = tab.saved_pose(path)["without"]
+    assert tab.page.locator(".pv-parts li").inner_text().startswith(name)
+    tab.page.get_by_role("button", name="Bring back").click()
+    tab.page.get_by_text("Left out of the model").wait_for(state="hidden")
+    case = load(scene.photo, scene.model, path)
     assert case.registration.mesh.left_out == (name,)
     seen = case.renderer.covers(pose)
-    whole = load(scene.photo, model, scene.start).renderer.covers(pose)
+    whole = load(scene.photo, scene.model, scene.start).renderer.covers(pose)
     assert 0.2 < np.count_nonzero(seen) / np.count_nonzero(whole) < 0.8
