@@ -231,7 +231,9 @@ def _with_files(
 
 def _beside(source: Path, name: str | None) -> Path | None:
     """The file of a name in the folder of the pose; a name is no path."""
+    from poseviewer.files.checks import is_there
+
     if not name:
         return None
     path = (source if source.is_dir() else source.parent) / Path(name).name
-    return path if path.is_file() else None
+    return path if is_there(path) else None

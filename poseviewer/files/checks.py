@@ -275,6 +275,14 @@ def kind_of(value: Any) -> str:
         return "a number of thousands of digits"
 
 
+def is_there(path: Path) -> bool:
+    """Whether there is such a file; no file can have some names that files say of others."""
+    try:
+        return path.is_file()
+    except OSError:  # too long, or a folder that is not to be looked into
+        return False
+
+
 def read_json(path: Path) -> Any:
     """What a JSON file holds; raises PoseFileError where it cannot be read, or is none."""
     return Reading(path).load_json()

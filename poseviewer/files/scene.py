@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import VERSION, Reading, kind_of, read_json
+from poseviewer.files.checks import VERSION, Reading, is_there, kind_of, read_json
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import same_undistortion
@@ -275,7 +275,7 @@ def _file(reading: Reading, name: Any, what: str) -> Path:
     if not isinstance(name, str) or not name:
         raise reading.error(f"{what} is {kind_of(name)}", "wanted the name of a file")
     path = reading.path.parent / name
-    if not path.is_file():
+    if not is_there(path):
         raise reading.error(
             f"{what} is {name}, and there is no such file",
             "put it there, seen from the scene's folder; on a page, drop that folder as a whole",

@@ -14,7 +14,7 @@ import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.cameras import lens_of
-from poseviewer.files.checks import Reading, checked_rotation, kind_of, read_json
+from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of, read_json
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -110,7 +110,7 @@ def photos_of_frames(path: Path) -> dict[Path, str]:
         if isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
     ]
     found = {Path(os.path.normpath(_of_frame(path, name))): name for name in names}
-    return {photo: name for photo, name in found.items() if photo.is_file()}
+    return {photo: name for photo, name in found.items() if is_there(photo)}
 
 
 def says_world(cameras: Path) -> bool:
@@ -280,8 +280,8 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[_Shot]:
     named = [one for one in taken if _is_chosen(one[0], choice.photos)]
     folders = [model / name for name in PHOTO_FOLDERS]
     folders = folders if choice.folder is None else [choice.folder]
-    most = max(folders, key=lambda folder: sum((folder / one[0]).is_file() for one in named))
-    missing = [one[0] for one in named if not (most / one[0]).is_file()]
+    most = max(folders, key=lambda folder: sum(is_there(folder / one[0]) for one in named))
+    missing = [one[0] for one in named if not is_there(most / one[0])]
     if missing:
         where = f"in {most}" if len(missing) < len(named) or choice.folder else "beside it"
         raise reading.error(
@@ -308,7 +308,7 @@ def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> lis
 def _of_frame(path: Path, name: str) -> Path:
     """The photo that a ``transforms.json`` calls so, there or not."""
     tried = [path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
-    return next((path for path in tried if path.is_file()), tried[0])
+    return next((path for path in tried if is_there(path)), tried[0])
 
 
 def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:

@@ -163,6 +163,14 @@ def test_escapes_in_names_do_not_reach_the_terminal(tmp_path: Path, capsys) -> N
         assert line.isprintable(), line
 
 
+def test_a_name_that_no_file_can_have_is_that_of_no_file(scene: Scene, tmp_path: Path) -> None:
+    data = json.loads(scene.start.read_text())
+    data["model"] = {"file": "x" * 10_000}
+    start = tmp_path / "s.json"
+    start.write_text(json.dumps(data))
+    assert run("convert", start, tmp_path / "o.yml", "--photo", scene.photo) == 0
+
+
 def test_half_a_character_in_a_pose_file_does_no_harm(scene: Scene, tmp_path: Path, capsys) -> None:
     data = json.loads(scene.start.read_text())
     data["photo"] = {"file": "p\ud800.png", "width": 160, "height": 120}

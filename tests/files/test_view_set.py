@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError, PoseViewerError
-from poseviewer.files.view_set import SetChoice, load_view_set
+from poseviewer.files.view_set import SetChoice, load_view_set, photos_of_frames
 from tests.schemas import json_schema
 from tests.view_sets import (
     CAMERA,
@@ -145,6 +145,18 @@ def test_what_is_wrong_is_said_in_a_sentence(folder, change, said):
     with pytest.raises(PoseViewerError, match=said) as error:
         load_view_set(edited(folder, change))
     assert "\n" not in str(error.value)
+
+
+def test_names_that_no_file_can_have_are_those_of_photos_that_are_not_there(folder):
+    long = "x" * 100_000
+    frames = write_frames(folder, camera_angle_x=0.5)
+    data = json.loads(frames.read_text())
+    data["frames"][1]["file_path"] = long
+    frames.write_text(json.dumps(data))
+    assert len(photos_of_frames(frames)) == 2
+    for of_set in (frames, write_colmap(folder / "model", (NAMES[0], long[:10_000], NAMES[2]))):
+        with pytest.raises(PoseViewerError):
+            load_view_set(of_set)
 
 
 def test_colmap_photos_that_are_not_there_are_said(folder):
