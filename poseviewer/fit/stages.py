@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
-from poseviewer.render.types import Renderer
+from poseviewer.render.types import PhotoAttributes, Renderer
 
 FEWEST_PIXELS = 5000
 """That the model covers at the start on the coarsest level, 70 along each side: on a coarser one
@@ -172,6 +173,7 @@ class _Run:
 
     def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
         self._problem, self._renderer, self._threads = problem, renderer, threads
+        self._scorer = renderer
         self._began = time.perf_counter()
         self._evaluations, self._restart = 0, 0
         self._start_loss, self._loss = np.inf, np.inf
@@ -179,44 +181,72 @@ class _Run:
         self._scale = np.diag(problem.chart.scales(problem.start)[problem.free_indices])
         self._axes = self._scale
         self._parameters, self._pose = problem.start, problem.chart.to_pose(problem.start)
+        self._scored: tuple[FloatArray, Callable[[], float], float] | None = None
+        self._ready: Callable[[], list[PhotoAttributes]] | None = None
 
     def run(self) -> Iterator[FitProgress]:
         """Progress after every evaluation, and once more at the end of every stage."""
         of_views = [make_stages(view, self._renderer) for view in self._problem.views]
-        for stages in zip(*of_views, strict=True):
-            yield from self._run_stage(stages, stages[0] is of_views[0][-1])
+        each = list(zip(*of_views, strict=True))
+        for stages, following in zip(each, (*each[1:], None), strict=True):
+            yield from self._run_stage(stages, following)
             self._restart += 1
 
-    def _run_stage(self, stages: Sequence[Stage], is_last: bool) -> Iterator[FitProgress]:
-        """A stage, that of each view: they differ in their levels alone."""
+    def _run_stage(
+        self, stages: Sequence[Stage], following: Sequence[Stage] | None
+    ) -> Iterator[FitProgress]:
+        """A stage, that of each view: they differ in their levels alone. What the ``following`` one
+        compares with is made ready meanwhile.
+        """
         stage = stages[0]
         factor, scored, due = stage.level.factor, None, stage.rescore_every
-        if 0.0 < due < math.inf:
-            scored = self._best
-            self._keep(scored, self._score(scored))
-            unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
-            yield self._progress(unknown, factor)
-        for state in self._states(stages):
-            if not stage.rescore_every:
-                self._keep(state.best, state.value)
-                ends = is_last or self._loss >= self._problem.worst_loss
-                yield self._progress(state, factor, state.converged and ends)
-                continue
-            yield self._progress(state, factor)
-            is_due = state.converged or self._evaluations >= due
-            if is_due and (scored is None or not np.array_equal(state.best, scored)):
-                scored, due = state.best, self._evaluations + stage.rescore_every
-                self._keep(scored, self._score(scored), stage.tolerance)
-                yield self._progress(state, factor, state.converged and is_last)
-
-    def _states(self, stages: Sequence[Stage]) -> Iterator[State]:
-        """The minimiser's, from the best point so far."""
-        problem, before, stage = self._problem, self._restart, stages[0]
-        views, photos = problem.views, [one.level.photo for one in stages]
-        if photos[0].structure is None and problem.photo.structure is not None:
-            # The fine photo's is made only now, as searches of a short limit do not come here.
-            photos = [with_structure(photo, is_steep=True) for photo in photos]
+        photos = self._photos(stages) if self._ready is None else self._ready()
         levels = _Renderers(tuple(one.level.renderer for one in stages))
+        with RendererPool(levels, self._threads) as pool:
+            if following is not None:
+                self._ready = pool.start(partial(self._photos, following))
+            if 0.0 < due < math.inf:
+                scored = self._best
+                self._begin_score(scored, pool)
+                self._take_score()
+                unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
+                yield self._progress(unknown, factor)
+            for state in self._states(stage, levels, photos, pool):
+                if not stage.rescore_every:
+                    self._keep(state.best, state.value)
+                    ends = following is None or self._loss >= self._problem.worst_loss
+                    yield self._progress(state, factor, state.converged and ends)
+                    continue
+                yield self._progress(state, factor)
+                is_due = state.converged or self._evaluations >= due
+                is_new = is_due and (scored is None or not np.array_equal(state.best, scored))
+                if is_new:
+                    self._take_score()
+                    scored, due = state.best, self._evaluations + stage.rescore_every
+                    self._begin_score(scored, pool, stage.tolerance)
+                if state.converged:
+                    self._take_score()
+                if is_new:
+                    yield self._progress(state, factor, state.converged and following is None)
+
+    def _photos(self, stages: Sequence[Stage]) -> list[PhotoAttributes]:
+        """What each view is compared with on a stage's level."""
+        photos = [one.level.photo for one in stages]
+        if photos[0].structure is None and self._problem.photo.structure is not None:
+            # The fine photo's is made beside the stage before: short searches do not come there.
+            return [with_structure(photo, is_steep=True) for photo in photos]
+        return photos
+
+    def _states(
+        self,
+        stage: Stage,
+        levels: _Renderers,
+        photos: Sequence[PhotoAttributes],
+        pool: RendererPool,
+    ) -> Iterator[State]:
+        """The minimiser's, from the best point so far."""
+        problem, before = self._problem, self._restart
+        views = problem.views
 
         def loss(renderers: Any, parameters: FloatArray) -> float:
             each = zip(views, renderers.each, photos, strict=True)
@@ -232,16 +262,25 @@ class _Run:
                 yield found
 
         scale = self._axes if stage.along_axes else self._scale
-        with RendererPool(levels, self._threads) as pool:
-            for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):
-                self._restart = before + state.restart
-                self._axes = self._axes if state.axes is None else state.axes
-                yield state
+        for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):
+            self._restart = before + state.restart
+            self._axes = self._axes if state.axes is None else state.axes
+            yield state
 
-    def _score(self, point: FloatArray) -> float:
-        """The loss on the photo itself."""
+    def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:
+        """Ask for the loss on the photo itself, while the search goes on."""
         self._evaluations += 1
-        return pose_loss(self._problem, self._renderer, self._problem.complete(point))
+        if pool.threads > 1 and self._scorer is self._renderer:
+            self._scorer = self._renderer.clone()  # pyright: ignore[reportAttributeAccessIssue] - as the levels' could
+        parameters = self._problem.complete(point)
+        loss = pool.start(partial(pose_loss, self._problem, self._scorer, parameters))
+        self._scored = point, loss, tolerance
+
+    def _take_score(self) -> None:
+        """Keep the point that was asked for last, if it is good."""
+        if self._scored is not None:
+            (point, loss, tolerance), self._scored = self._scored, None
+            self._keep(point, loss(), tolerance)
 
     def _keep(self, point: FloatArray, loss: float, tolerance: float = 0.0) -> None:
         """Take the point if there is nothing better; ``loss`` is on the photo."""
@@ -254,13 +293,15 @@ class _Run:
 
     def _progress(self, state: State, factor: int, finished: bool = False) -> FitProgress:
         problem, seconds = self._problem, time.perf_counter() - self._began
-        status = Status.RUNNING
+        limits, status = problem.limits, Status.RUNNING
+        if self._evaluations >= limits.evaluations or seconds >= limits.seconds:
+            self._take_score()  # it ends here
         if finished:
             seen = self._loss < problem.worst_loss
             status = Status.CONVERGED if seen else Status.NOTHING_SEEN
-        elif self._evaluations >= problem.limits.evaluations:
+        elif self._evaluations >= limits.evaluations:
             status = Status.EVALUATIONS_SPENT
-        elif seconds >= problem.limits.seconds:
+        elif seconds >= limits.seconds:
             status = Status.SECONDS_SPENT
         return FitProgress(
             parameters=self._parameters,

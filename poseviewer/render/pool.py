@@ -109,6 +109,12 @@ class RendererPool:
             for future in waiting:
                 future.cancel()
 
+    def start(self, work: Callable[[], Result]) -> Callable[[], Result]:
+        """What gives the result of ``work``, which one of the threads does meanwhile; where there
+        are none, it is done when it is asked for.
+        """
+        return work if self._executor is None else self._executor.submit(work).result
+
     def moments_of(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
         """The moments at every pose, in their order."""
         return list(self.map(lambda renderer, pose: renderer.moments(pose, photo), poses))

@@ -31,8 +31,8 @@ from poseviewer.geometry.arrays import FloatArray
 
 CLASSES = 16
 """Twice as many make no difference on real photos; with a few, things of other colours are one."""
-SAMPLES = 20_000
-"""Pixels that the classes are found from."""
+SAMPLES, FEW = 20_000, 200
+"""Pixels that the classes are found from, and those of them that are looked at first."""
 SMOOTHING_PX, REACH_PX = 1.0, 2.0
 """Standard deviations: of the photo before its gradients are taken, and of both fields after. The
 second is how far an edge is felt."""
@@ -186,7 +186,9 @@ def _classes(lab: NDArray[np.float32], counts: NDArray[np.bool_]) -> NDArray[np.
         return labels
     step = -(-len(colours) // SAMPLES)
     samples = colours[::step].astype(float)
-    different = np.unique(samples, axis=0)
+    # A few tell mostly that there are more colours than classes: to sort all takes long.
+    few = len(np.unique(samples[:: max(len(samples) // FEW, 1)], axis=0)) <= CLASSES
+    different = np.unique(samples, axis=0) if few else samples
     if len(different) <= CLASSES:
         centres = different
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,14 @@ def test_each_thread_begins_as_told():
     with RendererPool(RENDERER, 2, begin=lambda: begun.append(True)) as pool:
         pool.moments_of(make_poses(40), make_photo())
     assert 1 <= len(begun) <= 2
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_is_begun_is_done_once_and_beside_a_map(threads):
+    done = []
+    with RendererPool(RENDERER, threads) as pool:
+        result = pool.start(lambda: done.append(threading.get_ident()) or "made")
+        assert list(pool.map(lambda _, item: item, range(20))) == list(range(20))
+        assert result() == "made"
+    assert len(done) == 1
+    assert (done[0] == threading.get_ident()) is (threads == 1)

@@ -151,6 +151,9 @@ def test_a_photo_of_few_colours_has_as_many_classes():
     assert structure.shares.sum() == 40 * 50
     many = np.random.default_rng(0).uniform(size=(60, 60, 3)).astype(np.float32)
     assert len(make_structure(many, np.ones((60, 60), np.float32)).shares) == CLASSES
+    rare = np.zeros((60, 60, 3), np.float32)  # colours that a few pixels have
+    rare[1, 1 : CLASSES - 2, 0] = np.arange(1, CLASSES - 2) / CLASSES
+    assert len(make_structure(rare, np.ones((60, 60), np.float32)).shares) == CLASSES - 2
 
 
 def test_what_does_not_count_changes_nothing():
