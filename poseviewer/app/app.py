@@ -62,6 +62,8 @@ _log = logging.getLogger(__name__)
 
 IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
+SEARCH_MAPS_S = 0.5
+"""Maps that follow a search are begun no oftener: the processor is for the search."""
 STOPPED_BY = "Esc stops it"
 """Said of tasks."""
 INTERPRETER_SHARE_S = 0.001
@@ -101,6 +103,7 @@ class App:
         self._comparer: NumberedWorker[Identification] = NumberedWorker("comparison", notify)
         self._mapper: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
         self._map_job: MapJob | None = None
+        self._mapped_at = 0.0
         self._tasks = Tasks(notify, state)
         self._state = state
         self._review = review
@@ -308,8 +311,11 @@ class App:
             return
         self._mapper.hold(self._overlay.busy)  # what the hand is moving comes first
         job = MapJob.wanted(session, self._is_moving())
-        if job.replaces(self._map_job, self._mapper.busy):
-            self._map_job = job
+        now, before = time.monotonic(), self._map_job
+        follows = session.searching and before is not None and before.moving
+        is_due = not follows or now - self._mapped_at > SEARCH_MAPS_S
+        if is_due and job.replaces(self._map_job, self._mapper.busy):
+            self._map_job, self._mapped_at = job, now
             maker = self._map_maker
             self._mapper.start(lambda: maker.run(job))
 

@@ -135,7 +135,7 @@ def test_photo_outline_and_maps_arrive(running: RunningApp) -> None:
         page.wait_until(lambda: page.maps() >= MAPS)
         assert page.text_with("p.png")
         assert page.text_with("1,280 triangles")
-        assert page.text_with("at this pose")
+        page.wait_until(lambda: page.text_with("at this pose"))  # another worker finds the loss
 
 
 def test_drag_moves_the_outline_and_undo_brings_it_back(running: RunningApp) -> None:
