@@ -12,7 +12,7 @@ from poseviewer.errors import SettingsError
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer bench``."""
-    option(parser, "--quick", "50,000 triangles at 640x480 alone: half a minute")
+    option(parser, "--quick", "50,000 triangles at 640x480 alone: under a minute")
     option(parser, "--json FILE", "write all rows", Path)
     option(parser, "--plot FILE.png", "draw them", Path)
     option(parser, "--markdown", "print tables for a README")
