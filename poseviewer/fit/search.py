@@ -71,16 +71,17 @@ def finish(
     renderer: Renderer,
     judge: Judge,
     threads: int = 1,
+    sure_from: float = SURE_FROM,
 ) -> Iterator[FitProgress]:
     """What follows where a first search has ended: without what is in front there, the verdict, and
-    restarts.
+    restarts where that is less probable than ``sure_from``.
     """
     began = time.perf_counter() - end.seconds
     problem, best = yield from _behind(problem, end, renderer, threads)
     best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
     gain = math.inf
     for strategy in RESTARTS:
-        again = restarted(problem, best, strategy, time.perf_counter() - began)
+        again = restarted(problem, best, strategy, time.perf_counter() - began, sure_from)
         if again is None:
             break
         if strategy is Strategy.CONTINUE and gain < GAIN_THRESHOLD:
@@ -147,7 +148,11 @@ def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:
 
 
 def restarted(
-    problem: FitProblem, best: FitProgress, strategy: Strategy, seconds: float
+    problem: FitProblem,
+    best: FitProgress,
+    strategy: Strategy,
+    seconds: float,
+    sure_from: float = SURE_FROM,
 ) -> FitProblem | None:
     """The problem of a further search within what is left of the limits after ``seconds``; None
     where there is to be none. A symmetric one is given where the search before ended: its start is
@@ -158,7 +163,7 @@ def restarted(
     if best.status is not Status.CONVERGED or not has_population or rest is None:
         return None
     if best.verdict is not None:
-        is_found, is_sure = best.verdict.word == "found", best.verdict.probability >= SURE_FROM
+        is_found, is_sure = best.verdict.word == "found", best.verdict.probability >= sure_from
         if is_sure or (is_found and strategy is not Strategy.CONTINUE):
             return None
     is_global = strategy is Strategy.GLOBAL

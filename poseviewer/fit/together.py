@@ -29,6 +29,9 @@ minimum by less than such a search can tell."""
 LOOKS = 3
 """How often a search looks again at what others hide of its model, before its verdict: after two
 most have settled."""
+ENOUGH = 0.8
+"""Probability from which a search has no restarts: its verdict compares poses where others hide
+something else of the model, which makes it less sure of right ones too."""
 MOST_ROUNDS = 4
 """Searches of one model at most: two that slide along each other would take turns for ever."""
 
@@ -145,7 +148,7 @@ def _search(
             seen, (problem, note) = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
-    for progress in finish(problem, done, mesh, renderer, judge, threads):
+    for progress in finish(problem, done, mesh, renderer, judge, threads, ENOUGH):
         yield seen, Placing(registration, problem, note, progress)
 
 

@@ -15,6 +15,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import RESTARTS, SURE_FROM, is_taken, restarted, search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
+from poseviewer.fit.together import ENOUGH
 from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
@@ -97,6 +98,13 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, strateg
     end = replace(alone, verdict=verdict)
     given = [one for one in dict.fromkeys(RESTARTS) if restarted(problem, end, one, 0.0)]
     assert given == strategies
+
+
+def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
+    problem, _, _, alone = small
+    end = replace(alone, verdict=Verdict("doubtful", ENOUGH, (), None))
+    assert restarted(problem, end, Strategy.GLOBAL, 0.0) is not None
+    assert restarted(problem, end, Strategy.GLOBAL, 0.0, ENOUGH) is None
 
 
 @pytest.mark.parametrize(
