@@ -22,25 +22,23 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.document import History
 from poseviewer.app.state.hiding import Grow
-from poseviewer.app.state.objects import AddObject
+from poseviewer.app.state.objects import AddObject, FindSymmetry
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
-from poseviewer.app.state.symmetry import FindSymmetry
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of, scene_of
-from poseviewer.app.workers.growing import grow
 from poseviewer.app.workers.jobs import (
     compare,
     has_renderer,
     prepare,
     propose_starts,
     renderer_of,
+    run_search,
 )
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
-from poseviewer.app.workers.others import OthersWorker
+from poseviewer.app.workers.outlines import OthersWorker, StripWorker
 from poseviewer.app.workers.overlay import OverlayWorkers
-from poseviewer.app.workers.strip import StripWorker
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
@@ -50,8 +48,8 @@ from poseviewer.app.workers.tasks import (
     Tasks,
     find_symmetry_of_model,
     find_wheels_in_region,
+    grow,
 )
-from poseviewer.app.workers.together import run
 from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
 from poseviewer.confidence.identify import Identification
 from poseviewer.errors import PoseViewerError, sentence_of
@@ -95,8 +93,8 @@ class App:
         )
         notify = self._mailbox.notify
         self._overlay = OverlayWorkers(notify)
-        self._others = OthersWorker(notify)
-        self._strip = StripWorker(notify)
+        self._others = OthersWorker("others", notify)
+        self._strip = StripWorker("strip", notify)
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._preparer: Worker[Preparation] = Worker("preparation", notify)
@@ -304,7 +302,7 @@ class App:
         self._others.start(session, self._is_moving())
         self._strip.start(session, swung)
         ready = session.preparation is None
-        self._searcher.follow(session.search, run, ready)
+        self._searcher.follow(session.search, run_search, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)
         self._comparer.follow(session.candidates.comparison, compare, ready)
         if not ready:

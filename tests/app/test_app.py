@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from poseviewer.app.app import STOPPED_BY
-from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS
+from poseviewer.app.page.page import MAPS_WIDTHS, PANEL_WIDTHS
 from poseviewer.app.page.scene import OUTLINE as OUTLINE_DEPTH
 from poseviewer.app.page.scene import SIDE
 from poseviewer.app.state.session import Preparation

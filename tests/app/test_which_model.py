@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from playwright.sync_api import Browser, Locator
 
-from poseviewer.app.page.candidates_panel import candidates_table
+from poseviewer.app.page.comparisons import candidates_table
 from poseviewer.app.state.candidates import CandidateModel, CandidateRow
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose

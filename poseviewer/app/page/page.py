@@ -1,24 +1,26 @@
-"""The page: panels left and right, the photo in the middle, notices; brought to each session."""
+"""The page: panels left and right, the photo in the middle, notices; brought to each session.
+Where the panels lie, and the theme, is each page's own, by its script's report.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 import viser
 
-from poseviewer.app.below_viser.client_script import ClientScript
+from poseviewer.app.below_viser.client_script import ClientScript, Placement, place_panel
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
-from poseviewer.app.page.candidates_panel import CandidatesPanel
+from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
+from poseviewer.app.page.comparisons import CandidatesPanel
 from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
 from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import PLACES_ORDER, LandscapePanel
-from poseviewer.app.page.layout import MAPS_WIDTHS, PANEL_WIDTHS, PLACES, arrange, choose_theme
-from poseviewer.app.page.objects_panel import ObjectsPanel
 from poseviewer.app.page.panels import (
     FitPanel,
     JudgePanel,
@@ -29,7 +31,6 @@ from poseviewer.app.page.panels import (
     StatusPanel,
     hint_of,
 )
-from poseviewer.app.page.preparing_panel import PreparingPanel
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.strip import PhotoStrip
@@ -42,6 +43,24 @@ from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
+PANEL_WIDTHS, MAPS_WIDTHS = (300, 260), (420, 300)
+"""CSS px: at the left, and of maps beside the photo; in a wide and in a small window."""
+WIDE_WINDOW = 1280
+"""CSS px: in a window less wide the panels leave room to the photo."""
+MARGIN = 6
+"""CSS px about maps that lie below the photo."""
+LARGEST_WINDOW = 16_384
+"""CSS px: more is no window."""
+PLACES = (
+    '<div class="pv-places"><b>Loss landscape</b> &nbsp;'
+    + " ".join(
+        f'<button type="button" data-place="{place}" onclick="poseviewer.placeMaps(\'{place}\')">'
+        f"{place}</button>"
+        for place in ("beside", "below", "away")
+    )
+    + "</div>"
+)
+"""The buttons that place the maps; the page remembers the choice."""
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 MOST_BUTTONS = 6
@@ -278,3 +297,33 @@ class Page:
         for modal in self._offers:
             modal.close()
         self._offers = []
+
+
+def choose_theme(gui: viser.GuiApi, light: bool = False) -> None:
+    """Dark, or as the browser prefers light ones."""
+    gui.configure_theme(
+        dark_mode=not light, show_logo=False, show_share_button=False, brand_color=(23, 162, 184)
+    )
+
+
+def arrange(client: viser.ClientHandle, maps: viser.PanelHandle, report: Mapping[str, Any]) -> None:
+    """Place the panels on one page as its script asks; a report that makes no sense is dropped."""
+    try:
+        width, height = (int(report[name]) for name in ("width", "height"))
+    except (KeyError, OverflowError, TypeError, ValueError):
+        return
+    if not (0 < width <= LARGEST_WINDOW and 0 < height <= LARGEST_WINDOW):
+        return
+    small = width < WIDE_WINDOW
+    choose_theme(client.gui, report.get("light") is True)
+    left: Any = {"kind": "edge", "edge": "left"}
+    place_panel(client, client.gui.main_panel, Placement(left, PANEL_WIDTHS[small]))
+    place = Placement({"kind": "edge", "edge": "right"}, MAPS_WIDTHS[small])
+    if report.get("maps") == "below":
+        free = width - PANEL_WIDTHS[small] - 2 * MARGIN
+        place = Placement({"kind": "float", "x": MARGIN, "y": -MARGIN}, free, height)
+    elif report.get("maps") == "away":
+        place = replace(place, collapsed=True)
+    if report.get("only") == "width":
+        place = replace(place, position=None)
+    place_panel(client, maps, place)

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
+from poseviewer.app.page.above_steps import MoreObjects, loss_bar
+from poseviewer.app.page.comparisons import MethodsPanel
 from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
-from poseviewer.app.page.loss_bar import loss_bar
-from poseviewer.app.page.methods_panel import MethodsPanel
-from poseviewer.app.page.objects_panel import MoreObjects
 from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
+from poseviewer.app.state.objects import DropSymmetry, FindSymmetry, symmetry_text
 from poseviewer.app.state.requests import (
     Annotate,
     FindWheels,
@@ -34,7 +34,6 @@ from poseviewer.app.state.requests import (
     UseLastPose,
 )
 from poseviewer.app.state.session import SearchUpdate, Session
-from poseviewer.app.state.symmetry import DropSymmetry, FindSymmetry, symmetry_text
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective

@@ -11,9 +11,9 @@ import numpy as np
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
+from poseviewer.app.state.objects import ComparePhoto, LookAt
 from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.views import ComparePhoto, LookAt
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 LARGEST = 1e6

@@ -14,8 +14,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import set_properties
-from poseviewer.app.page.objects_panel import object_colour
 from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.marking import MARKING, marks_in_photo

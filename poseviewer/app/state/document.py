@@ -80,11 +80,7 @@ class Marks:
 
     @property
     def ellipses(self) -> tuple[Ellipse, ...]:
-        """Of the rear wheel, and of the front wheel, as far as they have their points.
-
-        Raises:
-            QuickStartError: the points of a wheel lie on no ellipse.
-        """
+        """Of the rear wheel, and of the front wheel, as far as they have their points."""
         count = len(self.rims) // FEWEST_RIM_POINTS
         pieces = [self.rims[i * FEWEST_RIM_POINTS :][:FEWEST_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)

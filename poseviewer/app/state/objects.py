@@ -1,4 +1,6 @@
-"""What a user asks of the objects of a document: which one is picked, one more, one less."""
+"""What a user asks of the objects of a document, of the photos of its set, and of a model's
+symmetry: which is picked, or large; one more, one less; which poses are one.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,13 @@ from poseviewer.app.state.candidates import CandidateModel, at_hand, with_mesh
 from poseviewer.app.state.commands import Command, WorkerUpdate
 from poseviewer.app.state.document import Marks, SceneObject
 from poseviewer.app.state.dragging import moved, radius_in_photo
-from poseviewer.app.state.session import Outlines, Session
+from poseviewer.app.state.photo_set import FEWEST_COMPARED
+from poseviewer.app.state.requests import Request
+from poseviewer.app.state.session import Outlines, Session, Strip
 from poseviewer.errors import SettingsError
+from poseviewer.fit.registration import Registration
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
@@ -128,3 +135,96 @@ class OutlinesDrawn(WorkerUpdate):
 
     def __call__(self, session: Session) -> Session:
         return replace(session, outlines=self.outlines)
+
+
+@dataclass(frozen=True, slots=True)
+class LookAt(Command):
+    """Another photo of the set is the large one. No step: undo leads to what was done before; a
+    search goes on.
+    """
+
+    index: int
+
+    def __call__(self, session: Session) -> Session:
+        return session.looking_at(self.index)
+
+
+@dataclass(frozen=True, slots=True)
+class ComparePhoto(Command):
+    """Compare a photo of the set, or leave it out."""
+
+    index: int
+    on: bool
+
+    def __call__(self, session: Session) -> Session:
+        views = session.document.views
+        if views is None or not 0 <= self.index < len(views.compared):
+            return session
+        compared = list(views.compared)
+        if compared[self.index] is self.on:
+            return session
+        compared[self.index] = self.on
+        if sum(compared) < FEWEST_COMPARED:
+            raise SettingsError(
+                f"{FEWEST_COMPARED} photos at least are compared: switch another one on first"
+            )
+        # What a search said was said by other photos.
+        document = session.document.unsearched
+        assert document.views is not None  # as before
+        views = replace(document.views, compared=tuple(compared))
+        return session.with_document(replace(document, views=views))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripDrawn(WorkerUpdate):
+    """A worker has drawn the model in all photos of the set."""
+
+    strip: Strip
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, strip=self.strip)
+
+
+@dataclass(frozen=True, slots=True)
+class FindSymmetry(Request):
+    """Use what a file says of the model's symmetry, or what its surface has."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UseSymmetry(Command):
+    """Use a symmetry that was found for a model."""
+
+    mesh: Mesh
+    """The whole model."""
+    symmetry: Symmetry
+
+    def __call__(self, session: Session) -> Session:
+        if session.document.registration.mesh.whole is not self.mesh:  # another one by now
+            return session
+        return _with_symmetry(session, self.symmetry)
+
+
+@dataclass(frozen=True, slots=True)
+class DropSymmetry(Command):
+    """All poses are told apart."""
+
+    def __call__(self, session: Session) -> Session:
+        if session.document.registration.whole_symmetry.is_none:
+            return session
+        return _with_symmetry(session, NO_SYMMETRY)
+
+
+def symmetry_text(own: Registration) -> str:
+    """Which poses count as one."""
+    if own.whole_symmetry.is_none:
+        return "all poses are told apart"
+    if own.symmetry.is_none:
+        return "with parts left out, all poses are told apart"
+    return f"poses are one that differ by {own.symmetry.words}"
+
+
+def _with_symmetry(session: Session, symmetry: Symmetry) -> Session:
+    document = session.document
+    registration = replace(document.registration, whole_symmetry=symmetry)
+    # What a search said of its end was said of other poses.
+    return session.with_document(replace(document.unsearched, registration=registration))

@@ -152,11 +152,7 @@ class Autosaver:
         return path
 
     def save_scene(self, session: Session, scene: SceneRecord, masks: Mapping[str, Mask]) -> Path:
-        """Write all objects beside their photo, as ``save_pose`` does the picked one's pose.
-
-        Raises:
-            PoseViewerError: it cannot be written there.
-        """
+        """Write all objects beside their photo, as ``save_pose`` does the picked one's pose."""
         pose = self._pose_path(session)
         path = pose.with_name(pose.name.removesuffix(".pose.json") + ".scene.json")
         if path.exists() and path not in self._own:

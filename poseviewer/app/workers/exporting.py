@@ -194,11 +194,7 @@ def _overlay(session: Session) -> bytes:
 def picture_of(
     document: Document, look: str = "outline", opacity: float = SOLID_OPACITY
 ) -> Picture:
-    """(height, width, 3) RGB: the photo with the picked object and all that stand in it.
-
-    Raises:
-        PoseViewerError: one of them cannot be compared with the photo.
-    """
+    """(height, width, 3) RGB: the photo with the picked object and all that stand in it."""
     objects = []
     for one in document.objects:
         if one is document or one.stands:

@@ -12,8 +12,7 @@ import numpy as np
 from poseviewer.api import Case
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import LandscapeUpdate, Session
-from poseviewer.app.workers.jobs import case_at
-from poseviewer.app.workers.views import set_case_at
+from poseviewer.app.workers.jobs import case_at, set_case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.settings import FitSettings, Method
@@ -89,9 +88,6 @@ class MapMaker:
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
         was shown before is to stay until then.
-
-        Raises:
-            PoseViewerError: there are none with these settings at this pose.
         """
         document, mesh = job.document, job.document.registration.mesh
         cases = [self._case(job, settings) for settings in job.losses]
@@ -194,9 +190,6 @@ def maps(
 
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
     one is known. With a ``light`` model and a ``path``: as ``landscape``.
-
-    Raises:
-        PoseViewerError: there are fewer than two free parameters.
     """
     problem, centre = case.problem, document.pose
     parameters = document.numbers_in(problem.chart, case.registration.photo)

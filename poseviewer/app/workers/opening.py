@@ -79,9 +79,6 @@ def open_files(
     photo undistorted, where there is a calibration; ``others``: models that the photo may show;
     ``mask``: what of the photo counts, ``without``: parts of the model that are left out;
     ``objects``: models that the photo shows as well.
-
-    Raises:
-        PoseViewerError: one of them cannot be used.
     """
     if pose is not None:
         registration = load_registration(photo, model, pose, calibration, mask, without)
@@ -111,10 +108,6 @@ def open_set(
     """The photos of a set and a model, with a start pose in one of them from a file, else at a
     ``place`` in the photo ``view`` (camera from model), else seen from a corner in the first;
     ``view`` and ``scale`` as of ``start_in_set``.
-
-    Raises:
-        PoseViewerError: one of the files cannot be used; the scale is not known, and nothing tells
-            it.
     """
     views, loaded = load_view_set(path, choice), load_model(model)
     loaded = replace(loaded, mesh=loaded.mesh.without(without))
@@ -151,9 +144,6 @@ def open_set(
 def open_chosen_set(chosen: Chosen, model: Path, without: Sequence[str] = ()) -> Opened:
     """The set of photos that was chosen of files, and its model, wherever that lies; ``without``:
     parts of it that are left out.
-
-    Raises:
-        PoseViewerError: as of ``open_set``.
     """
     assert chosen.views is not None  # it was chosen
     at = None if chosen.pose is not None or chosen.photo is None else chosen.photo.name
@@ -173,11 +163,7 @@ def _in_set(photos: PhotoSet, model: LoadedModel, start: StartInSet, path: Path)
 
 
 def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
-    """A model that the photo may show, and what is to be said of it.
-
-    Raises:
-        PoseViewerError: it cannot be used.
-    """
+    """A model that the photo may show, and what is to be said of it."""
     model = load_model(path)
     notes = tuple(f"{path.name}: {note}" for note in model.mesh.notes)
     return CandidateModel(model, path), notes
@@ -188,9 +174,6 @@ def open_chosen(
 ) -> Opened:
     """What was chosen of a set of files, on what is at hand; ``models``: where the chosen model,
     and the others beside it, lie with all that they name; ``objects``: where further objects do.
-
-    Raises:
-        PoseViewerError: one of the files cannot be used.
     """
     document, warnings = now, list(chosen.notes)
     photo, candidates, pose_alone = chosen.photo, Candidates(), False
@@ -229,9 +212,6 @@ def _open_objects(
 def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
     """All objects of a scene file, the first one picked; ``without`` further parts of them, each
     named as ``ID:PART``.
-
-    Raises:
-        PoseViewerError: it, or a file that it names, cannot be used.
     """
     scene, registrations = load_scene_registrations(load_scene(path), without)
     objects = [
@@ -269,9 +249,6 @@ def by_method(opened: Opened, method: Method) -> Opened:
 def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Opened:
     """Another photo under the model at hand, which keeps its view; or a calibrated camera for the
     photo at hand, in which the model keeps its place.
-
-    Raises:
-        PoseViewerError: the photo or its camera cannot be used.
     """
     photo = load_calibrated_photo(path, calibration)
     camera = photo.default_camera()
@@ -329,11 +306,7 @@ def _in_another_photo(one: SceneObject, camera: Camera, moved: FloatArray) -> Sc
 
 
 def completed(now: Document, path: Path) -> Opened:
-    """The model at hand with files that it missed: its pose, and all that is marked on it, stays.
-
-    Raises:
-        PoseViewerError: the model cannot be used.
-    """
+    """The model at hand with files that it missed; its pose and all marks on it stay."""
     model = load_model(path)
     parts = model.mesh.part_names
     left_out = [name for name in now.registration.mesh.left_out if name in parts]
@@ -344,11 +317,7 @@ def completed(now: Document, path: Path) -> Opened:
 
 
 def open_model(now: Document, path: Path) -> Opened:
-    """Another model on the photo at hand, seen from a corner.
-
-    Raises:
-        PoseViewerError: the model cannot be used.
-    """
+    """Another model on the photo at hand, seen from a corner."""
     registration = _without_pose(now.registration.photo, path, now.pose)
     if now.views is not None:
         return _model_in_set(now, now.views, registration, path)
@@ -382,9 +351,6 @@ def _model_in_set(now: Document, views: PhotoSet, own: Registration, path: Path)
 def open_pose(now: Document, path: Path) -> Iterator[Opened]:
     """A pose file for the photo and the model at hand: the start from now on; what it says is
     hidden, or left out, is.
-
-    Raises:
-        PoseFileError: it holds no pose.
     """
     if now.views is not None:
         yield _pose_in_set(now, now.views, path)
@@ -422,11 +388,7 @@ def _pose_in_set(now: Document, views: PhotoSet, path: Path) -> Opened:
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
-    """What an earlier session left behind; models beside its own that are gone are said.
-
-    Raises:
-        PoseViewerError: its photo or its model is not there any more.
-    """
+    """What an earlier session left behind; models beside its own that are gone are said."""
     model = _require_there(kept.model, kept.model_name)
     if kept.views is not None:
         yield _restored_set(kept, kept.views, model)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.commands import LossComputed, OverlayDrawn
 from poseviewer.app.state.photo_set import PhotoSet
 from poseviewer.app.state.session import Overlay, OverlayRequest, SearchUpdate, Session
-from poseviewer.app.workers.views import compared_of
+from poseviewer.app.workers.jobs import compared_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import recover_lighting

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lxml import html
 
-from poseviewer.app.page.methods_panel import ends_table
+from poseviewer.app.page.comparisons import ends_table
 from poseviewer.app.page.panels import curve_of
 from poseviewer.app.state.session import SearchUpdate
 from poseviewer.app.workers.jobs import ends_of, search

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.objects import DropSymmetry, UseSymmetry, symmetry_text
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.symmetry import DropSymmetry, UseSymmetry, symmetry_text
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
 from poseviewer.app.workers.opening import open_files, restore

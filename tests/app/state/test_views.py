@@ -9,10 +9,9 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.hiding import Paint, Stroke
 from poseviewer.app.state.marking import pairs_done
-from poseviewer.app.state.objects import AddObject
+from poseviewer.app.state.objects import AddObject, ComparePhoto, LookAt
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
-from poseviewer.app.state.views import ComparePhoto, LookAt
 from poseviewer.files.pose import PoseRecord
 from poseviewer.starts.placing import surface_point
 from tests.app.state.documents import after

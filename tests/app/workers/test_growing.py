@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.hiding import Stroke
-from poseviewer.app.workers.growing import grown
+from poseviewer.app.workers.tasks import grown
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.photo import Photo
 

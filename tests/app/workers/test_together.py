@@ -9,7 +9,7 @@ import pytest
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.together import run
+from poseviewer.app.workers.jobs import run_search
 from poseviewer.errors import SettingsError
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
@@ -42,7 +42,7 @@ def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
     session = among(start, TRUTH[1].pose)
     assert session.search is not None
     number, rounds = session.searches, []
-    for update in run(session.search):
+    for update in run_search(session.search):
         if not rounds or update.case.problem is not rounds[-1]:
             rounds.append(update.case.problem)
         session = after(session, c.SearchAdvanced(number, update))
@@ -66,4 +66,4 @@ def test_what_stands_wholly_behind_another_is_said():
     session = among(replace(front, camera_from_model=far), front)
     assert session.search is not None
     with pytest.raises(SettingsError, match="stands wholly behind other objects"):
-        list(run(session.search))
+        list(run_search(session.search))

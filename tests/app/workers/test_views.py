@@ -13,8 +13,8 @@ import pytest
 from poseviewer.api import load_views
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.hiding import Paint, Stroke
+from poseviewer.app.state.objects import ComparePhoto, LookAt
 from poseviewer.app.state.session import Overlay, OverlayRequest, Session
-from poseviewer.app.state.views import ComparePhoto, LookAt
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
 from poseviewer.app.workers.jobs import run_search

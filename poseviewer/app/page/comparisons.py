@@ -1,13 +1,82 @@
-"""The folder "Which model is it?": the models that the photo may show, and their table."""
+"""What is compared: both methods from the start, and the models that the photo may show; their ends
+and ranks in tables.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from poseviewer.app.page.controls import Controls, set_properties
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.candidates import CandidateRow, Comparison
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.session import MethodEnd, Session
+from poseviewer.fit.settings import METHODS
+from poseviewer.fit.unexplained import LossScale
+from poseviewer.geometry.pose_error import pose_error
+
+HINT = "Search from the start pose by one method, then by the other, and set the ends side by side."
+
+
+class MethodsPanel:
+    """A button that compares the methods, their ends, and which of them to take."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._shown: tuple[MethodEnd, ...] = ()
+        self._go = controls.button(
+            "Compare both methods", c.CompareMethods(), hint=HINT, icon="arrows-diff"
+        )
+        self._table = controls.gui.add_html("", visible=False)
+        takes = {name: c.TakeEnd(index) for index, name in enumerate(METHODS.values())}
+        self._take = controls.choices("Take", takes, visible=False)
+
+    def show(self, session: Session) -> None:
+        """Bring the table to the session."""
+        set_properties(self._go, disabled=session.searching)
+        if self._shown is session.ends:
+            return
+        self._shown = session.ends
+        set_properties(self._take, visible=bool(session.ends))
+        content = ends_table(session.ends) if session.ends else ""
+        set_properties(self._table, visible=bool(content), content=content)
+
+
+def ends_table(ends: Sequence[MethodEnd]) -> str:
+    """A column for each end, and how far the two are from each other (HTML)."""
+    names = [METHODS[end.settings.method] for end in ends]
+    found = [end.update.progress for end in ends]
+    scales = [LossScale.of(end.update.case.problem.photo) for end in ends]
+    rows = [
+        (f"{names[i]}: {scale.name}", [f"{scale.shown(end.losses[i]):.3f}" for end in ends])
+        for i, scale in enumerate(scales)
+    ]
+    rows += [
+        ("seconds", [f"{progress.seconds:.1f}" for progress in found]),
+        ("evaluations", [f"{progress.evaluations:,}" for progress in found]),
+        ("restarts", [str(progress.restart) for progress in found]),
+        ("verdict", ["-" if p.verdict is None else p.verdict.word for p in found]),
+    ]
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("", *names))
+    body = "".join(
+        f"<tr><td>{escape(what)}</td>{''.join(f'<td>{value}</td>' for value in values)}</tr>"
+        for what, values in rows
+    )
+    return (
+        f'<div class="pv-ends-table"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
+        f"</table><p>{escape(apart_text(ends))}</p></div>"
+    )
+
+
+def apart_text(ends: Sequence[MethodEnd]) -> str:
+    """How far the first two ends are from each other, in a sentence."""
+    one, other = ends[:2]
+    apart = pose_error(
+        one.update.case.registration.mesh, other.update.progress.pose, one.update.progress.pose
+    )
+    return (
+        f"The ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's "
+        f"size in the photo), turned by {apart.rotation_deg:.2g}°."
+    )
 
 
 class CandidatesPanel:

@@ -1,10 +1,14 @@
-"""The list of the photo's objects, above the steps, and what makes them more."""
+"""Above the steps: what is still made ready, the bar of the loss, the list of the photo's objects,
+and what makes them more.
+"""
 
 from __future__ import annotations
 
 from html import escape
 
-from poseviewer.app.page.controls import Controls, set_properties
+import viser
+
+from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.state.document import SceneObject
 from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
@@ -107,4 +111,63 @@ def _button(number: int, wish: str, hint: str, icon: str, is_faint: bool = False
         f'onpointerdown="event.stopPropagation();{press}" '
         f"onkeydown=\"if(event.key=='Enter'){{event.stopPropagation();{press}}}\">"
         f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
+    )
+
+
+COMPILING = (
+    "**Compiling, this once: {share:.0%}**  \n"
+    "Place the model meanwhile, by a sketch of its outline. Loss, maps and a search that is asked "
+    "for begin by themselves."
+)
+
+
+class PreparingPanel:
+    """A sentence and a bar."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("", visible=False)
+        self._bar = gui.add_progress_bar(0.0, visible=False, color="cyan", animated=True)
+
+    def show(self, session: Session) -> None:
+        """Bring them to the session."""
+        preparation = session.preparation
+        share = None if preparation is None else preparation.share
+        trouble = "" if preparation is None else preparation.trouble
+        set_properties(self._bar, visible=share is not None)
+        set_properties(self._text, visible=share is not None or bool(trouble))
+        if share is not None:
+            set_properties(self._bar, value=100.0 * share)
+            set_properties(self._text, content=COMPILING.format(share=share))
+        elif trouble:
+            set_properties(self._text, content=f"**{plain(trouble)}**")
+
+
+def loss_bar(session: Session) -> str:
+    """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
+    overlay, latest = session.overlay, session.own_search
+    pose = None if overlay is None else overlay.unexplained
+    marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
+    if latest is not None:
+        progress = latest.progress
+        scale = progress.scale
+        marks = {"start": progress.start_loss, "best": progress.loss}
+    elif overlay is not None and pose is not None:
+        scale, marks = pose.scale, {"start": overlay.start_loss}
+    else:
+        return ""
+    parts = ""
+    if pose is not None and not session.searching:  # of a search's poses the parts are not asked
+        marks["pose"] = pose.loss
+        parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
+    places = {
+        name: 100.0 * scale.unexplained(loss) for name, loss in marks.items() if loss is not None
+    }
+    drawn = "".join(
+        f'<i class="pv-{name}" style="left:{place:.1f}%"></i>' for name, place in places.items()
+    )
+    key = "".join(f'<span><i class="pv-{name}"></i>{name}</span>' for name in places)
+    said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")
+    return (
+        f'<div class="pv-loss" title="{said}"><div><span>0</span><div class="pv-line">{drawn}</div>'
+        f"<span>1</span></div><div>{key}</div></div>"
     )
