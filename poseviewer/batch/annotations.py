@@ -50,9 +50,6 @@ def annotate(models: Sequence[PlacedModel]) -> list[Annotation]:
 def save_image_annotations(folder: Path, image: int, scene: SceneRecord) -> tuple[Path, ...]:
     """Write masks and annotations of a scene's objects as those of an image that is in the folder
     of a BOP scene; returns the files of the annotations, which other images share.
-
-    Raises:
-        PoseViewerError: a model cannot be used, or the folder not be written to.
     """
     meshes = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
     placed = [PlacedModel(meshes[one.model], one.record.pose) for one in scene.objects]

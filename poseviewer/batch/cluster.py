@@ -21,10 +21,6 @@ CONNECT_SECONDS = 10.0
 def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterator[JobResult]:
     """The results of the jobs as they come, in no order. A scheduler that goes away and comes back
     soon is given what it had not done.
-
-    Raises:
-        BatchError: Dask is not installed, or no scheduler answers (any more); results cannot be
-            written.
     """
     left = list(jobs)
     while left:

@@ -180,11 +180,7 @@ def _start_of(job: Job, plan: BatchPlan) -> str | Path:
 
 
 def open_model(path: Path, settings: FitSettings) -> tuple[LoadedModel, Renderer | None]:
-    """A model and, where it can be cloned, its renderer; kept for further rows.
-
-    Raises:
-        PoseViewerError: the model cannot be used.
-    """
+    """A model and, where it can be cloned, its renderer; kept for further rows."""
     return _open_model(path, file_stamp(path), settings)
 
 

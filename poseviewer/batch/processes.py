@@ -31,9 +31,6 @@ def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[J
     When a process dies (for lack of memory, say), the jobs under way are run again one by one, and
     only one that dies again fails. To stop, stop asking: jobs under way end between two
     evaluations.
-
-    Raises:
-        BatchError: results cannot be written.
     """
     waiting = deque(jobs)
     while waiting:

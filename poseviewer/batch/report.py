@@ -31,11 +31,7 @@ _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
 def save_report(folder: Path, results: Sequence[JobResult]) -> None:
-    """Write ``report.html``: all rows, the worst first; pictures that are gone are left out.
-
-    Raises:
-        BatchError: it cannot be written.
-    """
+    """Write ``report.html``: all rows, the worst first; pictures that are gone are left out."""
     failed = sum(result.failed for result in results)
     accepted = sum(bool(result.review) for result in results)
     reviewed = f" {accepted} accepted by a person, which are last." if accepted else ""

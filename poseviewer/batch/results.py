@@ -119,11 +119,7 @@ def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
 
 
 def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -> None:
-    """Make the folder of results and those in it.
-
-    Raises:
-        BatchError: they cannot be made.
-    """
+    """Make the folder of results and those in it."""
     for name in names:
         make_folder(folder / name, BatchError)
 
@@ -172,11 +168,7 @@ def as_row_of(job: Job, result: JobResult) -> JobResult:
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> None:
-    """Keep a result: from here on the job is done.
-
-    Raises:
-        BatchError: it cannot be written.
-    """
+    """Keep a result: from here on the job is done."""
     _save_json(folder / ROWS / f"{job.key}.json", asdict(result), indent=2)
 
 
@@ -192,11 +184,7 @@ def known_results(
 
 
 def save_table(folder: Path, results: Sequence[JobResult]) -> None:
-    """Write ``results.csv``: a line for each row, in their order.
-
-    Raises:
-        BatchError: it cannot be written.
-    """
+    """Write ``results.csv``: a line for each row, in their order."""
     text = StringIO()
     table = csv.DictWriter(text, [f.name for f in fields(JobResult)], lineterminator="\n")
     table.writeheader()
@@ -219,11 +207,7 @@ def load_failures(folder: Path, manifest: Manifest) -> dict[str, JobResult]:
 
 
 def save_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write ``batch.json``.
-
-    Raises:
-        BatchError: it cannot be written.
-    """
+    """Write ``batch.json``."""
     data = {
         "format": FORMAT,
         "version": VERSION,

@@ -168,20 +168,12 @@ def _pictures_of_mates(queue: ReviewQueue, row: ReviewRow) -> list[Path]:
 
 
 def take_back(queue: ReviewQueue, row: ReviewRow) -> JobResult:
-    """Take an acceptance back; a pose that was mended stays.
-
-    Raises:
-        BatchError: it cannot be written.
-    """
+    """Take an acceptance back; a pose that was mended stays."""
     return _save(queue, row, review="")
 
 
 def annotate(queue: ReviewQueue, row: ReviewRow, note: str) -> JobResult:
-    """Keep a person's words about a row. Those about a row that failed stand in the table alone.
-
-    Raises:
-        BatchError: they cannot be written.
-    """
+    """Keep a person's words about a row. Those about a row that failed stand in the table alone."""
     return _save(queue, row, note=" ".join(note.split()))
 
 
@@ -205,10 +197,6 @@ def drop_draft(queue: ReviewQueue, row: ReviewRow) -> None:
 
 
 def save_reviewed(queue: ReviewQueue) -> None:
-    """Write table, report and BOP scene anew from the rows' own files.
-
-    Raises:
-        PoseViewerError: they cannot be written.
-    """
+    """Write table, report and BOP scene anew from the rows' own files."""
     results = known_results(queue.folder, queue.manifest, queue.failed)
     save_summaries(queue.folder, queue.manifest, results)

@@ -65,12 +65,7 @@ def open_batch(
     mask: Path | None = None,
     scene_options: SceneOptions | None = None,
 ) -> Batch:
-    """Read the table, or the BOP scene; make the folder of results, and read what is there.
-
-    Raises:
-        PoseViewerError: the table or the scene cannot be used, the folder not made, or another
-            batch is at work in it.
-    """
+    """Read the table, or the BOP scene; make the folder of results, and read what is there."""
     table, folder = Path(table), Path(folder).resolve()
     if table.is_dir():
         scene = table.resolve()
@@ -92,10 +87,6 @@ def run_batch(
     """Results of the jobs that are to be done, as they come; to stop, stop asking.
 
     On all cores of this machine, or on the Dask cluster of a ``scheduler``.
-
-    Raises:
-        BatchError: results cannot be written; another batch is at work in the folder; there is no
-            such scheduler.
     """
     if not batch.to_do:
         return
@@ -112,9 +103,6 @@ def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:
     """Write table, report and scene of all rows that are known; returns these in their order.
 
     What was done is read from the folder: it may have been reviewed in the meantime.
-
-    Raises:
-        PoseViewerError: they cannot be written.
     """
     folder, manifest = batch.plan.folder, batch.manifest
     key_of = {job.row: job.key for job in batch.jobs}
@@ -129,11 +117,7 @@ def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:
 
 
 def save_summaries(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
-    """Write the table and the report, and for rows of a BOP scene its files.
-
-    Raises:
-        PoseViewerError: they cannot be written.
-    """
+    """Write the table and the report, and for rows of a BOP scene its files."""
     save_table(folder, results)
     save_report(folder, results)
     save_scene(folder, manifest, results)

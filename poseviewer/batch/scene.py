@@ -160,9 +160,6 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
 
     The poses are those of all rows that have one, mm, in the order of the rows. The cameras are
     the scene's own, as its file has them.
-
-    Raises:
-        PoseViewerError: the scene is gone, or the files cannot be written.
     """
     if manifest.scene is None:
         return

@@ -165,11 +165,7 @@ def refuse_with_paper(options: Namespace) -> None:
 
 
 def settings_of(options: Namespace) -> FitSettings:
-    """How a fit is made.
-
-    Raises:
-        SettingsError: the paper's method, with what it does not have.
-    """
+    """How a fit is made."""
     refuse_with_paper(options)
     return made(
         FitSettings,

@@ -29,11 +29,7 @@ def check_kind(path: str | Path) -> None:
 
 
 def save_figure(path: str | Path, figure: Figure) -> None:
-    """Write a figure as .png (150 dpi), .pdf or .svg, whole or not at all.
-
-    Raises:
-        SettingsError: the format is unknown, or the folder missing or not to be written to.
-    """
+    """Write a figure as .png (150 dpi), .pdf or .svg, whole or not at all."""
     check_kind(path)
     kind = Path(path).suffix[1:].lower() or "png"
     write_whole(Path(path), figure_bytes(figure, kind), SettingsError)

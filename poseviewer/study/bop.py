@@ -132,11 +132,7 @@ class BopTask:
         }
 
     def run(self) -> BopTrial:
-        """Fit from the estimate.
-
-        Raises:
-            PoseViewerError: photo or model cannot be read.
-        """
+        """Fit from the estimate."""
         (model, renderer), photo = open_model(self.mesh), open_photo(self.photo)
         camera = replace(self.camera, width=photo.width, height=photo.height)
         start, truth = Pose(camera, self.estimate.place), Pose(camera, self.truth)

@@ -130,10 +130,6 @@ def make_photos(
     """``count`` photos in ``folder``; those that are there already are taken from it.
 
     Views, lights and backgrounds are random, the same for the same seed.
-
-    Raises:
-        RendererUnavailableError: there are photos to be drawn, and no OpenGL, or no Blender.
-        PhotoFileError: the folder cannot be written to.
     """
     for index in range(count):
         photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
@@ -238,11 +234,7 @@ def _random_rotation(keypoints: VehicleKeypoints, random: np.random.Generator) -
 
 
 def load_backgrounds(folder: Path | None) -> Sequence[NDArray[np.uint8]]:
-    """(h, w, 3) RGB each: the photos of a folder by name, or the bundled one without its car.
-
-    Raises:
-        PhotoFileError: there is no photo in the folder, or one cannot be read.
-    """
+    """(h, w, 3) RGB each: the photos of a folder by name, or the bundled one without its car."""
     if folder is None:
         return [_demo_without_its_car()]
     return [_load_rgb8(path) for path in background_files(folder)]

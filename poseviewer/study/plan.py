@@ -106,11 +106,7 @@ class StudyPlan:
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in names]
 
     def about(self) -> dict[str, Any]:
-        """What all rows of a folder have in common.
-
-        Raises:
-            PoseViewerError: one of the files is not there.
-        """
+        """What all rows of a folder have in common."""
         backgrounds = background_files(self.backgrounds) if self.backgrounds else []
         return {
             "study": "deviations",
@@ -155,11 +151,7 @@ class RealPlan(FreeBodyPlan):
     """Whether the true poses of the other cases of each photo are given."""
 
     def about(self) -> dict[str, Any]:
-        """What all rows of a folder have in common.
-
-        Raises:
-            PoseFileError: the folder does not hold cases and starts.
-        """
+        """What all rows of a folder have in common."""
         return {
             "study": "real, among others" if self.among_others else "real",
             "cases": _fingerprint(self.folder / CASES),

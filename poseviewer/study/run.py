@@ -50,22 +50,14 @@ class Run(Generic[AnyTrial]):
     """Of photos with known poses: the line of the report that a case belongs to."""
 
     def trials(self, jobs: int) -> Iterator[AnyTrial]:
-        """Run what is left; each row is in the file when it comes.
-
-        Raises:
-            PoseViewerError: a file cannot be read or written.
-        """
+        """Run what is left; each row is in the file when it comes."""
         for row in run_all(self.left, jobs):
             self.table.append(row)
             yield row
 
 
 def open_study(plan: StudyPlan | RealPlan | BopPlan, tell: Callable[[str], None]) -> Run[Any]:
-    """Make the photos, or find them made, or read cases and starts; see which trials are left.
-
-    Raises:
-        PoseViewerError: a file cannot be read or written, or there is nothing to draw photos with.
-    """
+    """Make the photos, or find them made, or read cases and starts; see which trials are left."""
     about, targets = plan.about(), 0
     tasks: Sequence[AnyTask] = []
     if isinstance(plan, RealPlan):
@@ -91,11 +83,7 @@ def open_study(plan: StudyPlan | RealPlan | BopPlan, tell: Callable[[str], None]
 
 
 def write_report(run: Run[Any]) -> Table:
-    """Write the summary of all rows in the folder, and their figure; the table, for a terminal.
-
-    Raises:
-        SettingsError: they cannot be written.
-    """
+    """Write the summary of all rows in the folder, and their figure; the table, for a terminal."""
     rows = run.table.rows
     words = f"{len(rows):,} trials; `{TRIALS}` has them all."
     if isinstance(rows[0], BopTrial):

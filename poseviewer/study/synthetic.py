@@ -111,9 +111,6 @@ class Photographer:
 
         Both in [0, 1]. What is ``diffuse`` is ``reflectance (ambient + sum of intensity
         max(0, n.l))``, clamped, in display-encoded values.
-
-        Raises:
-            RendererUnavailableError: no OpenGL on this machine.
         """
         camera = pose.camera
         rgba = self._draw(pose.scaled(supersampling), lighting, shadows)

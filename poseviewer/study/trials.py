@@ -136,11 +136,7 @@ class Task:
         return make_seed(self.study_seed, *where)
 
     def run(self) -> Trial:
-        """Draw the start, fit, and see how far it is from the truth.
-
-        Raises:
-            PoseViewerError: a file cannot be read, or no start of this deviation is a pose.
-        """
+        """Draw the start, fit, and see how far it is from the truth."""
         photo = self.photo
         model, renderer = open_model(photo.model)
         keypoints = model.keypoints
@@ -197,11 +193,7 @@ class RealTask:
         }
 
     def open(self) -> tuple[Registration, Renderer]:
-        """Photo, model and start, and a renderer of the model.
-
-        Raises:
-            PoseViewerError: photo or model cannot be read.
-        """
+        """Photo, model and start, and a renderer of the model."""
         model, renderer = open_model(self.case.mesh)
         start = Pose(self.case.truth.camera, self.start.camera_from_model)
         named = (open_photo(self.case.photo), model.mesh, model.name, "", None, start, ())
@@ -211,9 +203,6 @@ class RealTask:
     def run(self) -> RealTrial:
         """Fit from the start. The free-body chart is used throughout: starts are off in rotation
         and place, and most models are no vehicles.
-
-        Raises:
-            PoseViewerError: photo or model cannot be read.
         """
         registration, renderer = self.open()
         return RealTrial(
@@ -234,10 +223,6 @@ def real_tasks(
 ) -> list[RealTask]:
     """The trials of all cases that match the pattern, case by case; ``among_others``: each is given
     the true poses of all other cases of its photo.
-
-    Raises:
-        PoseFileError: the folder does not hold cases and starts.
-        SettingsError: there is no such case, or no such start.
     """
     starts = load_starts(folder, degrees, draws)
     of_photo: dict[Path, list[RealCase]] = defaultdict(list)

@@ -74,32 +74,20 @@ class CyclesPhotographer:
     def photograph(
         self, pose: Pose, scene: Surroundings, quality: PhotoQuality, samples: int = SAMPLES
     ) -> NDArray[np.uint8]:
-        """(h, w, 3) RGB.
-
-        Raises:
-            RendererUnavailableError: there is no Blender.
-        """
+        """(h, w, 3) RGB."""
         picture = _run(*self._job(pose, scene, samples))
         behind = linear_from_srgb(np.asarray(scene.behind))
         light = scene.exposure * picture[..., :3] + (1.0 - picture[..., 3:]) * behind
         return as_photographed(srgb_from_linear(_compressed(light)), quality, scene.seed)
 
     def silhouette(self, pose: Pose, samples: int = 16) -> NDArray[np.float32]:
-        """(h, w): the share of each pixel that the vehicle covers, in [0, 1].
-
-        Raises:
-            RendererUnavailableError: there is no Blender.
-        """
+        """(h, w): the share of each pixel that the vehicle covers, in [0, 1]."""
         return _run(*self._job(pose, None, samples))[..., 3]
 
     def fingerprint(
         self, pose: Pose, scene: Surroundings, quality: PhotoQuality, samples: int = SAMPLES
     ) -> str:
-        """The same for what gives the same photo: model, pose, scene, Blender, and this code.
-
-        Raises:
-            RendererUnavailableError: there is no Blender.
-        """
+        """The same for what gives the same photo: model, pose, scene, Blender, and this code."""
         job, arrays = self._job(pose, scene, samples)
         sources = (path.read_text("utf-8") for path in (Path(__file__), SCRIPT))
         digest = hashlib.sha256(json.dumps(job, sort_keys=True).encode())
@@ -147,12 +135,7 @@ class CyclesPhotographer:
 def draw_traced(
     photographer: CyclesPhotographer, pose: Pose, scene: Surroundings, tell: Callable[[str], None]
 ) -> NDArray[np.uint8]:
-    """The photo, (h, w, 3) RGB: from the cache, if one like it was drawn before.
-
-    Raises:
-        RendererUnavailableError: there is no Blender.
-        PoseViewerError: the cache cannot be written to.
-    """
+    """The photo, (h, w, 3) RGB: from the cache, if one like it was drawn before."""
     folder = state_folder() / CACHE
     make_folder(folder, PhotoFileError)
     path = folder / f"{photographer.fingerprint(pose, scene, QUALITY)}.png"
