@@ -406,8 +406,32 @@ class Case:
         )
 
 
+class _Searched:
+    """What the end of a search says of a pose."""
+
+    __slots__ = ()
+    progress: FitProgress | None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is what an interrupted search had found so far."""
+        return self.progress is not None and self.progress.status is Status.STOPPED
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether the pose is right, and why; None for a pose that was not searched for."""
+        return None if self.progress is None else self.progress.verdict
+
+    @property
+    def covariance(self) -> PoseCovariance | None:
+        """How sure the pose is, if it is right; None for a pose that was not searched for, or is
+        lost. Of a set: in the first photo, by all photos.
+        """
+        return None if self.verdict is None else self.verdict.covariance
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class FitResult:
+class FitResult(_Searched):
     """A pose of a case, and how good it is."""
 
     case: Case
@@ -445,23 +469,6 @@ class FitResult:
     def status(self) -> str:
         """How the search ended, in a sentence."""
         return "Not searched." if self.progress is None else self.progress.status.value
-
-    @property
-    def stopped(self) -> bool:
-        """Whether it is what an interrupted search had found so far."""
-        return self.progress is not None and self.progress.status is Status.STOPPED
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """Whether the pose is right, and why; None for a pose that was not searched for."""
-        return None if self.progress is None else self.progress.verdict
-
-    @property
-    def covariance(self) -> PoseCovariance | None:
-        """How sure the pose is, if it is right; None for a pose that was not searched for, or is
-        lost.
-        """
-        return None if self.verdict is None else self.verdict.covariance
 
     @property
     def hidden(self) -> NDArray[np.bool_] | None:
@@ -659,11 +666,8 @@ class SceneCase:
         return search_together(models, judge_end, threads)
 
     def _chosen(self, object_id: str | None) -> list[int]:
-        return (
-            [*range(len(self.registrations))]
-            if object_id is None
-            else [self.scene.index(object_id)]
-        )
+        every = range(len(self.registrations))
+        return [*every] if object_id is None else [self.scene.index(object_id)]
 
     def fit(
         self,
@@ -811,7 +815,7 @@ class SetCase:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetResult:
+class SetResult(_Searched):
     """A pose in all photos of a set, and how good it is."""
 
     case: SetCase
@@ -866,11 +870,6 @@ class SetResult:
         return self.case.whole.problem.scale.unexplained(self.loss)
 
     @property
-    def verdict(self) -> Verdict | None:
-        """Whether the pose is right, by all photos; None for a pose that was not searched for."""
-        return None if self.progress is None else self.progress.verdict
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """What the user of the pose should know: which photo goes least with the others, where
         they do not all say that it is right.
@@ -883,16 +882,6 @@ class SetResult:
             f"{self.case.names[worst]} goes least with the others: something may hide the model "
             "there, or its camera contradict theirs.",
         )
-
-    @property
-    def covariance(self) -> PoseCovariance | None:
-        """How sure the pose in the first photo is, by all photos."""
-        return None if self.verdict is None else self.verdict.covariance
-
-    @property
-    def stopped(self) -> bool:
-        """Whether it is what an interrupted search had found so far."""
-        return self.progress is not None and self.progress.status is Status.STOPPED
 
     @property
     def size(self) -> float:

@@ -9,6 +9,7 @@ import ast
 import inspect
 import re
 import textwrap
+from collections import ChainMap
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -82,7 +83,8 @@ def _entry(thing: Any) -> str:
 def _class(thing: type) -> str:
     text = f"\n### `{thing.__name__}`\n\n{_doc(thing)}"
     text += "".join(f"- {row}\n" for row in _fields(thing))
-    for name, value in vars(thing).items():
+    shared = [dict(vars(base)) for base in thing.__bases__ if base.__module__ == thing.__module__]
+    for name, value in ChainMap(dict(vars(thing)), *shared).items():
         found = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         if name.startswith("_"):
             continue
