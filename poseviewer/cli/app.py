@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from poseviewer.cli.options import (
     calibration_of,
     choice_of,
     option,
+    refuse_beside,
     refuse_views,
 )
 from poseviewer.cli.terminal import say
@@ -91,11 +92,12 @@ def _answer(path: Path, question: Question) -> str:
             return question.options[int(answer) - 1]
 
 
-def _opening_set(options: Namespace) -> Callable[[], tuple[Opened, None]]:
+SAID_BY_SET = ("last", "mask", "calibration")
+
+
+def _opening_set(options: Namespace) -> Callable[[], Opened]:
     """What opens a set of photos."""
-    for name in ("last", "mask", "calibration"):
-        if getattr(options, name):
-            raise SettingsError(f"--{name} with --views, which says it itself; leave it out")
+    refuse_beside(options, "--views", SAID_BY_SET)
     model, pose = options.photo, options.pose
     if model is None or options.model is not None:
         raise SettingsError("--views SET wants MODEL alone: the set says the photos")
@@ -105,37 +107,16 @@ def _opening_set(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     if not options.views.exists():
         raise SettingsError(f"{options.views}: no such file or folder; check the path")
 
-    def open_first() -> tuple[Opened, None]:
-        from poseviewer.app.workers.opening import by_method, open_set
+    def open_first() -> Opened:
+        from poseviewer.app.workers.opening import open_set
 
-        choice, without = choice_of(options), options.without or ()
-        given = choice, options.view, options.scale, without
-        opened = open_set(options.views, model, pose, *given)
-        return by_method(opened, options.method or "default"), None
+        given = choice_of(options), options.view, options.scale, options.without or ()
+        return open_set(options.views, model, pose, *given)
 
     return open_first
 
 
-def _opening_chosen_set(
-    options: Namespace, chosen: Chosen, model: Path
-) -> Callable[[], tuple[Opened, None]]:
-    """What opens a set of photos that was found in a folder."""
-    for name in ("last", "mask", "calibration"):
-        if getattr(options, name):
-            raise SettingsError(f"--{name} with a set of photos, which says it; leave it out")
-    if options.pose is not None:
-        chosen = replace(chosen, pose=options.pose)
-
-    def open_first() -> tuple[Opened, None]:
-        from poseviewer.app.workers.opening import by_method, open_chosen_set
-
-        opened = open_chosen_set(chosen, model, options.without or ())
-        return by_method(opened, options.method or "default"), None
-
-    return open_first
-
-
-def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
+def _opening(options: Namespace) -> Callable[[], Opened]:
     """What opens all that is named otherwise, or the demo."""
     photo, model, pose, scene = options.photo, options.model, options.pose, False
     refuse_views(options)
@@ -158,7 +139,9 @@ def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     if photo is not None and _is_set(photo):
         (model, *more), objects, chosen = _chosen_of(photo, model)
         if chosen.views is not None:
-            return _opening_chosen_set(options, chosen, model)
+            refuse_beside(options, "a set of photos", SAID_BY_SET)
+            of_set, chosen_model = replace(chosen, pose=pose or chosen.pose), model
+            return lambda: _open_chosen_set(of_set, chosen_model, options.without or ())
         photo, others = chosen.photo, [*others, *more]
         pose, place = pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
@@ -166,12 +149,7 @@ def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
         if not path.is_file():  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
 
-    def open_first() -> tuple[Opened, None]:
-        from poseviewer.app.workers.opening import by_method
-
-        return by_method(opened(), options.method or "default"), None
-
-    def opened() -> Opened:
+    def open_first() -> Opened:
         from poseviewer.app.workers.opening import open_files, open_scene, placed
         from poseviewer.files.demo import demo_case
         from poseviewer.files.state.folder import last_pose
@@ -189,13 +167,24 @@ def _opening(options: Namespace) -> Callable[[], tuple[Opened, None]]:
     return open_first
 
 
+def _open_chosen_set(chosen: Chosen, model: Path, without: Sequence[str]) -> Opened:
+    from poseviewer.app.workers.opening import open_chosen_set
+
+    return open_chosen_set(chosen, model, without)
+
+
 def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
     open_first = (_opening if options.views is None else _opening_set)(options)
     from poseviewer.app.serving import serve_app
 
+    def opened() -> tuple[Opened, None]:
+        from poseviewer.app.workers.opening import by_method
+
+        return by_method(open_first(), options.method or "default"), None
+
     serve_app(
-        open_first,
+        opened,
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

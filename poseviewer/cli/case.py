@@ -6,10 +6,12 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from poseviewer.api import (
     Case,
     FitResult,
+    FitSettings,
     SceneCase,
     SetCase,
     SetResult,
@@ -17,7 +19,13 @@ from poseviewer.api import (
     load_scene,
     load_views,
 )
-from poseviewer.cli.options import calibration_of, choice_of, refuse_views, settings_of
+from poseviewer.cli.options import (
+    calibration_of,
+    choice_of,
+    refuse_beside,
+    refuse_views,
+    settings_of,
+)
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, load_wheels
@@ -29,6 +37,8 @@ from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import Start, StartCamera, StartInputs
 from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
+
+AnyCase = TypeVar("AnyCase", Case, SceneCase, SetCase)
 
 
 def open_case(options: Namespace) -> Case:
@@ -45,8 +55,7 @@ def open_case(options: Namespace) -> Case:
         raise SettingsError("--object without --scene; leave it out, or name a scene")
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
-    if settings.renderer != "opengl":
-        tell_of_compiling()
+    _tell_of_compiling(settings)
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:
@@ -62,10 +71,7 @@ def open_case(options: Namespace) -> Case:
             symmetry=given.get("symmetry"),
             watch=bar.update,
         )
-    if not options.quiet:
-        for note in case.notes:
-            tell(f"note: {note}")
-    return case
+    return _noted(case, options)
 
 
 def open_scene(options: Namespace) -> SceneCase:
@@ -75,17 +81,10 @@ def open_scene(options: Namespace) -> SceneCase:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
     settings = settings_of(options)
-    for name in ("photo", "mask", "calibration", "box", "focal", "symmetry"):
-        if vars(options).get(name):
-            called = name.upper() if name == "photo" else f"--{name}"
-            raise SettingsError(f"{called} with --scene, which says it itself; leave it out")
-    if settings.renderer != "opengl":
-        tell_of_compiling()
-    scene = load_scene(options.scene, settings)
-    if not options.quiet:
-        for note in scene.notes:
-            tell(f"note: {note}")
-    return scene
+    given = ("photo", "mask", "calibration", "box", "focal", "symmetry")
+    refuse_beside(options, "--scene", given)
+    _tell_of_compiling(settings)
+    return _noted(load_scene(options.scene, settings), options)
 
 
 def open_views(options: Namespace) -> SetCase:
@@ -95,16 +94,13 @@ def open_views(options: Namespace) -> SetCase:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
     settings = settings_of(options)
-    for name in ("scene", "object", "mask", "calibration", "box", "focal"):
-        if vars(options).get(name):
-            raise SettingsError(f"--{name} with --views, which says it itself; leave it out")
+    refuse_beside(options, "--views", ("scene", "object", "mask", "calibration", "box", "focal"))
     if options.pose is None:
         raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
     if options.model is not None or options.photo is None:
         raise SettingsError("--views SET wants MODEL alone: the set says the photos")
-    if settings.renderer != "opengl":
-        tell_of_compiling()
-    found = load_views(
+    _tell_of_compiling(settings)
+    case = load_views(
         options.views,
         options.photo,
         options.pose,
@@ -114,10 +110,19 @@ def open_views(options: Namespace) -> SetCase:
         choice=choice_of(options),
         symmetry=vars(options).get("symmetry"),
     )
-    if not options.quiet:
-        for note in found.notes:
-            tell(f"note: {note}")
-    return found
+    return _noted(case, options)
+
+
+def _tell_of_compiling(settings: FitSettings) -> None:
+    if settings.renderer != "opengl":
+        tell_of_compiling()
+
+
+def _noted(case: AnyCase, options: Namespace) -> AnyCase:
+    """The same, once its notes are told."""
+    for note in () if options.quiet else case.notes:
+        tell(f"note: {note}")
+    return case
 
 
 def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -229,6 +229,16 @@ def refuse_views(options: Namespace) -> None:
         if vars(options).get(name):
             flag = name.replace("_", "-")
             raise SettingsError(f"--{flag} without --views; leave it out, or name a set of photos")
+
+
+def refuse_beside(options: Namespace, flag: str, names: Sequence[str]) -> None:
+    """Raises:
+    SettingsError: one of the options is given, and what the ``flag`` names says it itself.
+    """
+    for name in names:
+        if vars(options).get(name):
+            called = name.upper() if name == "photo" else f"--{name}"
+            raise SettingsError(f"{called} with {flag}, which says it itself; leave it out")
 
 
 def choice_of(options: Namespace) -> SetChoice:
