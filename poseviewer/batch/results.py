@@ -18,7 +18,7 @@ from typing import Any
 
 from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.files.writing import make_folder, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.pose_covariance import PoseCovariance
 
@@ -169,7 +169,7 @@ def as_row_of(job: Job, result: JobResult) -> JobResult:
 
 def save_result(folder: Path, job: Job, result: JobResult) -> None:
     """Keep a result: from here on the job is done."""
-    _save_json(folder / ROWS / f"{job.key}.json", asdict(result), indent=2)
+    write_json(folder / ROWS / f"{job.key}.json", asdict(result), BatchError)
 
 
 def known_results(
@@ -216,7 +216,7 @@ def save_manifest(folder: Path, manifest: Manifest) -> None:
         "settings": settings_as_json(manifest.settings),
         "jobs": [_job_as_json(job) for job in manifest.jobs],
     }
-    _save_json(folder / MANIFEST, data, indent=1)
+    write_json(folder / MANIFEST, data, BatchError, indent=1)
 
 
 def load_manifest(folder: Path) -> Manifest:
@@ -248,8 +248,3 @@ def _job_as_json(job: Job) -> dict[str, Any]:
     data = asdict(job)
     del data["mates"]  # they are rows of their own
     return data
-
-
-def _save_json(path: Path, data: dict[str, Any], indent: int) -> None:
-    text = json.dumps(data, indent=indent, ensure_ascii=False)
-    write_whole(path, (text + "\n").encode(), BatchError)

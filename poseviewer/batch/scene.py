@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections import Counter, defaultdict
@@ -44,7 +43,7 @@ from poseviewer.files.pose import (
     recorded_size,
     save_pose,
 )
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import write_json
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
@@ -187,8 +186,7 @@ def _save_uncertainty(folder: Path, results: Sequence[JobResult]) -> None:
             number = _number(MODEL_NAME, result.model)
             image = str(_number(PHOTO_NAME, result.photo))
             images[image].append(entry and {"obj_id": number, **entry})
-    text = json.dumps(images, indent=1)
-    write_whole(folder / UNCERTAINTY, (text + "\n").encode(), BatchError)
+    write_json(folder / UNCERTAINTY, images, BatchError, indent=1)
 
 
 def _save_annotations(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:

@@ -4,7 +4,6 @@ share a frame: the start is meant for each of them.
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from itertools import zip_longest
@@ -36,7 +35,7 @@ def run(options: Namespace) -> int:
     if options.json:
         require_writable(options.json, SettingsError)
     from poseviewer.confidence.identify import identify
-    from poseviewer.files.writing import write_whole
+    from poseviewer.files.writing import write_json
     from poseviewer.starts.registration import load_registration
 
     settings = settings_of(options)
@@ -59,8 +58,7 @@ def run(options: Namespace) -> int:
     _print_ranking(ranked)
     if options.json:
         pairs = zip_longest(ranked, ranked[1:])
-        text = json.dumps([_as_json(*pair) for pair in pairs], indent=2, allow_nan=False)
-        write_whole(options.json, (text + "\n").encode(), SettingsError)
+        write_json(options.json, [_as_json(*pair) for pair in pairs], SettingsError)
         say(f"json: {options.json}")
     return 0
 

@@ -133,10 +133,7 @@ def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written
             notes.append(f"Image {image} had this very pose already.")
         else:
             of_image.append(entry)
-    make_folder(out)
-    for path, content in zip(paths, (cameras, poses), strict=True):
-        write_whole(path, scene_text(content), PoseFileError)
-    return Written(paths, tuple(notes))
+    return Written(_save_scene(out, cameras, poses), tuple(notes))
 
 
 def _camera_entry(record: PoseRecord) -> dict[str, Any]:
@@ -167,10 +164,7 @@ def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> t
         )
     cameras[str(number)] = camera
     poses[str(number)] = entries
-    make_folder(out)
-    for path, content in zip(paths, (cameras, poses), strict=True):
-        write_whole(path, scene_text(content), PoseFileError)
-    return number, Written(paths)
+    return number, Written(_save_scene(out, cameras, poses))
 
 
 def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -281,8 +275,16 @@ def save_bop_images(
         PoseFileError: the folder cannot be written to.
     """
     entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
-    for name, content in ((CAMERAS, dict(cameras)), (POSES, entries)):
-        write_whole(folder / name, scene_text(content), PoseFileError)
+    _save_scene(folder, dict(cameras), entries)
+
+
+def _save_scene(folder: Path, cameras: SceneFile, poses: SceneFile) -> tuple[Path, Path]:
+    """Write a scene's two files; where they are."""
+    make_folder(folder)
+    paths = folder / CAMERAS, folder / POSES
+    for path, content in zip(paths, (cameras, poses), strict=True):
+        write_whole(path, scene_text(content), PoseFileError)
+    return paths
 
 
 def load_scene_file(path: Path) -> SceneFile:
