@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -82,10 +82,9 @@ LARGEST_NUDGE = 300.0
 """Steps of scale: more would overflow."""
 
 
-class Command(Request):
+class Command(Request, eq=False):
     """A change of the session."""
 
-    __slots__ = ()
     ends_drag = True
     """Whether a drag under way is ended first, or its steps would come in the wrong order."""
     keeps_error = False
@@ -98,24 +97,21 @@ class Command(Request):
         raise NotImplementedError
 
 
-class DragCommand(Command):
+class DragCommand(Command, eq=False):
     """One that leaves a drag under way as it is."""
 
-    __slots__ = ()
     ends_drag = False
 
 
-class WorkerUpdate(DragCommand):
+class WorkerUpdate(DragCommand, eq=False):
     """What a worker has found out."""
 
-    __slots__ = ()
     keeps_error = True
 
 
 # --- the pointer --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class Press(Command):
     """The main button went down at a point of the photo: take hold of what is there, and pick it
     where it is another object; with a marking tool, set a mark where there is none; where the model
@@ -170,7 +166,6 @@ def put(document: Document, pose: Pose) -> Document:
     return document
 
 
-@dataclass(frozen=True, slots=True)
 class DragTo(DragCommand):
     """The pointer moved, the button down: what is held follows, a search ends."""
 
@@ -191,7 +186,6 @@ class DragTo(DragCommand):
         return replace(session, document=document)
 
 
-@dataclass(frozen=True, slots=True)
 class Release(DragCommand):
     """The button went up: the drag as a whole is one undoable step. A model that is nowhere yet
     goes where it was pressed, and into the box that was drawn at once; starts are looked for there.
@@ -219,7 +213,6 @@ class Release(DragCommand):
         return replace(session, document=document, history=history, anchor=document.pose)
 
 
-@dataclass(frozen=True, slots=True)
 class CancelDrag(DragCommand):
     """The drag is to be forgotten: the pose goes back to where it was; proposals are no longer
     looked for.
@@ -231,7 +224,6 @@ class CancelDrag(DragCommand):
         return replace(session, drag=None, before_drag=None, tool="pose", document=document)
 
 
-@dataclass(frozen=True, slots=True)
 class DoublePress(Command):
     """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
 
@@ -263,7 +255,6 @@ class DoublePress(Command):
         return session.with_document(replace(document, pins=(*pins, place)))
 
 
-@dataclass(frozen=True, slots=True)
 class SetTool(Command):
     """What a press does: the pose, the rectangle of the region or about the object, a point pair,
     a wheel's rim, or one of ``hiding``.
@@ -278,7 +269,6 @@ class SetTool(Command):
 # --- the pose -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class Nudge(Command):
     """A small step of the pose, as from a key."""
 
@@ -304,7 +294,6 @@ class Nudge(Command):
         return session.with_pose(pose)
 
 
-@dataclass(frozen=True, slots=True)
 class SetNumber(Command):
     """One parameter of the chart, by its name; what is typed in a row is one undoable step."""
 
@@ -327,8 +316,7 @@ class SetNumber(Command):
         return replace(changed, typed=(self.name, document))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SetPose(Command):
+class SetPose(Command, eq=False):
     """Another pose: a picked point of a map, or a file's."""
 
     pose: Pose
@@ -341,7 +329,6 @@ class SetPose(Command):
         return session.with_pose(self.pose)
 
 
-@dataclass(frozen=True, slots=True)
 class ResetToStart(Command):
     """Back to the start pose."""
 
@@ -353,7 +340,6 @@ class ResetToStart(Command):
         return session.with_document(replace(document, pose=start, views=views))
 
 
-@dataclass(frozen=True, slots=True)
 class MakeStart(Command):
     """The pose at hand becomes the start pose."""
 
@@ -361,7 +347,6 @@ class MakeStart(Command):
         return session.with_document(session.document.started_from(session.document.pose))
 
 
-@dataclass(frozen=True, slots=True)
 class LookFrom(Command):
     """The model as a whole in the middle of the photo, seen from one of its sides."""
 
@@ -372,7 +357,6 @@ class LookFrom(Command):
         return session.with_pose(look_from(self.side, own.mesh, own.keypoints, camera))
 
 
-@dataclass(frozen=True, slots=True)
 class Undo(Command):
     """One step back: of a search, to before it."""
 
@@ -382,7 +366,6 @@ class Undo(Command):
         return session.at(*session.history.undo(session.document))
 
 
-@dataclass(frozen=True, slots=True)
 class Redo(Command):
     """One step on again."""
 
@@ -392,8 +375,7 @@ class Redo(Command):
         return session.at(*session.history.redo(session.document))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Open(Command):
+class Open(Command, eq=False):
     """Another photo, model or both, read and ready."""
 
     document: Document
@@ -412,8 +394,7 @@ class Open(Command):
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Saved(DragCommand):
+class Saved(DragCommand, eq=False):
     """``document``'s poses, and what is compared there, stand in files."""
 
     document: Document
@@ -425,8 +406,7 @@ class Saved(DragCommand):
 # --- settings and camera ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AlterSettings(Command):
+class AlterSettings(Command, eq=False):
     """Some of the settings, as they are by then: what was changed just before stays changed."""
 
     alter: Callable[[FitSettings], FitSettings]
@@ -438,7 +418,6 @@ class AlterSettings(Command):
         return session.with_document(replace(session.document, settings=settings))
 
 
-@dataclass(frozen=True, slots=True)
 class SetMethod(Command):
     """Search by another method; what each compares is kept until it is chosen again."""
 
@@ -453,7 +432,6 @@ class SetMethod(Command):
         return replace(changed, aside=before)
 
 
-@dataclass(frozen=True, slots=True)
 class SetProjection(Command):
     """Perspective or parallel; the model stays where it is and as large."""
 
@@ -468,7 +446,6 @@ class SetProjection(Command):
         return session if seen is pose else session.with_pose(seen)
 
 
-@dataclass(frozen=True, slots=True)
 class SetCamera(Command):
     """Intrinsics in px, as OpenCV has them (pixel centres at integers)."""
 
@@ -483,7 +460,6 @@ class SetCamera(Command):
         return session.with_pose(with_camera(pose, camera, centre))
 
 
-@dataclass(frozen=True, slots=True)
 class SetFieldOfView(Command):
     """Equal focal lengths from the view of the photo's longer side; the centre stays."""
 
@@ -499,7 +475,6 @@ class SetFieldOfView(Command):
 # --- quick starts: marks and proposals ----------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class RemoveMark(Command):
     """Take the last mark of the tool at hand away: half a point pair, or a point of a rim."""
 
@@ -508,7 +483,6 @@ class RemoveMark(Command):
         return session if document is session.document else session.with_document(document)
 
 
-@dataclass(frozen=True, slots=True)
 class ClearMarks(Command):
     """Take all marks of the tool at hand away."""
 
@@ -517,8 +491,7 @@ class ClearMarks(Command):
         return session if document is session.document else session.with_document(document)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LayWheels(Command):
+class LayWheels(Command, eq=False):
     """Ellipses that were found: marks on both rims, and the pose that they give."""
 
     registration: Registration
@@ -540,7 +513,6 @@ class LayWheels(Command):
         return session.with_document(replace(document, marks=marks, pose=self.pose))
 
 
-@dataclass(frozen=True, slots=True)
 class ProposeStarts(Command):
     """Look for start poses, in the rectangle about the object or in the whole photo."""
 
@@ -553,7 +525,6 @@ class ProposeStarts(Command):
         return replace(session, proposals_asked=number, proposals=asked, tool=tool)
 
 
-@dataclass(frozen=True, slots=True)
 class StopProposing(Command):
     """Look for start poses no more."""
 
@@ -562,8 +533,7 @@ class StopProposing(Command):
         return session if asked is None or not asked.running else replace(session, proposals=None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StartsProposed(Command):
+class StartsProposed(Command, eq=False):
     """What came of the ``number``-th asking: poses, the likeliest first."""
 
     number: int
@@ -578,7 +548,6 @@ class StartsProposed(Command):
         return _with_proposal(session, replace(asked, running=False, poses=self.poses), 0)
 
 
-@dataclass(frozen=True, slots=True)
 class ProposingFailed(Command):
     """Why nothing came of the ``number``-th asking."""
 
@@ -591,7 +560,6 @@ class ProposingFailed(Command):
         return replace(session, proposals=None).with_error(self.reason)
 
 
-@dataclass(frozen=True, slots=True)
 class StepProposals(Command):
     """Show another proposal: ``by`` places on, round and round."""
 
@@ -604,7 +572,6 @@ class StepProposals(Command):
         return _with_proposal(session, asked, (asked.index + self.by) % len(asked.poses))
 
 
-@dataclass(frozen=True, slots=True)
 class TakeProposal(Command):
     """The proposal that is shown becomes the start pose."""
 
@@ -633,7 +600,6 @@ def _shows_proposal(session: Session, asked: ProposedStarts) -> bool:
 # --- searches and maps --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class StartSearch(Command):
     """Search from the pose at hand: among others, until what these hide no longer changes."""
 
@@ -645,7 +611,6 @@ class StartSearch(Command):
         return _searching(session, document.pose, (document.settings,), objects)
 
 
-@dataclass(frozen=True, slots=True)
 class SearchAll(Command):
     """Search for all objects in turn, each from the pose at hand, until none improves; those that
     are locked stay where they are.
@@ -664,7 +629,6 @@ class SearchAll(Command):
         return _searching(session, document.pose, (document.settings,), free)
 
 
-@dataclass(frozen=True, slots=True)
 class CompareMethods(Command):
     """Search from the start pose by both methods, by the one that is chosen last."""
 
@@ -701,7 +665,6 @@ def _searching(
     )
 
 
-@dataclass(frozen=True, slots=True)
 class TakeEnd(Command):
     """Where a method of the last comparison ended, as if it alone had been searched by."""
 
@@ -720,7 +683,6 @@ class TakeEnd(Command):
         return replace(taken, search=ended, anchor=start)
 
 
-@dataclass(frozen=True, slots=True)
 class StopSearch(Command):
     """Stop; the best pose so far is kept. One that has not begun is as if never asked for."""
 
@@ -732,7 +694,6 @@ class StopSearch(Command):
         return replace(session, search=replace(session.search, running=False))
 
 
-@dataclass(frozen=True, slots=True)
 class AcceptSearch(Command):
     """Keep what the search found, and put the search away."""
 
@@ -740,7 +701,6 @@ class AcceptSearch(Command):
         return replace(session, search=None, proposals=None, anchor=session.document.pose)
 
 
-@dataclass(frozen=True, slots=True)
 class RevertSearch(Command):
     """Back to the pose before the search; one that runs is stopped."""
 
@@ -750,8 +710,7 @@ class RevertSearch(Command):
         return session if session.search is None else Undo()(session)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchAdvanced(WorkerUpdate):
+class SearchAdvanced(WorkerUpdate, eq=False):
     """A worker's update of search ``number``."""
 
     number: int
@@ -789,8 +748,7 @@ def found_at(document: Document, update: SearchUpdate, is_over: bool) -> Documen
     return found if is_in_sight(found) else found.looking_at(index)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchFailed(DragCommand):
+class SearchFailed(DragCommand, eq=False):
     """Search ``number`` could not be run."""
 
     number: int
@@ -802,8 +760,7 @@ class SearchFailed(DragCommand):
         return RevertSearch()(session).with_error(self.reason)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparationAdvanced(WorkerUpdate):
+class PreparationAdvanced(WorkerUpdate, eq=False):
     """What is still made ready by now (None: nothing more), or why it cannot be."""
 
     preparation: Preparation | None
@@ -816,8 +773,7 @@ class PreparationAdvanced(WorkerUpdate):
         return replace(session, preparation=self.preparation)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LandscapeAdvanced(WorkerUpdate):
+class LandscapeAdvanced(WorkerUpdate, eq=False):
     """A worker's update of the maps, for each loss that is shown."""
 
     update: tuple[LandscapeUpdate, ...]
@@ -826,7 +782,6 @@ class LandscapeAdvanced(WorkerUpdate):
         return replace(session, landscapes=self.update)
 
 
-@dataclass(frozen=True, slots=True)
 class PickInLandscape(Command):
     """A point (u, v) of a map, in [0, 1] from its lower left corner: the pose goes there."""
 
@@ -864,8 +819,7 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 # --- which model is it --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AddCandidate(Command):
+class AddCandidate(Command, eq=False):
     """One more model that the photo may show, read and ready."""
 
     candidate: CandidateModel
@@ -875,7 +829,6 @@ class AddCandidate(Command):
         return replace(session, candidates=candidates.with_candidate(self.candidate))
 
 
-@dataclass(frozen=True, slots=True)
 class DropCandidate(Command):
     """Take a model away, by its place among them."""
 
@@ -890,7 +843,6 @@ class DropCandidate(Command):
         return replace(session, candidates=replace(candidates, models=kept))
 
 
-@dataclass(frozen=True, slots=True)
 class ShowCandidate(Command):
     """A model comes to hand, at the pose that was found for it, if any. One undoable step, unless
     the last one was of this kind: then one step back leads to before all of them.
@@ -908,7 +860,6 @@ class ShowCandidate(Command):
         return replace(session, candidates=replace(candidates, shown=document))
 
 
-@dataclass(frozen=True, slots=True)
 class Identify(Command):
     """Fit all models from the pose at hand, and rank them."""
 
@@ -923,7 +874,6 @@ class Identify(Command):
         return replace(session, search=None, comparisons=asked.number, candidates=candidates)
 
 
-@dataclass(frozen=True, slots=True)
 class StopIdentifying(Command):
     """Leave it at the models that are fitted; with none of them, nothing is left."""
 
@@ -936,8 +886,7 @@ class StopIdentifying(Command):
         return replace(session, candidates=replace(session.candidates, comparison=stopped))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IdentificationAdvanced(WorkerUpdate):
+class IdentificationAdvanced(WorkerUpdate, eq=False):
     """A worker's update of comparison ``number``; at the end the likeliest model is shown, unless
     something else was done meanwhile.
     """
@@ -961,8 +910,7 @@ class IdentificationAdvanced(WorkerUpdate):
         return ShowCandidate(session.candidates.rows(document)[0].index)(session)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IdentificationFailed(DragCommand):
+class IdentificationFailed(DragCommand, eq=False):
     """Comparison ``number`` could not go on."""
 
     number: int
@@ -979,7 +927,6 @@ class IdentificationFailed(DragCommand):
 # --- how it is looked at ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class ChangeView(DragCommand):
     """How the model is shown; None leaves as it is."""
 
@@ -999,7 +946,6 @@ class ChangeView(DragCommand):
         return replace(session, look=replace(session.look, **changes))
 
 
-@dataclass(frozen=True, slots=True)
 class ChangeLandscape(DragCommand):
     """How the maps are drawn; None leaves as it is."""
 
@@ -1019,8 +965,7 @@ class ChangeLandscape(DragCommand):
         return replace(session, maps=replace(session.maps, **changes))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OverlayDrawn(WorkerUpdate):
+class OverlayDrawn(WorkerUpdate, eq=False):
     """A worker has drawn the model; until its loss is known, that of the last drawing is shown."""
 
     overlay: Overlay
@@ -1033,8 +978,7 @@ class OverlayDrawn(WorkerUpdate):
         return replace(session, overlay=new)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LossComputed(WorkerUpdate):
+class LossComputed(WorkerUpdate, eq=False):
     """A worker knows the loss of a pose that is, or a moment ago was, drawn."""
 
     overlay: Overlay

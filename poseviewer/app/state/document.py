@@ -402,6 +402,12 @@ class Document(SceneObject):
             views = replace(views, own=tuple(replace(one, end=None) for one in views.own))
         return replace(self, end=None, views=views)
 
+    def compared_by(self, **changes: Any) -> Document:
+        """With another mask, mesh or symmetry of the picked object, by the fields of its
+        registration; what searches said was said of the ones before.
+        """
+        return replace(self.unsearched, registration=replace(self.registration, **changes))
+
     def with_poses(self, poses: Mapping[int, Pose], ends: Mapping[int, SearchEnd]) -> Document:
         """The same with its objects at other poses, by their numbers, and what was found there."""
 

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from poseviewer.api import FitResult
 from poseviewer.app.state.commands import Command
-from poseviewer.app.state.document import Document
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
 from poseviewer.starts.placing import surface_hit
 
@@ -63,15 +61,13 @@ class Stroke:
         return canvas > 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Grow(Request):
+class Grow(Request, eq=False):
     """Hide the thing that was scribbled on, to its edge."""
 
     stroke: Stroke
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Paint(Command):
+class Paint(Command, eq=False):
     """Hide what a stroke covers, or bring it back."""
 
     stroke: Stroke
@@ -81,8 +77,7 @@ class Paint(Command):
         return _painted(session, self.stroke.covers(photo.width, photo.height), self.stroke.erase)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PaintFound(Command):
+class PaintFound(Command, eq=False):
     """Hide pixels that were found for a photo, or bring them back."""
 
     photo: Photo
@@ -96,17 +91,15 @@ class PaintFound(Command):
         return _painted(session, self.where, self.erase)
 
 
-@dataclass(frozen=True, slots=True)
 class Unhide(Command):
     """All pixels count again."""
 
     def __call__(self, session: Session) -> Session:
         if session.document.registration.mask is None:
             return session
-        return session.with_document(with_mask(session.document, None))
+        return session.with_document(session.document.compared_by(mask=None))
 
 
-@dataclass(frozen=True, slots=True)
 class Erase(Command):
     """Whether strokes bring back what they cover."""
 
@@ -116,7 +109,6 @@ class Erase(Command):
         return replace(session, erasing=self.on)
 
 
-@dataclass(frozen=True, slots=True)
 class LeaveOut(Command):
     """The part of the model that is seen at a point of the photo is not compared and not drawn."""
 
@@ -130,10 +122,11 @@ class LeaveOut(Command):
         if found is None:
             raise QuickStartError("There is no model there; press on the part to be left out.")
         part = mesh.part_names[mesh.face_part[found[0]]]
-        return session.with_document(_with_mesh(document, mesh.without([*mesh.left_out, part])))
+        return session.with_document(
+            document.compared_by(mesh=mesh.without([*mesh.left_out, part]))
+        )
 
 
-@dataclass(frozen=True, slots=True)
 class BringBack(Command):
     """A part that was left out, by its place among them."""
 
@@ -144,10 +137,9 @@ class BringBack(Command):
         if not 0 <= self.index < len(mesh.left_out):
             return session
         left = [name for i, name in enumerate(mesh.left_out) if i != self.index]
-        return session.with_document(_with_mesh(session.document, mesh.without(left)))
+        return session.with_document(session.document.compared_by(mesh=mesh.without(left)))
 
 
-@dataclass(frozen=True, slots=True)
 class TakeFound(Command):
     """What the search took for something in front is hidden from now on, to be corrected."""
 
@@ -181,22 +173,11 @@ def compared_mask(session: Session) -> Mask | None:
     return Mask.of(~found if mask is None else mask.weights * ~found)
 
 
-def with_mask(document: Document, mask: Mask | None) -> Document:
-    """The document with another mask."""
-    registration = replace(document.registration, mask=mask)
-    return replace(document.unsearched, registration=registration)
-
-
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
     photo, mask = session.document.registration.photo, session.document.registration.mask
     before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
     weights = np.where(where, np.float32(erase), before)
     if not np.array_equal(weights, before):
         mask = None if np.all(weights == 1.0) else Mask.of(weights)
-        session = session.with_document(with_mask(session.document, mask))
+        session = session.with_document(session.document.compared_by(mask=mask))
     return replace(session, strokes=session.strokes + 1)
-
-
-def _with_mesh(document: Document, mesh: Mesh) -> Document:
-    registration = replace(document.registration, mesh=mesh)
-    return replace(document.unsearched, registration=registration)

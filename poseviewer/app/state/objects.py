@@ -4,7 +4,7 @@ symmetry: which is picked, or large; one more, one less; which poses are one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from poseviewer.app.state.candidates import CandidateModel, at_hand, with_mesh
 from poseviewer.app.state.commands import Command, WorkerUpdate
@@ -27,7 +27,6 @@ ASIDE = 1.2
 """Of its radius: so far beside an object its double is put."""
 
 
-@dataclass(frozen=True, slots=True)
 class PickObject(Command):
     """All that follows is about another object. No step: undo leads to what was done before."""
 
@@ -37,8 +36,7 @@ class PickObject(Command):
         return session.picking(self.number)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AddObject(Command):
+class AddObject(Command, eq=False):
     """One more object of a model that is ready, picked, and to be put where the photo has it; None:
     of the picked one's model.
     """
@@ -55,7 +53,6 @@ class AddObject(Command):
         return _with(session, SceneObject(own, pose, settings, model_path=one.path))
 
 
-@dataclass(frozen=True, slots=True)
 class DuplicateObject(Command):
     """An object once more, beside itself, and picked."""
 
@@ -86,7 +83,6 @@ def _with(session: Session, new: SceneObject) -> Session:
     return replace(added, tool="pose", look=replace(added.look, hidden=False))
 
 
-@dataclass(frozen=True, slots=True)
 class RemoveObject(Command):
     """One of several objects goes."""
 
@@ -101,7 +97,6 @@ class RemoveObject(Command):
         return session.with_document(document.without(self.number))
 
 
-@dataclass(frozen=True, slots=True)
 class AlterObject(Command):
     """Hide or show, lock or unlock, or rename an object; None leaves as it is."""
 
@@ -127,8 +122,7 @@ class AlterObject(Command):
         return altered if name is None else replace(altered, typed=(what, document))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OutlinesDrawn(WorkerUpdate):
+class OutlinesDrawn(WorkerUpdate, eq=False):
     """A worker has drawn the objects that are not picked."""
 
     outlines: Outlines
@@ -137,7 +131,6 @@ class OutlinesDrawn(WorkerUpdate):
         return replace(session, outlines=self.outlines)
 
 
-@dataclass(frozen=True, slots=True)
 class LookAt(Command):
     """Another photo of the set is the large one. No step: undo leads to what was done before; a
     search goes on.
@@ -149,7 +142,6 @@ class LookAt(Command):
         return session.looking_at(self.index)
 
 
-@dataclass(frozen=True, slots=True)
 class ComparePhoto(Command):
     """Compare a photo of the set, or leave it out."""
 
@@ -175,8 +167,7 @@ class ComparePhoto(Command):
         return session.with_document(replace(document, views=views))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StripDrawn(WorkerUpdate):
+class StripDrawn(WorkerUpdate, eq=False):
     """A worker has drawn the model in all photos of the set."""
 
     strip: Strip
@@ -185,13 +176,11 @@ class StripDrawn(WorkerUpdate):
         return replace(session, strip=self.strip)
 
 
-@dataclass(frozen=True, slots=True)
 class FindSymmetry(Request):
     """Use what a file says of the model's symmetry, or what its surface has."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UseSymmetry(Command):
+class UseSymmetry(Command, eq=False):
     """Use a symmetry that was found for a model."""
 
     mesh: Mesh
@@ -201,17 +190,16 @@ class UseSymmetry(Command):
     def __call__(self, session: Session) -> Session:
         if session.document.registration.mesh.whole is not self.mesh:  # another one by now
             return session
-        return _with_symmetry(session, self.symmetry)
+        return session.with_document(session.document.compared_by(whole_symmetry=self.symmetry))
 
 
-@dataclass(frozen=True, slots=True)
 class DropSymmetry(Command):
     """All poses are told apart."""
 
     def __call__(self, session: Session) -> Session:
         if session.document.registration.whole_symmetry.is_none:
             return session
-        return _with_symmetry(session, NO_SYMMETRY)
+        return session.with_document(session.document.compared_by(whole_symmetry=NO_SYMMETRY))
 
 
 def symmetry_text(own: Registration) -> str:
@@ -221,10 +209,3 @@ def symmetry_text(own: Registration) -> str:
     if own.symmetry.is_none:
         return "with parts left out, all poses are told apart"
     return f"poses are one that differ by {own.symmetry.words}"
-
-
-def _with_symmetry(session: Session, symmetry: Symmetry) -> Session:
-    document = session.document
-    registration = replace(document.registration, whole_symmetry=symmetry)
-    # What a search said of its end was said of other poses.
-    return session.with_document(replace(document.unsearched, registration=registration))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, dataclass_transform
 
 from poseviewer.files.file_set import Kind
 from poseviewer.files.set_questions import Choosing
@@ -13,14 +13,17 @@ Becomes = Literal["at hand", "candidate", "object"]
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
 
+@dataclass_transform(frozen_default=True)
 class Request:
-    """Anything that is asked of the main loop; see ``commands`` for what changes the session."""
+    """Anything that is asked of the main loop; see ``commands`` for what changes the session. Each
+    kind is a frozen dataclass, told from others of its kind by identity with ``eq=False``.
+    """
 
-    __slots__ = ()
+    def __init_subclass__(cls, eq: bool = True) -> None:
+        dataclass(frozen=True, eq=eq)(cls)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Upload(Request):
+class Upload(Request, eq=False):
     """Files that a page sent together."""
 
     kind: Kind | None
@@ -32,8 +35,7 @@ class Upload(Request):
     becomes: Becomes = "at hand"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer(Request):
+class Answer(Request, eq=False):
     """What a user says of files that say nothing themselves."""
 
     choosing: Choosing
@@ -41,7 +43,6 @@ class Answer(Request):
     client: int
 
 
-@dataclass(frozen=True, slots=True)
 class Unfit(Request):
     """A page has a file that cannot be uploaded."""
 
@@ -49,17 +50,14 @@ class Unfit(Request):
     why: str
 
 
-@dataclass(frozen=True, slots=True)
 class SavePose(Request):
     """Write the pose beside the photo."""
 
 
-@dataclass(frozen=True, slots=True)
 class FindWheels(Request):
     """Look for both wheels in the region that is drawn."""
 
 
-@dataclass(frozen=True, slots=True)
 class Download(Request):
     """Send a file to one page."""
 
@@ -67,48 +65,41 @@ class Download(Request):
     client: int
 
 
-@dataclass(frozen=True, slots=True)
 class ShowHelp(Request):
     """Open the panel with the keys on one page."""
 
     client: int
 
 
-@dataclass(frozen=True, slots=True)
 class Restore(Request):
     """Open what an earlier session left behind (or forget it)."""
 
     wanted: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Report(Request):
+class Report(Request, eq=False):
     """What a page's own script reports."""
 
     content: dict[str, Any]
     client: int
 
 
-@dataclass(frozen=True, slots=True)
 class Greet(Request):
     """A page has connected."""
 
     client: int
 
 
-@dataclass(frozen=True, slots=True)
 class UseLastPose(Request):
     """Start from the pose that was saved last."""
 
 
-@dataclass(frozen=True, slots=True)
 class Review(Request):
     """What is to become of the row under review; ``accept`` goes on to the next one."""
 
     what: Literal["next", "previous", "accept", "take back"]
 
 
-@dataclass(frozen=True, slots=True)
 class Annotate(Request):
     """A note on the row of a key."""
 

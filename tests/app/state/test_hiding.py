@@ -96,7 +96,7 @@ def test_strokes_are_undone_and_redone():
 def test_shades_of_a_mask_stay_where_nothing_is_painted():
     session = make_session(PERSPECTIVE)
     shades = Mask.of(np.full((HEIGHT, WIDTH), 0.25))
-    session = replace(session, document=h.with_mask(session.document, shades))
+    session = replace(session, document=session.document.compared_by(mask=shades))
     painted = after(session, brush((40.0, 30.0)))
     assert counts(painted)[30, 40] == 0.0
     assert counts(painted)[100, 100] == 0.25
