@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import poseviewer
-from poseviewer.bench.triangles import subdivide
+from poseviewer.bench.workload import subdivide
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image

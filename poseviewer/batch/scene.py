@@ -1,4 +1,6 @@
-"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
+"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene, with
+masks and annotations.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from poseviewer.batch.annotations import annotate
+import numpy as np
+
 from poseviewer.batch.job import open_model
 from poseviewer.batch.results import JobResult, Manifest, make_folders
 from poseviewer.batch.table import LAST, Job, keyed_together, with_keys
@@ -28,14 +31,18 @@ from poseviewer.files.formats.bop import (
     save_bop_images,
 )
 from poseviewer.files.formats.bop_masks import (
+    COCO,
     INFO,
     MASKS,
     VISIBLE_MASKS,
+    Annotation,
     Info,
+    box_of,
     mask_file,
     save_annotation_files,
     save_masks,
 )
+from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import (
     PoseRecord,
     covariance_as_json,
@@ -43,9 +50,11 @@ from poseviewer.files.pose import (
     recorded_size,
     save_pose,
 )
+from poseviewer.files.scene import SceneRecord
 from poseviewer.files.writing import write_json
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.visibility import depth_image, visibility_of_depths
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.starts.automatic import AUTOMATIC
 
@@ -248,3 +257,38 @@ def _number(pattern: str, path: str) -> int:
     if found is None:
         raise BatchError(f"{Path(path).name}: no BOP number in its name; run the batch again.")
     return int(found[1])
+
+
+def annotate(models: Sequence[PlacedModel]) -> list[Annotation]:
+    """One for each of the models, by one perspective camera. As in BOP, whole silhouettes are
+    counted in a picture of three times the size about the image.
+    """
+    found, depths = [], []
+    for model in models:
+        camera = model.pose.camera
+        assert isinstance(camera, Perspective)  # BOP has no other
+        width, height = camera.width, camera.height
+        around = camera.cropped(-width, -height, 3 * width, 3 * height)
+        wide = replace(model, pose=Pose(around, model.pose.camera_from_model))
+        depths.append(depth_image(model))
+        whole = np.isfinite(depth_image(wide))
+        left, top, *size = box_of(whole)
+        box = [left - width, top - height, *size] if whole.any() else [left, top, *size]
+        found.append((int(whole.sum()), box))
+    seen = visibility_of_depths(depths)
+    return [
+        Annotation(drawn, seen.seen(index), pixels, box)
+        for index, (drawn, (pixels, box)) in enumerate(zip(seen.drawn, found, strict=True))
+    ]
+
+
+def save_image_annotations(folder: Path, image: int, scene: SceneRecord) -> tuple[Path, ...]:
+    """Write masks and annotations of a scene's objects as those of an image that is in the folder
+    of a BOP scene; returns the files of the annotations, which other images share.
+    """
+    meshes = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
+    placed = [PlacedModel(meshes[one.model], one.record.pose) for one in scene.objects]
+    known = {int(name): infos for name, infos in load_scene_file(folder / INFO).items()}
+    known[image] = save_masks(folder, image, annotate(placed))
+    save_annotation_files(folder, known)
+    return folder / INFO, folder / COCO

@@ -104,7 +104,7 @@ def run(options: Namespace) -> int:
 
 def _convert_scene(options: Namespace) -> int:
     """Read or write all objects of a photo at once, and say what was written."""
-    from poseviewer.batch.annotations import save_image_annotations
+    from poseviewer.batch.scene import save_image_annotations
     from poseviewer.files.formats.bop import read_bop_image, write_bop_image
     from poseviewer.files.formats.conversion import refuse_existing
     from poseviewer.files.formats.table import OF_SCENES
@@ -159,7 +159,7 @@ def _others(
     """The pose in the other photos of its set, which lie beside the pose or the photo that is
     named; a number of an image is that of the first, and theirs follow.
     """
-    from poseviewer.files.set_frame import set_frame
+    from poseviewer.files.pose import set_frame
 
     frame, found = set_frame(record), []
     for index, other in enumerate(() if frame is None else frame.others, 1):

@@ -132,8 +132,7 @@ def _print_scene(path: Path) -> None:
 
 
 def _print_pose(path: Path) -> None:
-    from poseviewer.files.pose import load_pose, recorded_size
-    from poseviewer.files.set_frame import set_frame
+    from poseviewer.files.pose import load_pose, recorded_size, set_frame
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 

@@ -18,10 +18,9 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.checks import Reading, checked_camera
+from poseviewer.files.checks import Reading, checked_camera, quiet_libraries
 from poseviewer.files.colmap_model import SUFFIXES as COLMAP_SUFFIXES
 from poseviewer.files.colmap_model import camera_rows, image_rows
-from poseviewer.files.quiet import quiet_libraries
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel

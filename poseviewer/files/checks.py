@@ -1,4 +1,6 @@
-"""Files into checked values: every error names the file, and the field."""
+"""Files into checked values: every error names the file, and the field; the libraries that parse
+files are silent.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ import logging
 import math
 import re
 import stat
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,11 +17,36 @@ from pathlib import Path
 from typing import IO, Any, TypeVar
 
 import numpy as np
+from cv2.utils import logging as cv2_logging
 
 from poseviewer.errors import PoseFileError, PoseViewerError, printable
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.transform import nearest_rotation
+
+SILENT = logging.CRITICAL + 1
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """No warnings and no log lines of trimesh, Pillow and OpenCV inside the ``with`` block.
+
+    What libjpeg itself prints about a slightly damaged JPEG cannot be reached from here.
+    """
+    levels = {logging.getLogger(name): logging.getLogger(name).level for name in ("trimesh", "PIL")}
+    cv2_level = cv2_logging.getLogLevel()
+    cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
+    for logger in levels:
+        logger.setLevel(SILENT)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        cv2_logging.setLogLevel(cv2_level)
+        for logger, level in levels.items():
+            logger.setLevel(level)
+
 
 VERSION = 1
 """Of all our JSON formats."""

@@ -19,8 +19,7 @@ from poseviewer.errors import QuickStartError
 from poseviewer.files.checks import LARGEST_NUMBER, LARGEST_PX, Reading
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.frames import points_from_integer_centres
-from poseviewer.vehicle.ellipses import Ellipse
-from poseviewer.vehicle.wheel_pose import Wheels
+from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")

@@ -19,9 +19,8 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.pose import PoseRecord, distortion_as_json
-from poseviewer.files.quiet import quiet_libraries
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres

@@ -1,30 +1,209 @@
-"""Starts from a vehicle's wheels: their ellipses as given, or looked for in a rectangle.
+"""Starts from a vehicle's wheels: their ellipses as given, or looked for in a rectangle. What is
+looked for is a proposal, not a verdict: it is to be looked at, and other starts are there.
 
-What is looked for is a proposal, not a verdict: it is to be looked at, and other starts are there.
+Matched filters for outlines of ellipses are laid over the picture's edges. At each pixel the edges'
+field is a complex number: its length tells how clear an edge is there, up to 1, and its angle is
+twice the slope's, so that bright on dark and dark on bright are one. The support of an ellipse is
+the mean, along its outline, of how well the field agrees with twice the outline's normal: 1 for a
+clear edge all around, about 0 for texture. All sizes, shapes and tilts are tried at all places of a
+small picture, a convolution each; the best are made better on a larger one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft, ndimage, optimize
 
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.loss import lighting_loss, registration_loss
 from poseviewer.fit.problem import make_photo_attributes
 from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
-from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts.ellipse_search import Supported, find_ellipses
 from poseviewer.starts.registration import Start, StartCamera, StartInputs
-from poseviewer.vehicle.ellipses import Ellipse
 from poseviewer.vehicle.keypoints import VehicleKeypoints
-from poseviewer.vehicle.wheel_pose import WheelFit, Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels
+
+COARSE_WIDTH, FINE_WIDTH = 256, 640
+"""px: so long is the longer side of the picture where all are tried, and so wide at most the one
+where they are made better, in which textures are no edges any more."""
+SIZES = np.geomspace(0.05, 0.2, 16)
+"""Longer half axes, as shares of the picture's width."""
+ASPECTS = (0.25, 0.33, 0.42, 0.53, 0.65, 0.78, 0.92)
+"""Shorter over longer half axes."""
+TILTS = np.radians([-24.0, -12.0, 0.0, 12.0, 24.0])
+"""Of the longer half axis against the vertical; of nearly round ones one will do."""
+ROUND = 0.8
+LEAST_SUPPORT = 0.4
+MOST_TRIED, MOST_KEPT = 40, 24
+CLEAR_EDGES = 0.7
+"""An edge is half as clear as can be where it is as steep as this share of all pixels is not."""
+OUTLINE, FEWEST_POINTS = 80, 8
+STEPS = 150
+"""Evaluations to make one better."""
+
+FieldImage = NDArray[np.complex64]
+
+
+@dataclass(frozen=True, slots=True)
+class Supported:
+    """An ellipse, and how much of its outline the picture shows."""
+
+    ellipse: Ellipse
+    support: float
+    """In [-1, 1]."""
+
+
+def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
+    """Upright ellipses in a picture (height, width), the best supported first; of alike ones the
+    best. Places are px of the picture, pixel centres at i + 0.5.
+    """
+    # By the longer side: a narrow rectangle is not to become a tower of pixels.
+    coarse, fine = COARSE_WIDTH / max(grey.shape), min(1.0, FINE_WIDTH / grey.shape[1])
+    field = edge_field(_resized(grey, fine))
+    found: list[Supported] = []
+    for start in _tried_everywhere(edge_field(_resized(grey, coarse))):
+        parameters = _improved(field, _scaled(start, fine / coarse))
+        support = _support(field, parameters)
+        if support >= LEAST_SUPPORT and _is_wheel_like(parameters, field.shape[1]):
+            x, y, longer, shorter, tilt = _scaled(parameters, 1.0 / fine)
+            ellipse = Ellipse(x, y, np.exp(longer), np.exp(shorter), tilt + np.pi / 2.0)
+            found.append(Supported(ellipse, support))
+    found.sort(key=lambda one: -one.support)
+    return non_maximum_suppression(found, _is_same_ellipse, MOST_KEPT)
+
+
+def edge_field(grey: NDArray[np.float32]) -> FieldImage:
+    """(height, width): length the clearness of the edge there, angle twice its slope's."""
+    smooth = cv2.GaussianBlur(np.asarray(grey, np.float32), (0, 0), 1.0)
+    along = [cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
+    slope = along[0] + 1j * along[1]
+    power = np.abs(slope) ** 2
+    clear = np.quantile(power, CLEAR_EDGES) + 1e-9
+    return np.asarray(slope**2 / (power + clear), np.complex64)
+
+
+def _resized(grey: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
+    how = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=how), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outline:
+    """Where an ellipse about the origin runs."""
+
+    points: FloatArray
+    """(n, 2), px."""
+    doubled: NDArray[np.complex128]
+    """(n,): unit length, angle twice the normal's."""
+    shares: FloatArray
+    """(n,): of its length, one in all."""
+
+
+def _outline(longer: float, shorter: float, tilt: float, count: int) -> _Outline:
+    t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    turn = np.exp(1j * tilt)
+    points = (shorter * np.cos(t) + 1j * longer * np.sin(t)) * turn
+    normals = (np.cos(t) / shorter + 1j * np.sin(t) / longer) * turn
+    lengths = np.hypot(shorter * np.sin(t), longer * np.cos(t))
+    places = np.column_stack([points.real, points.imag])
+    return _Outline(places, (normals / np.abs(normals)) ** 2, lengths / lengths.sum())
+
+
+def _shapes(width: int) -> Iterator[tuple[float, float, float]]:
+    """Half axes, px, and tilts of all that are tried."""
+    for longer in SIZES * width:
+        for aspect in ASPECTS:
+            for tilt in TILTS if aspect < ROUND else (0.0,):
+                yield float(longer), float(aspect * longer), float(tilt)
+
+
+def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
+    """The best supported places and shapes, as numbers (5,): centre in px, logarithms of the half
+    axes, tilt. Of two that nearly lie on one another, the better one.
+    """
+    height, width = field.shape
+    margin = int(SIZES[-1] * width) + 2
+    rows, columns = (cv2.getOptimalDFTSize(side + 2 * margin) for side in field.shape)
+    pattern = np.zeros((rows, columns), np.complex64)
+    pattern[:height, :width] = field
+    spectrum = np.asarray(fft.fft2(pattern))
+    shapes = list(_shapes(width))
+    best = np.full(field.shape, -1.0, np.float32)
+    which = np.zeros(field.shape, np.intp)
+    for index, (longer, shorter, tilt) in enumerate(shapes):
+        outline = _outline(longer, shorter, tilt, max(int(2.0 * np.pi * longer), FEWEST_POINTS))
+        pattern[:] = 0.0
+        x, y = np.rint(outline.points.T).astype(int)  # of those left and above: from the far ends
+        np.add.at(pattern, (y, x), outline.shares * outline.doubled)
+        product = spectrum * np.conj(np.asarray(fft.fft2(pattern)))
+        matched = np.real(np.asarray(fft.ifft2(product))[:height, :width])
+        better = matched > best
+        best[better], which[better] = matched[better], index
+
+    def candidates() -> Iterator[FloatArray]:
+        for place in np.argsort(-best, axis=None):
+            y, x = divmod(int(place), width)
+            longer, shorter, tilt = shapes[which[y, x]]
+            yield np.array([x + 0.5, y + 0.5, np.log(longer), np.log(shorter), tilt])
+
+    return non_maximum_suppression(candidates(), _is_near, MOST_TRIED)
+
+
+def _is_near(one: FloatArray, other: FloatArray) -> bool:
+    distance = np.hypot(*(one[:2] - other[:2]))
+    return bool(distance <= 0.25 * np.exp(other[2]) and abs(one[2] - other[2]) <= 0.2)
+
+
+def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
+    """The numbers (5,) of most support near ``start``."""
+    simplex = np.vstack([start, start + np.diag([3.0, 3.0, 0.08, 0.1, 0.1])])
+    options = {"initial_simplex": simplex, "maxfev": STEPS, "xatol": 0.02, "fatol": 1e-4}
+    end = optimize.minimize(
+        lambda parameters: -_support(field, parameters),
+        start,
+        method="Nelder-Mead",
+        options=options,
+    )
+    return np.asarray(end.x)
+
+
+def _support(field: FieldImage, parameters: FloatArray) -> float:
+    outline = _outline(np.exp(parameters[2]), np.exp(parameters[3]), parameters[4], OUTLINE)
+    columns, rows = (outline.points + parameters[:2] - 0.5).T
+    parts = field.real, field.imag
+    real, imaginary = (ndimage.map_coordinates(part, (rows, columns), order=1) for part in parts)
+    agreement = real * outline.doubled.real + imaginary * outline.doubled.imag
+    return float(np.sum(outline.shares * agreement))
+
+
+def _scaled(parameters: FloatArray, factor: float) -> FloatArray:
+    """The same ellipse in a picture that is ``factor`` times as large."""
+    return np.concatenate(
+        [parameters[:2] * factor, parameters[2:4] + np.log(factor), parameters[4:]]
+    )
+
+
+def _is_wheel_like(parameters: FloatArray, width: int) -> bool:
+    """Whether its size and its shape are still about those that are looked for."""
+    longer, aspect = np.exp(parameters[2]) / width, np.exp(parameters[3] - parameters[2])
+    return bool(SIZES[0] / 1.2 <= longer <= 1.2 * SIZES[-1] and ASPECTS[0] / 1.2 <= aspect <= 1.25)
+
+
+def _is_same_ellipse(one: Supported, other: Supported) -> bool:
+    a, b = one.ellipse, other.ellipse
+    distance = np.hypot(a.cx - b.cx, a.cy - b.cy)
+    return bool(distance <= 0.12 * a.a and abs(np.log(a.a / b.a)) <= 0.08)
+
 
 LONGER_FOCALS = (1.6, 2.6, 4.2)
 """Focal lengths that are tried beside a guessed one, which is a wide lens's: in times of it."""

@@ -26,8 +26,7 @@ from poseviewer.bench.run import (
     run_bench,
 )
 from poseviewer.bench.searches import time_first_maps, time_fit, time_maps
-from poseviewer.bench.triangles import in_triangles
-from poseviewer.bench.workload import Workload, load_demo, make_model, make_workload
+from poseviewer.bench.workload import Workload, in_triangles, load_demo, make_model, make_workload
 from poseviewer.cli import main as cli
 from poseviewer.figures.bench_sheet import make_bench_sheet
 from poseviewer.figures.save import save_figure

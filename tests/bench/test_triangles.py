@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.bench.triangles import subdivide
+from poseviewer.bench.workload import subdivide
 from poseviewer.geometry.normals import face_normals_and_areas, find_adjacency, weld
 from tests.meshes import make_box, make_bumpy, make_mesh
 

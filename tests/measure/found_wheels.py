@@ -30,8 +30,8 @@ from poseviewer.starts.registration import StartInputs, load_model
 from poseviewer.starts.wheels import find_wheels
 from poseviewer.study.real_cases import load_cases, matches
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.ellipses import Ellipse
 from poseviewer.vehicle.keypoints import VehicleKeypoints
+from poseviewer.vehicle.wheel_pose import Ellipse
 from tests.measure.auto_start import careless_box
 from tests.measure.trial_table import print_trials
 

@@ -33,9 +33,8 @@ from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import load_pairs, load_wheels
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose, record_as_json
+from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose, record_as_json, set_frame
 from poseviewer.files.scene import load_scene
-from poseviewer.files.set_frame import set_frame
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave, save_autosave
 from poseviewer.files.state.uploads import keep_set, pack
 from poseviewer.files.symmetry import load_symmetry

@@ -21,8 +21,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.registration import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, find_wheels, start_from_wheels
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.ellipses import Ellipse, ellipse_through
-from poseviewer.vehicle.wheel_pose import Wheels, wheel_rims
+from poseviewer.vehicle.wheel_pose import Ellipse, Wheels, ellipse_through, wheel_rims
 from tests.measure.auto_start import careless_box
 from tests.scene import Scene
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.starts.ellipse_search import edge_field, find_ellipses
-from poseviewer.vehicle.ellipses import Ellipse
+from poseviewer.starts.wheels import edge_field, find_ellipses
+from poseviewer.vehicle.wheel_pose import Ellipse
 
 WIDTH, HEIGHT = 400, 200
 WHEEL = Ellipse(131.0, 117.0, 38.0, 24.0, np.radians(97.0))
@@ -97,7 +97,7 @@ def test_narrow_pictures_are_no_great_work(shape, monkeypatch: pytest.MonkeyPatc
     grey = np.random.default_rng(2).uniform(0.0, 1.0, shape).astype(np.float32)
     field_of = edge_field
     monkeypatch.setattr(
-        "poseviewer.starts.ellipse_search.edge_field",
+        "poseviewer.starts.wheels.edge_field",
         lambda picture: sizes.append(picture.size) or field_of(picture),
     )
     find_ellipses(grey)

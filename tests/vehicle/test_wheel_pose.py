@@ -12,8 +12,14 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.ellipses import Ellipse, circles_of, ellipse_through
-from poseviewer.vehicle.wheel_pose import Wheels, poses_from_wheels, wheel_rims
+from poseviewer.vehicle.wheel_pose import (
+    Ellipse,
+    Wheels,
+    circles_of,
+    ellipse_through,
+    poses_from_wheels,
+    wheel_rims,
+)
 from tests.app.state.documents import CAR, make_keypoints
 
 PINHOLE = Perspective(900.0, 850.0, 300.0, 260.0, 640, 480)

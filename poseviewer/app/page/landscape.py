@@ -1,36 +1,329 @@
-"""The loss landscape at the right: the panel with all maps, and one of them large, by plotly."""
+"""The loss landscape at the right: the panel with all maps, and one of them large, by plotly.
+
+All maps are one piece of HTML, in a triangle as a corner plot. The client's script answers presses:
+``window.poseviewerPick(first, second, u, v, event)`` with the place from the map's left and lower
+border, each as a share of its side, and ``window.poseviewerOpen(first, second)``. Until it is
+there, presses do nothing. How the classes ``pv-...`` look stands in ``page.css``.
+"""
 
 from __future__ import annotations
 
+import base64
 import operator
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from itertools import combinations
 from typing import Any
 
+import cv2
 import numpy as np
 import plotly.graph_objects as go
 import viser
+from numpy.typing import NDArray
+from PIL import Image
 
 from poseviewer.api import Case
 from poseviewer.app.page.controls import Controls, plain, set_properties
-from poseviewer.app.page.landscape_grid import (
-    GridOptions,
-    Markers,
-    candidates_outline,
-    candidates_within,
-    landscape_grid,
-    on_map,
-    region_on,
-    short_trail,
-)
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.landscape import Slice, slice_minimum, strides
+from poseviewer.fit.landscape import Pair, Slice, slice_minimum, strides
 from poseviewer.fit.settings import METHODS
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.charts import OutsideChartError, short_name
+from poseviewer.geometry.pose_covariance import ellipse
+
+LEVELS = 128
+"""Steps of colour: more cannot be told apart, and make every picture larger."""
+PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
+    np.linspace(255, 0, LEVELS).round().astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS
+)[:, 0, ::-1].astype(np.uint8)
+"""(LEVELS, 3) sRGB, the colour of the lowest loss first: viridis, perceptually even and safe for
+the colour-blind, reversed so that basins stand out of a dark page."""
+GRADIENT_STOPS = 9
+LONGEST_TRAIL = 60
+"""Points of a trail that are drawn, at most, on each map."""
+FEWEST_COLUMNS = 4
+"""Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
+_PICK = (
+    "var r=this.getBoundingClientRect();window.poseviewerPick&&poseviewerPick({first},{second},"
+    "(event.clientX-r.left)/r.width,(r.bottom-event.clientY)/r.height,event)"
+)
+_OPEN = "event.stopPropagation();window.poseviewerOpen&&poseviewerOpen({first},{second})"
+_DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
+_CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markers:
+    """What is drawn on the maps, in the space of the chart's d parameters."""
+
+    pose: FloatArray
+    """(d,): the current pose."""
+    candidates: FloatArray | None = None
+    """(n, d): the points that the search compares now."""
+    trail: FloatArray | None = None
+    """(t, d): the poses that the search came through, the oldest first."""
+    covariance: FloatArray | None = None
+    """(d, d): how sure the current pose is; nan where nothing is said of a number."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", frozen_array(self.pose, (-1,)))
+        for name in ("candidates", "trail"):
+            points = getattr(self, name)
+            if points is not None:
+                object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
+
+    def has_region(self, piece: Slice) -> bool:
+        """Whether it is known how sure both numbers of a map are."""
+        known = self.covariance
+        return known is not None and not np.isnan(known[piece.first, piece.second])
+
+
+@dataclass(frozen=True, slots=True)
+class GridOptions:
+    """How the maps are shown."""
+
+    parameters: tuple[int, ...] | None = None
+    """Indices of the parameters whose pairs have a place, ascending; None for all."""
+    shared_scale: bool = True
+    """One colour for one loss over all maps; else each map has its own range, which shows faint
+    basins."""
+    centre: tuple[float, ...] = ()
+    """The parameters that the maps are about: the page has them as ``data-centre``."""
+    dimmed: bool = False
+    """The maps are about an older pose, while new ones are computed."""
+    half_width: float = 0.2
+    """How far the maps reach from their centre, as a share of each parameter's scale."""
+    what: str = "loss"
+    """What the values are called."""
+    whose: str = ""
+    """Whose loss it is; "" says nothing."""
+    error: float | None = None
+    """How good the values are, as ``Slice.error``; None says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LossRange:
+    """The losses that get the first and the last colour."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, slices: Sequence[Slice]) -> LossRange | None:
+        """From the least to the greatest known loss of all maps; None if none is known."""
+        known = np.concatenate([np.zeros(0), *(s.losses[np.isfinite(s.losses)] for s in slices)])
+        return cls(float(known.min()), float(known.max())) if known.size else None
+
+    def png(self, losses: FloatArray) -> bytes:
+        """An 8-bit palette PNG of losses (k, k) without gaps, the LAST row at the top: values grow
+        to the right and upwards. Losses beyond the range get the nearest colour.
+        """
+        shares = np.clip((losses - self.low) / max(self.high - self.low, 1e-12), 0.0, 1.0)
+        image = Image.fromarray((shares * (LEVELS - 1)).round().astype(np.uint8)[::-1])
+        image.putpalette(PALETTE.tobytes())
+        memory = BytesIO()
+        image.save(memory, "PNG", bits=8, compress_level=9)
+        return memory.getvalue()
+
+
+def landscape_grid(
+    slices: Sequence[Slice], names: Sequence[str], markers: Markers, options: GridOptions
+) -> str:
+    """The maps, their names, the colours' meaning: 15 maps for six parameters, 21 for seven.
+
+    Args:
+        slices: at most one for each pair, in any order; unfinished ones are drawn as far as known,
+            those of parameters without a place are left out, and missing ones leave an empty place.
+        names: (d,) of the chart's parameters.
+        markers: a pose beside a map is held at its border.
+        options: see there.
+    """
+    parameters = options.parameters if options.parameters is not None else tuple(range(len(names)))
+    pieces = {(s.first, s.second): s for s in slices if not np.isnan(s.losses).all()}
+    pairs = list(combinations(parameters, 2))
+    shared = None
+    if options.shared_scale:
+        shared = LossRange.of([pieces[pair] for pair in pairs if pair in pieces])
+    cells = []
+    for pair in pairs:
+        place = f"grid-area:{parameters.index(pair[1])}/{parameters.index(pair[0]) + 2}"
+        cells.append(_cell(pieces.get(pair), pair, names, markers, shared, place))
+    columns = max(len(parameters) - 1, FEWEST_COLUMNS)
+    return (
+        f'<div class="pv-land{" pv-dim" if options.dimmed else ""}" '
+        f'data-centre="{" ".join(map(repr, options.centre))}" '
+        f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
+        f"{_labels(parameters, names)}{''.join(cells)}{_key(shared, markers, options)}</div>"
+    )
+
+
+def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
+    """(..., 2): where parameters (..., d) lie on a slice's map, from its left and lower border, as
+    shares of its width and height; beyond 0 and 1 they lie beside it.
+    """
+    parameters = np.asarray(parameters, dtype=float)
+    x, y = piece.first_values, piece.second_values
+    u = (parameters[..., piece.first] - x[0]) / (x[-1] - x[0])
+    v = (parameters[..., piece.second] - y[0]) / (y[-1] - y[0])
+    return np.stack([u, v], axis=-1)
+
+
+def candidates_within(piece: Slice, candidates: FloatArray) -> FloatArray:
+    """(k, 2): places on the map, as ``on_map``, of those candidates (n, d) that do not lie far
+    beside it.
+    """
+    places = on_map(piece, candidates)
+    return places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
+
+
+def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
+    """(h, 2): the hull of candidates (n, d) on the map, corner by corner."""
+    corners = np.clip(on_map(piece, candidates), -10.0, 10.0).astype(np.float32)
+    return cv2.convexHull(corners)[:, 0].astype(float)
+
+
+def region_on(piece: Slice, markers: Markers) -> FloatArray:
+    """(n, d): parameters along the border of the region of both of the map's numbers, the others
+    as at the pose.
+    """
+    assert markers.covariance is not None
+    pair = [piece.first, piece.second]
+    border = ellipse(markers.covariance[np.ix_(pair, pair)])
+    parameters = np.tile(markers.pose, (len(border), 1))
+    parameters[:, pair] += border
+    return parameters
+
+
+def short_trail(trail: FloatArray) -> FloatArray:
+    """(at most LONGEST_TRAIL, d): the trail (t, d) thinned evenly; its ends stay."""
+    kept = np.linspace(0, len(trail) - 1, min(len(trail), LONGEST_TRAIL)).round().astype(int)
+    return trail[kept]
+
+
+def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
+    """The second parameters left of their rows, the first ones below their columns."""
+    last = len(parameters)
+    labels = []
+    for i, parameter in enumerate(parameters):
+        name = escape(short_name(names[parameter]))
+        turned = " pv-turned" if len(short_name(names[parameter])) > 3 else ""
+        if i > 0:
+            labels.append(f'<span class="pv-row{turned}" style="grid-area:{i}/1">{name}</span>')
+        if i < last - 1:
+            labels.append(f'<span class="pv-col" style="grid-area:{last}/{i + 2}">{name}</span>')
+    return "".join(labels)
+
+
+def _cell(
+    piece: Slice | None,
+    pair: Pair,
+    names: Sequence[str],
+    markers: Markers,
+    shared: LossRange | None,
+    place: str,
+) -> str:
+    if piece is None:
+        return f'<div class="pv-cell pv-none" style="{place}"></div>'
+    scale = shared or LossRange.of([piece]) or LossRange(0.0, 1.0)
+    first, second = pair
+    pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
+    what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
+    least = slice_minimum(piece)
+    # The map from its first to its last grid point: half of each border pixel is cut off.
+    data = base64.b64encode(scale.png(piece.filled())).decode()
+    step = 100.0 / (len(piece.first_values) - 1)
+    side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
+    return (
+        f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" onpointerdown="{pick}">'
+        f"<title>{what}{f': least {least.loss:.3f}' if least else ''}</title>"
+        f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
+        f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
+        f'<span class="pv-name">{what}</span>'
+        f'<button type="button" title="{what}: open large" onpointerdown="{enlarge}" '
+        f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
+    )
+
+
+def _markers(piece: Slice, markers: Markers) -> str:
+    """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
+    drawn = []
+    name = f"pv-t{piece.first}-{piece.second}"
+    if markers.trail is not None and len(markers.trail) > 1:
+        points = _points(on_map(piece, short_trail(markers.trail)))
+        drawn.append(f'<polyline id="{name}" points="{points}"/>')
+        drawn.append(f'<use href="#{name}" class="pv-trail"/>')
+    if markers.candidates is not None and len(markers.candidates):
+        points = _points(candidates_outline(piece, markers.candidates))
+        drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')
+        places = _on_picture(candidates_within(piece, markers.candidates))
+        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in places)
+        drawn.append(_DOTS.format(dots))
+    least = slice_minimum(piece)
+    if least is not None:
+        parameters = np.array(markers.pose)
+        parameters[[piece.first, piece.second]] = least.first_value, least.second_value
+        x, y = _on_picture(on_map(piece, parameters))
+        drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
+    if markers.has_region(piece):
+        points = _points(on_map(piece, region_on(piece, markers)))
+        drawn.append(f'<polygon class="pv-region" points="{points}"/>')
+    u, v = on_map(piece, markers.pose)
+    beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
+    x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
+    drawn.append(f'<g class="pv-pose{beside}" transform="translate({x:.4g} {y:.4g})">{_CROSS}</g>')
+    return "".join(drawn)
+
+
+def _on_picture(shares: FloatArray) -> FloatArray:
+    """(..., 2): places from left and below as shares (..., 2), from left and above in percent."""
+    shares = np.clip(shares, -10.0, 11.0)
+    return np.stack([100.0 * shares[..., 0], 100.0 - 100.0 * shares[..., 1]], axis=-1)
+
+
+def _points(shares: FloatArray) -> str:
+    return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(shares))
+
+
+def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> str:
+    """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
+    low, high = (f"{shared.low:.3f}", f"{shared.high:.3f}") if shared else ("least", "greatest")
+    what = escape(options.what)
+    what += "" if shared or options.shared_scale else ", each map by itself"
+    what += f", ±{100.0 * options.half_width:.3g}&nbsp;%"
+    if options.error:
+        what += f"<br>good to {100.0 * options.error:.1g}&nbsp;% of its range"
+    whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
+    stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
+    gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
+    entries = {
+        "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
+        "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
+    }
+    if markers.candidates is not None:
+        corners = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+        hull = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
+        entries["candidates"] = hull + corners
+    if markers.covariance is not None:
+        entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
+    if markers.trail is not None:
+        entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
+    key = "".join(
+        f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
+        for text, drawing in entries.items()
+    )
+    return (
+        f'<div class="pv-key"><div>{whose}{what}</div>'
+        f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
+        f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
+        f'<div class="pv-marks">{key}</div></div>'
+    )
+
 
 PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
 """The maps, and the large one, are sent no oftener."""

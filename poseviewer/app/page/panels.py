@@ -42,7 +42,7 @@ from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import SIDES
 from poseviewer.starts.point_pairs import fewest_pairs
-from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
 
 MOST_PARAMETERS = 7
 """Of all charts: as many fields are made, and those that the chart does not need are hidden."""

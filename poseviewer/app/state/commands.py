@@ -69,7 +69,7 @@ from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.starts.view_set import scale_by_sight
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse
 
 Projection = Literal["perspective", "parallel"]
 Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]

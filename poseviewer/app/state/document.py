@@ -29,7 +29,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS, Ellipse, ellipse_through
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
 MOST_STEPS = 200
 MOST_REGISTRATIONS = 4

@@ -23,8 +23,7 @@ from poseviewer.starts.point_pairs import (
     numbers_from_pairs,
     poses_from_pairs,
 )
-from poseviewer.vehicle.ellipses import FEWEST_RIM_POINTS
-from poseviewer.vehicle.wheel_pose import Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Wheels, poses_from_wheels
 
 MARKING = ("pairs", "wheels")
 """The tools with which a press sets a mark."""

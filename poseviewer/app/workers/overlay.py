@@ -28,10 +28,9 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.overlay.contour import quick_silhouette, silhouette
+from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
-from poseviewer.render.overlay.sketch import Sketch
 from poseviewer.render.types import AttributeImage, PhotoAttributes
 from poseviewer.starts.view_set import require_several
 

@@ -32,9 +32,8 @@ from poseviewer.files.formats.conversion import (
     unit_of,
 )
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, set_frame
 from poseviewer.files.scene import ObjectRecord, SceneRecord
-from poseviewer.files.set_frame import set_frame
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix

@@ -43,9 +43,8 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
-from poseviewer.files.pose import PoseRecord
+from poseviewer.files.pose import PoseRecord, set_frame
 from poseviewer.files.scene import SceneRecord
-from poseviewer.files.set_frame import set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV

@@ -29,12 +29,13 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.pose import (
     PoseRecord,
+    SetFrame,
     camera_as_json,
     camera_from_json,
     distortion_as_json,
     distortion_from_json,
+    set_frame,
 )
-from poseviewer.files.set_frame import SetFrame, set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

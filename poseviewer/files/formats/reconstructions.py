@@ -39,8 +39,7 @@ from poseviewer.files.formats.conversion import (
     write_new,
 )
 from poseviewer.files.formats.matrices import as_4x4, frame_as_json, from_4x4
-from poseviewer.files.pose import PoseRecord
-from poseviewer.files.set_frame import set_frame
+from poseviewer.files.pose import PoseRecord, set_frame
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

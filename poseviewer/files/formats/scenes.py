@@ -40,9 +40,8 @@ from poseviewer.files.formats.gltf import before_camera, in_front, view_depths
 from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import GLTF as GLTF_ENDINGS
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord
+from poseviewer.files.pose import PoseRecord, set_frame
 from poseviewer.files.scene import SceneRecord
-from poseviewer.files.set_frame import set_frame
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
@@ -30,7 +30,6 @@ from poseviewer.files.mesh.parts import (
 )
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
-from poseviewer.files.quiet import quiet_libraries
 from poseviewer.geometry.mesh import Mesh
 
 if TYPE_CHECKING:

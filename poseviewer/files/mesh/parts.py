@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
-from poseviewer.files.quiet import quiet_libraries
 
 MAX_FACES = 20_000_000
 CHUNK = 1 << 24

@@ -13,13 +13,15 @@ import pytest
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.landscape import contour_figure, known_part, surface_figure
-from poseviewer.app.page.landscape_grid import (
+from poseviewer.app.page.landscape import (
     PALETTE,
     GridOptions,
     Markers,
+    contour_figure,
+    known_part,
     landscape_grid,
     on_map,
+    surface_figure,
 )
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.fit.landscape import Slice, slice_minimum

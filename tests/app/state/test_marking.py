@@ -16,8 +16,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.ellipses import ellipse_through
-from poseviewer.vehicle.wheel_pose import wheel_rims
+from poseviewer.vehicle.wheel_pose import ellipse_through, wheel_rims
 from tests.app.state.documents import (
     CAR,
     PARALLEL,

@@ -15,8 +15,14 @@ import pytest
 from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.table import FORMATS
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, load_pose, save_pose
-from poseviewer.files.set_frame import set_frame
+from poseviewer.files.pose import (
+    ModelReference,
+    PhotoReference,
+    PoseRecord,
+    load_pose,
+    save_pose,
+    set_frame,
+)
 from poseviewer.files.view_set import SetChoice, load_view_set, set_as_json
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.symmetry import NO_SYMMETRY

@@ -8,8 +8,7 @@ import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.overlay.contour import quick_silhouette
-from poseviewer.render.overlay.sketch import FEW_FACES, Sketch
+from poseviewer.render.overlay.contour import FEW_FACES, Sketch, quick_silhouette
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.meshes import make_box, make_sphere
 
