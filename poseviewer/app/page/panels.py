@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -315,12 +316,9 @@ class FitPanel:
                 gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
                 lambda name: c.SetMethod(next(m for m, n in METHODS.items() if n == name)),
             )
-            self._pixels = gui.add_dropdown("Pixels", tuple(PIXELS))
-            self._add_setting(
-                controls,
-                self._pixels,
-                lambda s: next(text for text, pixels in PIXELS.items() if pixels == s.pixels),
-                lambda s, text: replace(s, pixels=PIXELS[text]),
+            self._pixels = controls.field(
+                gui.add_dropdown("Pixels", tuple(PIXELS)),
+                lambda text: c.AlterSettings(lambda s: replace(s, pixels=PIXELS[text])),
             )
             self._go = controls.button_for(
                 "Search (space)",
@@ -378,55 +376,33 @@ class FitPanel:
                 self._add_settings(controls)
 
     def _add_setting(
-        self,
-        controls: Controls,
-        handle: Any,
-        read: Callable[[FitSettings], Any],
-        change: Callable[[FitSettings, Any], FitSettings],
+        self, controls: Controls, handle: Any, name: str, kind: Callable[[Any], Any] = lambda v: v
     ) -> None:
-        def asked(value: Any) -> Request:
-            bounded = within(handle, value)
-            return c.AlterSettings(lambda settings: change(settings, bounded))
+        """An input of a setting, or of a limit: ``limits.seconds``; ``kind`` makes its value of
+        what stands in the input.
+        """
 
-        self._settings.append((controls.field(handle, asked), read))
+        def asked(value: Any) -> Request:
+            new = kind(within(handle, value))
+            return c.AlterSettings(lambda settings: _altered(settings, name, new))
+
+        self._settings.append((controls.field(handle, asked), attrgetter(name)))
 
     def _add_settings(self, controls: Controls) -> None:
         gui, setting = controls.gui, partial(self._add_setting, controls)
-        setting(
-            gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")),
-            lambda s: s.chart,
-            lambda s, chart: replace(s, chart=chart),
-        )
+        setting(gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")), "chart")
         self._region = controls.button("Draw a region", c.SetTool("region"))
         self._clear = controls.button(
             "Clear the region", c.AlterSettings(lambda settings: replace(settings, region=None))
         )
         self._grey = gui.add_checkbox("Grey, not colour", False)
-        setting(
-            self._grey,
-            lambda s: s.grey,
-            lambda s, on: replace(s, grey=on),
-        )
-        setting(
-            gui.add_checkbox("Find the focal length", False),
-            lambda s: s.free_focal,
-            lambda s, on: replace(s, free_focal=on),
-        )
-        setting(
-            gui.add_number("Most evaluations", 20_000, min=10, max=1_000_000, step=10),
-            lambda s: s.limits.evaluations,
-            lambda s, n: replace(s, limits=replace(s.limits, evaluations=int(n))),
-        )
-        setting(
-            gui.add_number("Most seconds", 600.0, min=0.1, max=86_400.0, step=0.1),
-            lambda s: s.limits.seconds,
-            lambda s, n: replace(s, limits=replace(s.limits, seconds=float(n))),
-        )
-        setting(
-            gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1),
-            lambda s: s.seed,
-            lambda s, n: replace(s, seed=int(n)),
-        )
+        setting(self._grey, "grey")
+        setting(gui.add_checkbox("Find the focal length", False), "free_focal")
+        evaluations = gui.add_number("Most evaluations", 20_000, min=10, max=1_000_000, step=10)
+        setting(evaluations, "limits.evaluations", int)
+        seconds = gui.add_number("Most seconds", 600.0, min=0.1, max=86_400.0, step=0.1)
+        setting(seconds, "limits.seconds", float)
+        setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed", int)
         with gui.add_folder("Hold", expand_by_default=False):
             self._locks = [self._lock(controls, i) for i in range(MOST_PARAMETERS)]
 
@@ -478,7 +454,9 @@ class FitPanel:
         self._shown["settings"], self._names = key, names
         is_paper = settings.method == "paper"
         self._method.show(METHODS[settings.method])
-        set_properties(self._pixels, options=PAPER_PIXELS if is_paper else tuple(PIXELS))
+        options = PAPER_PIXELS if is_paper else tuple(PIXELS)
+        set_properties(self._pixels.handle, options=options)
+        self._pixels.show(next(t for t, pixels in PIXELS.items() if pixels == settings.pixels))
         set_properties(self._grey, disabled=is_paper)
         for field, read in self._settings:
             field.show(read(settings))
@@ -570,6 +548,14 @@ class ReviewPanel:
         if self._key != state.row.job.key:
             self._key = state.row.job.key
             set_properties(self._note, value=state.row.result.note)
+
+
+def _altered(settings: Any, name: str, value: Any) -> Any:
+    """With another value of the field of this name, or of a field of one: ``limits.seconds``."""
+    first, _, rest = name.partition(".")
+    return replace(
+        settings, **{first: _altered(getattr(settings, first), rest, value) if rest else value}
+    )
 
 
 def within(handle: Any, value: Any) -> Any:

@@ -204,24 +204,39 @@ class PhotoScene:
         pixels = np.empty((*shown.shape, 4), np.uint8)
         pixels[..., :3] = colour
         pixels[..., 3] = np.rint(255.0 * opacity * shown)
-        unit = SIDE / max(self._size) * TINT
-        centre = np.array([columns.start + width / 2.0, rows.start + height / 2.0])
-        middle = tuple(self.place(centre, TINT))
+        centre = columns.start + width / 2.0, rows.start + height / 2.0
+        self._tints[name] = self._image(node, name, pixels, centre, (width, height), TINT)
+
+    def _image(
+        self,
+        node: viser.ImageHandle | None,
+        name: str,
+        pixels: NDArray[np.uint8],
+        centre: tuple[float, float],
+        size: tuple[float, float],
+        depth: float,
+    ) -> viser.ImageHandle:
+        """The node, made where there is none, with a picture over the photo: ``centre`` and
+        ``size`` in its px.
+        """
+        unit, middle = SIDE / max(self._size) * depth, tuple(self.place(np.array(centre), depth))
+        width, height = (side * unit for side in size)
         if node is None:
-            self._tints[name] = self._server.scene.add_image(
+            return self._server.scene.add_image(
                 name,
                 pixels,
-                width * unit,
-                height * unit,
-                format="png",
+                width,
+                height,
+                format="png" if pixels.shape[2] == 4 else "jpeg",
+                jpeg_quality=92,
                 cast_shadow=False,
                 receive_shadow=False,
                 position=middle,
             )
-            return
         node.image, node.position = pixels, middle
-        node.render_width, node.render_height = width * unit, height * unit
+        node.render_width, node.render_height = width, height
         set_properties(node, visible=True)
+        return node
 
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
@@ -265,30 +280,14 @@ class PhotoScene:
             return
         columns = max(1, round(overlay.picture.shape[1] * share))
         width *= columns / overlay.picture.shape[1]
-        unit = SIDE / max(self._size) * PICTURE
-        middle = self.place(np.array([left + width / 2.0, top + height / 2.0]), PICTURE)
         pixels = overlay.picture[:, :columns]
         if self._picture is not None and self._shown.get("channels") != pixels.shape[2]:
             self._picture.remove()
             self._picture = None
-        if self._picture is None:
-            self._shown["channels"] = pixels.shape[2]
-            self._picture = self._server.scene.add_image(
-                "/model/picture",
-                pixels,
-                width * unit,
-                height * unit,
-                format="png" if pixels.shape[2] == 4 else "jpeg",
-                jpeg_quality=92,
-                cast_shadow=False,
-                receive_shadow=False,
-                position=tuple(middle),
-            )
-            return
-        self._picture.image = pixels
-        self._picture.render_width, self._picture.render_height = width * unit, height * unit
-        self._picture.position = tuple(middle)
-        set_properties(self._picture, visible=True)
+        self._shown["channels"] = pixels.shape[2]
+        centre = left + width / 2.0, top + height / 2.0
+        place = centre, (width, height), PICTURE
+        self._picture = self._image(self._picture, "/model/picture", pixels, *place)
 
     def _show_pins(self, session: Session) -> None:
         document = session.document

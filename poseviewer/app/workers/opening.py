@@ -497,19 +497,6 @@ def _restored(one: T, kept: AutosavedSession, photo: Photo) -> T:
 
 def _without_pose(photo: Photo, model: Path, seen: Pose | None = None) -> Registration:
     loaded = load_model(model)
-    mesh, keypoints = loaded.mesh, loaded.keypoints
     camera = photo.default_camera() if seen is None else seen.camera
-    pose = look_from("three-quarter", mesh, keypoints, camera)
-    notes = tuple(f"{photo.name}: {note}" for note in photo.notes)
-    notes += tuple(f"{model.name}: {note}" for note in mesh.notes)
-    return Registration(
-        photo,
-        mesh,
-        loaded.name,
-        loaded.sha256,
-        keypoints,
-        pose,
-        notes,
-        True,
-        whole_symmetry=loaded.whole_symmetry,
-    )
+    pose = look_from("three-quarter", loaded.mesh, loaded.keypoints, camera)
+    return replace(registered(photo, loaded, pose, (), None), start_is_guess=True)
