@@ -63,6 +63,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
@@ -560,13 +561,13 @@ class FitResult(_Searched):
         lighting = recover_lighting(self.case.renderer.moments(self.pose, attributes))
         return lighting.apply(model_attributes(image, attributes))
 
-    def draw(self, path: str | Path, look: str = "outline") -> None:
-        """Write ``picture(look)`` in the format of the file's ending.
+    def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
+        """Write ``picture(look)`` in the format of the file's ending; which file is written.
 
         Raises:
             PoseViewerError: there is no such look or format, or the file cannot be written.
         """
-        save_image(path, self.picture(look), photo_text(self.case.registration.photo))
+        return _drawn(path, self.picture(look), self.case.registration.photo)
 
     def landscape(
         self,
@@ -744,13 +745,9 @@ class SceneCase:
         objects = zip(self.registrations, self.renderers, strict=True)
         return picture_of_all([(one, self.settings, made) for one, made in objects], look, opacity)
 
-    def draw(self, path: str | Path, look: str = "outline") -> None:
-        """Write ``picture(look)`` in the format of the file's ending.
-
-        Raises:
-            PoseViewerError: there is no such look or format, or the file cannot be written.
-        """
-        save_image(path, self.picture(look), photo_text(self.registrations[0].photo))
+    def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
+        """As ``FitResult.draw``."""
+        return _drawn(path, self.picture(look), self.registrations[0].photo)
 
 
 def picture_of_all(
@@ -947,6 +944,11 @@ class SetResult(_Searched):
             paths.append(path.with_name(f"{path.stem}.{stem}{path.suffix}"))
             view.draw(paths[-1], look)
         return tuple(paths)
+
+
+def _drawn(path: str | Path, picture: Picture, photo: Photo) -> tuple[Path, ...]:
+    save_image(path, picture, photo_text(photo))
+    return (Path(path),)
 
 
 def _require_look(look: str) -> None:

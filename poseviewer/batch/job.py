@@ -114,11 +114,17 @@ def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bo
     scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
     case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
 
+    return case.fit(watch=_ending(stopped))
+
+
+def _ending(stopped: Callable[[], bool]) -> Callable[..., None]:
+    """What ends a fit once ``stopped`` is true; to be called after every evaluation."""
+
     def watch(_progress: object = None) -> None:
         if stopped():
             raise StoppedError
 
-    return case.fit(watch=watch)
+    return watch
 
 
 def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult | SetResult:
@@ -126,11 +132,7 @@ def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult | 
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     model, renderer = open_model(job.path(job.model), plan.settings)
-
-    def watch(_progress: object = None) -> None:
-        if stopped():
-            raise StoppedError
-
+    watch = _ending(stopped)
     photo, start = job.path(job.photo), _start_of(job, plan)
     if photo.is_dir() or photo.suffix.lower() == ".json":
         return _fit_set(photo, model, start, plan, watch)

@@ -214,7 +214,11 @@ def save_manifest(folder: Path, manifest: Manifest) -> None:
         "scene": manifest.scene,
         "together": manifest.together,
         "settings": settings_as_json(manifest.settings),
-        "jobs": [_job_as_json(job) for job in manifest.jobs],
+        # Mates are rows of their own.
+        "jobs": [
+            {name: value for name, value in asdict(job).items() if name != "mates"}
+            for job in manifest.jobs
+        ],
     }
     write_json(folder / MANIFEST, data, BatchError, indent=1)
 
@@ -242,9 +246,3 @@ def load_manifest(folder: Path) -> Manifest:
             f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
             "again, what is done is not done twice."
         ) from None
-
-
-def _job_as_json(job: Job) -> dict[str, Any]:
-    data = asdict(job)
-    del data["mates"]  # they are rows of their own
-    return data

@@ -113,6 +113,28 @@ def open_views(options: Namespace) -> SetCase:
     return _noted(case, options)
 
 
+def open_any(options: Namespace) -> Case | SceneCase | SetCase:
+    """A photo, several objects in one, or one in several, as the options have it.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the options do not go together.
+    """
+    if options.views is not None:
+        return open_views(options)
+    return open_case(options) if options.scene is None else open_scene(options)
+
+
+def fit(options: Namespace) -> FitResult | SceneCase | SetResult:
+    """The same, searched to the end or to Ctrl-C, which keeps the best pose so far; printed."""
+    match open_any(options):
+        case Case() as one:
+            return search(one, options.quiet)
+        case SceneCase() as scene:
+            return search_scene(scene, options.object, options.quiet)
+        case views:
+            return search_views(views, options.quiet)
+
+
 def _tell_of_compiling(settings: FitSettings) -> None:
     if settings.renderer != "opengl":
         tell_of_compiling()

@@ -82,36 +82,15 @@ def run(options: Namespace) -> int:
     require_writable(options.out, PoseFileError)
     if options.overlay:
         require_writable(options.overlay, PhotoFileError)
-    from poseviewer.cli.case import (
-        open_case,
-        open_scene,
-        open_views,
-        search,
-        search_scene,
-        search_views,
-    )
+    from poseviewer.api import FitResult
+    from poseviewer.cli.case import fit
     from poseviewer.files.state.folder import keep_last_pose
 
-    if options.scene is not None:
-        scene = search_scene(open_scene(options), options.object, options.quiet)
-        scene.save(options.out)
-        say(f"scene: {options.out}")
-        if options.overlay:
-            scene.draw(options.overlay, options.look)
-            say(f"overlay: {options.overlay}")
-        return EXIT_INTERRUPTED if scene.stopped else 0
-    if options.views is not None:
-        found = search_views(open_views(options), options.quiet)
-        found.save(options.out)
-        say(f"pose: {options.out}")
-        for path in found.draw(options.overlay, options.look) if options.overlay else ():
-            say(f"overlay: {path}")
-        return EXIT_INTERRUPTED if found.stopped else 0
-    found = search(open_case(options), options.quiet)
+    found = fit(options)
     found.save(options.out)
-    keep_last_pose(found.record)
-    say(f"pose: {options.out}")
-    if options.overlay:
-        found.draw(options.overlay, options.look)
-        say(f"overlay: {options.overlay}")
+    if isinstance(found, FitResult):
+        keep_last_pose(found.record)
+    say(f"{'pose' if options.scene is None else 'scene'}: {options.out}")
+    for path in found.draw(options.overlay, options.look) if options.overlay else ():
+        say(f"overlay: {path}")
     return EXIT_INTERRUPTED if found.stopped else 0

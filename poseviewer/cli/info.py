@@ -13,7 +13,6 @@ from poseviewer.errors import printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
-    from poseviewer.files.pose import PoseRecord
     from poseviewer.geometry.photo import Photo
 
 
@@ -171,17 +170,15 @@ def _print_pose(path: Path) -> None:
         unexplained=_number(record.unexplained, "{:.3f} (0: all explained, 1: nothing)"),
         loss=_number(record.loss, "{:.6f}"),
         verdict="not said" if record.verdict is None else record.verdict.word,
-        sure=() if record.covariance is None else record.covariance.words(_unit(record)),
+        sure=()
+        if record.covariance is None
+        else record.covariance.words(record.model and record.model.unit),
         mask=record.mask or (),
         without=record.without,
         set=() if frame is None else f"{photos}: {frame.sentence}",
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )
-
-
-def _unit(record: PoseRecord) -> str | None:
-    return None if record.model is None else record.model.unit
 
 
 def _number(value: float | None, form: str) -> str:

@@ -36,16 +36,16 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Write ``landscape.png`` and ``landscape.npz``."""
-    from poseviewer.cli.case import open_case, open_scene, open_views
+    from poseviewer.api import SceneCase, SetCase
+    from poseviewer.cli.case import open_any
 
-    if options.views is not None:
-        case = open_views(options).whole
-    elif options.scene is None:
-        case = open_case(options)
-    elif options.object is None:
+    if options.scene is not None and options.views is None and options.object is None:
         raise SettingsError("--scene without --object; name the object to map with --object ID")
-    else:
-        case = open_scene(options).case(options.object)
+    case = open_any(options)
+    if isinstance(case, SceneCase):
+        case = case.case(options.object)
+    elif isinstance(case, SetCase):
+        case = case.whole
     make_folder(options.out)
     with progress_bar(0, options.quiet) as bar:
 

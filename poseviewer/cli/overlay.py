@@ -28,13 +28,11 @@ def add_look(parser: ArgumentParser, text: str | None = None) -> None:
 def run(options: Namespace) -> int:
     """Write the picture, or one for each photo."""
     require_writable(options.out, PhotoFileError)
-    from poseviewer.cli.case import open_case, open_scene, open_views
+    from poseviewer.api import SceneCase
+    from poseviewer.cli.case import open_any
 
-    if options.views is not None:
-        for path in open_views(options).start.draw(options.out, options.look):
-            say(f"overlay: {path}")
-        return 0
-    drawn = open_case(options).start if options.scene is None else open_scene(options)
-    drawn.draw(options.out, options.look)
-    say(f"overlay: {options.out}")
+    found = open_any(options)
+    drawn = found if isinstance(found, SceneCase) else found.start
+    for path in drawn.draw(options.out, options.look):
+        say(f"overlay: {path}")
     return 0

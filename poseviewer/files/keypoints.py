@@ -35,14 +35,10 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
         return find_wheels(mesh)
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
     with reading.naming_errors():
-        return _keypoints_in(reading, mesh)
-
-
-def _keypoints_in(reading: Reading, mesh: Mesh) -> VehicleKeypoints:
-    data = reading.load_object()
-    reading.require_format(data, FORMAT)
-    reading.require_unit(data, mesh.unit)
-    return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
+        data = reading.load_object()
+        reading.require_format(data, FORMAT)
+        reading.require_unit(data, mesh.unit)
+        return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
 
 
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:

@@ -41,7 +41,6 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_set import View, ViewSet
@@ -388,15 +387,11 @@ def _view(reading: Reading, shot: _Shot) -> View:
             f"has {photo.width}x{photo.height} px",
             "use the photos that the cameras were found with",
         )
-    opened = _as_seen(photo, camera, lens)
+    opened = replace(photo, camera=camera)
+    if lens is not None:
+        opened = undistorted(photo, Undistortion.of(lens, camera))
     mask = None if shot.mask is None else load_mask(shot.mask, photo.width, photo.height)
     return View(photo.name, opened, shot.camera_from_set, mask, shot.path)
-
-
-def _as_seen(photo: Photo, camera: Perspective, lens: Lens | None) -> Photo:
-    if lens is None:
-        return replace(photo, camera=camera)
-    return undistorted(photo, Undistortion.of(lens, camera))
 
 
 def _require_different(reading: Reading, views: Sequence[View]) -> None:

@@ -66,7 +66,10 @@ def start_in_set(
         PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
             which of them it is; nothing tells the scale.
     """
-    record = PoseRecord(start) if isinstance(start, Pose) else _recorded(start)
+    if isinstance(start, Pose):
+        record = PoseRecord(start)
+    else:
+        record = load_pose(start, *recorded_size(Path(start)))
     reference = _reference(views, record, view)
     own = views.views[reference]
     notes: list[str] = []
@@ -146,10 +149,6 @@ def require_several(views: ViewSet, seen: Sequence[str]) -> None:
             f"{views.name}: of {len(views.views)} photos, {alone} sees the model where it "
             "starts; bring the start nearer, or check the set's scale (--scale)."
         )
-
-
-def _recorded(path: str | Path) -> PoseRecord:
-    return load_pose(path, *recorded_size(Path(path)))
 
 
 def _reference(views: ViewSet, record: PoseRecord, view: str | None) -> int:

@@ -15,18 +15,16 @@ def _moved(now: Session, then: Session) -> bool:
     return still and now.document.pose is not then.document.pose
 
 
-def _searched(now: Session, _: Session) -> bool:
-    return now.search is not None and not now.searching
-
-
-def _sees_residual(now: Session, _: Session) -> bool:
-    return now.look.name == "residual"
-
-
 HINTS: tuple[tuple[str, Callable[[Session, Session], bool]], ...] = (
     ("<b>Drag</b> the model, or one of its pins, roughly onto the car", _moved),
-    ("Press <b>space</b>: the search brings it onto the photo", _searched),
-    ("Press <b>5</b>: what the pose does not explain lights up", _sees_residual),
+    (
+        "Press <b>space</b>: the search brings it onto the photo",
+        lambda now, _: now.search is not None and not now.searching,
+    ),
+    (
+        "Press <b>5</b>: what the pose does not explain lights up",
+        lambda now, _: now.look.name == "residual",
+    ),
     ("Press <b>a map</b> of the loss: the pose goes there, and <b>Z</b> takes it back", _moved),
 )
 """What to do next, and whether it was done, by the session now and when the hint came up."""

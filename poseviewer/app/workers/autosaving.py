@@ -92,7 +92,7 @@ class Autosaver:
 
     def save_now(self, session: Session) -> None:
         """Write the session, if it changed since."""
-        document, models = _kept_of(session)
+        document, models = session.document, session.candidates.models
         if (document, models) == self._saved or not (session.unsaved or models):
             return
         self._next = time.monotonic() + PERIOD_S
@@ -205,11 +205,6 @@ class Autosaver:
             except PoseViewerError:
                 continue  # another crash may have left half a file: nothing to offer
         return None, None
-
-
-def _kept_of(session: Session) -> tuple[Document, tuple[CandidateModel, ...]]:
-    """What is written anew where it is another object."""
-    return session.document, session.candidates.models
 
 
 def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> AutosavedSession:

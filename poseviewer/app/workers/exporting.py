@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import Case, FitResult, picture_of_all
+from poseviewer.api import FitResult, picture_of_all
 from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.requests import Export
@@ -47,7 +47,8 @@ def record_of(session: Session) -> PoseRecord:
     if overlay is None or known is None or overlay.request.pose is not document.pose:
         return _plain_record(document)
     try:
-        case = _case_of(session)
+        own, renderer = document.registration, renderer_of(document.registration.mesh).clone()
+        case = case_at(own, document.pose, document.settings, renderer)
     except PoseViewerError:
         return _plain_record(document)  # a pose where nothing can be compared is a pose, too
     return FitResult(case, document.pose, known_loss=known.loss).record
@@ -171,7 +172,10 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         text = json.dumps(record_as_json(record), indent=2, ensure_ascii=False)
         return {name: (text + "\n").encode(), **files}
     if what == "overlay":
-        return {f"{stem}.overlay.png": _overlay(session)}
+        look = session.look  # the photo in its own size
+        picture = picture_of(session.document, look.name, look.opacity)
+        data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
+        return {f"{stem}.overlay.png": described(data, photo_text(photo))}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
     found = [update for update in session.landscapes if update.slices]
     if not found:
@@ -181,14 +185,6 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         f"{stem}.{endings[update.case.settings.method]}": update.maps.as_bytes(kind)
         for update in found
     }
-
-
-def _overlay(session: Session) -> bytes:
-    """The photo, in its own size, with its objects in the look that is shown; PNG."""
-    look = session.look
-    picture = picture_of(session.document, look.name, look.opacity)
-    data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
-    return described(data, photo_text(session.document.registration.photo))
 
 
 def picture_of(
@@ -202,9 +198,3 @@ def picture_of(
             at = replace(own.registration, start=own.pose)
             objects.append((at, own.settings, renderer_of(at.mesh).clone()))
     return picture_of_all(objects, look, opacity)
-
-
-def _case_of(session: Session) -> Case:
-    document = session.document
-    renderer = renderer_of(document.registration.mesh).clone()
-    return case_at(document.registration, document.pose, document.settings, renderer)

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -377,16 +378,12 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
     found = []
     for number, entry in enumerate(entries):
         rotation, translation, object_id = reading.fields(
-            entry, f"pose {number} of image {image}", cam_R_m2c=_nine, cam_t_m2c=Reading.numbers,
-            obj_id=Reading.positive,
+            entry, f"pose {number} of image {image}", cam_R_m2c=partial(Reading.numbers, length=9),
+            cam_t_m2c=Reading.numbers, obj_id=Reading.positive,
         )  # fmt: skip
         rotation = checked_rotation(reading, np.reshape(rotation, (3, 3)))
         found.append(BopObject(int(object_id), RigidTransform(rotation, np.array(translation))))
     return tuple(found)
-
-
-def _nine(reading: Reading, value: Any, what: str) -> list[float]:
-    return reading.numbers(value, what, 9)
 
 
 BOP = Format(write_bop, read_bop)

@@ -251,8 +251,8 @@ def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
         raise reading.error(f"{what} is no picture ({error})", "wanted a PNG in base64") from None
 
 
-def _number(reading: Reading, value: Any, what: str) -> int:
-    return 1 if value is None else int(reading.number(value, what))
+def _whole(reading: Reading, value: Any, what: str) -> int:
+    return int(reading.number(value, what))
 
 
 def _flag(reading: Reading, value: Any, what: str) -> bool:
@@ -338,10 +338,10 @@ _CHECKS = {
     "settings": Reading.object,
     "unsaved": _truth,
     "saved_at": Reading.number,
-    "process": lambda reading, value, what: int(reading.number(value, what)),
+    "process": _whole,
     "candidates": _paths,
     "mask": _mask,
-    "number": _number,
+    "number": lambda reading, value, what: 1 if value is None else _whole(reading, value, what),
     "name": _name,
     "hidden": _flag,
     "locked": _flag,
