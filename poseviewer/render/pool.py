@@ -10,7 +10,6 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from poseviewer.geometry.camera import Pose
@@ -66,7 +65,7 @@ class RendererPool:
         if self._together is None and count > 1 and _can_be_cloned(renderer):
             self.threads = count
             self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
-            self._executor = ThreadPoolExecutor(count, "renderer", begin or _nothing)
+            self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
 
     @property
     def is_batched(self) -> bool:
@@ -127,12 +126,7 @@ class RendererPool:
     def __enter__(self) -> RendererPool:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _work(self, function: Callable[[Any, Item], Result], chunk: Sequence[Item]) -> list[Result]:
@@ -152,7 +146,3 @@ def _can_be_cloned(renderer: object) -> bool:
     except AttributeError:  # a smaller picture of one that cannot
         return False
     return True
-
-
-def _nothing() -> None:
-    pass

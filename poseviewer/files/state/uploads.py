@@ -94,9 +94,7 @@ def keep_zip(folder: Path, path: Path) -> Path:
     return keep_set(folder, pack([(path.name, reading.load_bytes())]))
 
 
-def gathered(
-    folder: Path, model: ModelFiles, kept: int = KEPT, in_use: Collection[Path] = ()
-) -> Path:
+def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> Path:
     """The model where its reader finds all that it names: in its place, else as a copy in
     ``folder``, as ``keep_set`` keeps one.
 
@@ -121,7 +119,7 @@ def gathered(
             shutil.copyfile(path, place / name)
 
     fingerprint = hashlib.sha256("\n".join(marks).encode()).hexdigest()[:16]
-    place = _kept(folder, fingerprint, fill, model.path.name, kept, in_use)
+    place = _kept(folder, fingerprint, fill, model.path.name, KEPT, in_use)
     return place / model.path.name
 
 
@@ -131,13 +129,13 @@ def safe_path(name: str) -> PurePosixPath:
     return PurePosixPath(*[part for part in parts if part] or ["unnamed"])
 
 
-def too_large(name: str, size: int, largest: int = LARGEST_UPLOAD) -> str:
+def too_large(name: str, size: int) -> str:
     """Why ``size`` bytes of a file, shown as ``name``, are too many; "" where they are not."""
-    if size <= largest:
+    if size <= LARGEST_UPLOAD:
         return ""
     return (
-        f"{name}: {size:,} bytes; up to {largest:,} can be uploaded, make it smaller or start "
-        "poseviewer with its path."
+        f"{name}: {size:,} bytes; up to {LARGEST_UPLOAD:,} can be uploaded, make it smaller or "
+        "start poseviewer with its path."
     )
 
 
