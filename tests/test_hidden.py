@@ -12,7 +12,6 @@ import pytest
 
 import poseviewer
 from poseviewer.api import SceneCase, load_scene
-from poseviewer.app.state.hiding import with_mask
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
@@ -170,7 +169,7 @@ def opened(scene: Scene, model: Path | None = None) -> Session:
 
 def test_the_app_saves_and_reads_what_is_hidden(scene, halves, tmp_path):
     session = opened(scene, halves)
-    document = with_mask(session.document, half_hidden())
+    document = session.document.compared_by(mask=half_hidden())
     own = document.registration
     own = replace(own, mesh=own.mesh.without(["left"]))
     session = replace(session, document=replace(document, registration=own))
@@ -191,7 +190,7 @@ def test_the_app_saves_and_reads_what_is_hidden(scene, halves, tmp_path):
 
 def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     session = opened(scene, halves)
-    document = with_mask(session.document, half_hidden())
+    document = session.document.compared_by(mask=half_hidden())
     own = replace(document.registration, mesh=document.registration.mesh.without(["right"]))
     # An end with unsaved changes leaves what a crash leaves.
     Autosaver(tmp_path / "state").close(
@@ -206,7 +205,7 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
 
 
 def test_another_photo_has_nothing_hidden(scene, tmp_path):
-    document = with_mask(opened(scene).document, half_hidden())
+    document = opened(scene).document.compared_by(mask=half_hidden())
     again = open_photo(document, scene.photo).document
     assert again.registration.mask is document.registration.mask
     save_image(tmp_path / "q.png", load_photo(scene.photo).pixels[:, ::-1])

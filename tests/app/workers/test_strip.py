@@ -12,7 +12,7 @@ import pytest
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.session import SWING_S, Session, Strip
-from poseviewer.app.workers.strip import StripWorker
+from poseviewer.app.workers.outlines import StripWorker
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -29,7 +29,7 @@ WEAK = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.04])
 def strip_of(session: Session, swung: Pose | None) -> Strip:
     """The model in all photos, as the worker draws it."""
     drawn = Event()
-    with closing(StripWorker(drawn.set)) as worker:
+    with closing(StripWorker("strip", drawn.set)) as worker:
         worker.start(session, swung)
         while drawn.wait(60.0):
             drawn.clear()
