@@ -177,7 +177,7 @@ def test_whoever_watches_may_end_the_search(scene):
 
 
 def test_an_interrupted_search_keeps_the_best_pose(scene):
-    seen, watch = interrupting(40)
+    seen, watch = interrupting(80)  # the second population has been asked for
     case = poseviewer.load(scene.photo, scene.model, scene.start)
     found = case.fit(watch=watch, interruptible=True)
     assert found.stopped
