@@ -121,7 +121,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
         r.row for r in worst_first([r.result for r in queue.rows])
     ]
     review.accept(queue, first)
-    review.annotate(queue, second, " blurred,\n half hidden ")
+    review.annotate(queue, second, " blurred,\n half <b>hidden ")
     record = load_pose(out / third.result.pose, 160, 120)
     place = record.pose.camera_from_model
     moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
@@ -135,10 +135,10 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     rows = {row["row"]: row for row in table_of(out)}
     assert [rows[str(r.job.row)]["review"] for r in (first, second, third)] == [
         "accepted", "", "mended"]  # fmt: skip
-    assert rows[str(second.job.row)]["note"] == "blurred, half hidden"
+    assert rows[str(second.job.row)]["note"] == "blurred, half <b>hidden"
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "2 accepted by a person" in page
-    assert "<q>blurred, half hidden</q>" in page
+    assert "<q>blurred, half &lt;b&gt;hidden</q>" in page
     kept = out / third.result.pose.replace(".json", ".fitted.json")
     assert kept.read_bytes() == before
     image = str(int(Path(third.job.photo).stem))
