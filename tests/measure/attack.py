@@ -32,9 +32,8 @@ from tests.scene import Scene, make_scene
 
 MOST_BYTES = 1 << 30
 """What any attack may add to the memory while it lasts."""
-MOST_LEFT = 300_000_000
-"""What may be left of it afterwards: pages, buffers, what Python and the C library keep of the
-200 MB of uploads that may wait at a time."""
+MOST_LEFT = 200_000_000
+"""What may be left of it afterwards: pages, buffers, what Python keeps."""
 WATCHED_S = 0.02
 FOREIGN = Origin("http://evil.example")
 SEED = 0
