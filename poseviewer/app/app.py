@@ -61,7 +61,7 @@ _log = logging.getLogger(__name__)
 IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
 SEARCH_MAPS_S = 0.5
-"""Maps that follow a search are begun no oftener: the processor is for the search."""
+"""Seconds between maps that follow a search: the processor is for the search."""
 STOPPED_BY = "Esc stops it"
 """Said of tasks."""
 INTERPRETER_SHARE_S = 0.001

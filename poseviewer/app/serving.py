@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.workers.opening import Opened
 
 M_MMAP_THRESHOLD, LARGE_BYTES = -3, 262_144
-"""Of ``mallopt(3)``; as large as half a part of an upload."""
+"""Of ``mallopt(3)``: bytes from which a block is the system's own; half a part of an upload."""
 
 
 def serve_app(
@@ -63,7 +63,7 @@ def serve_app(
 
 def return_freed_memory() -> None:
     """Have large blocks given back to the system as soon as they are freed. glibc would keep those
-    between others, 150 MB after a thousand uploads; other C libraries are left as they are.
+    that lie between others; other C libraries are left as they are.
     """
     if sys.platform.startswith("linux"):
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

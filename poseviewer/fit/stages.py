@@ -233,7 +233,7 @@ class _Run:
         """What each view is compared with on a stage's level."""
         photos = [one.level.photo for one in stages]
         if photos[0].structure is None and self._problem.photo.structure is not None:
-            # The fine photo's is made beside the stage before: short searches do not come there.
+            # The fine photo's is made only for its stage, beside the one before.
             return [with_structure(photo, is_steep=True) for photo in photos]
         return photos
 

@@ -29,8 +29,8 @@ minimum by less than such a search can tell."""
 LOOKS = 3
 """How often a search looks again at what others hide of its model, before its verdict: after two
 most have settled."""
-ENOUGH = 0.8
-"""Probability from which a search has no restarts: its verdict compares poses where others hide
+SURE_AMONG_OTHERS = 0.8
+"""As ``search.SURE_FROM``, for a search among others: its verdict compares poses where others hide
 something else of the model, which makes it less sure of right ones too."""
 MOST_ROUNDS = 4
 """Searches of one model at most: two that slide along each other would take turns for ever."""
@@ -148,7 +148,7 @@ def _search(
             seen, (problem, note) = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
-    for progress in finish(problem, done, mesh, renderer, judge, threads, ENOUGH):
+    for progress in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS):
         yield seen, Placing(registration, problem, note, progress)
 
 

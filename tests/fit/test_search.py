@@ -15,7 +15,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import RESTARTS, SURE_FROM, is_taken, restarted, search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
-from poseviewer.fit.together import ENOUGH
+from poseviewer.fit.together import SURE_AMONG_OTHERS
 from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
@@ -102,9 +102,9 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, strateg
 
 def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
     problem, _, _, alone = small
-    end = replace(alone, verdict=Verdict("doubtful", ENOUGH, (), None))
+    end = replace(alone, verdict=Verdict("doubtful", SURE_AMONG_OTHERS, (), None))
     assert restarted(problem, end, Strategy.GLOBAL, 0.0) is not None
-    assert restarted(problem, end, Strategy.GLOBAL, 0.0, ENOUGH) is None
+    assert restarted(problem, end, Strategy.GLOBAL, 0.0, SURE_AMONG_OTHERS) is None
 
 
 @pytest.mark.parametrize(
