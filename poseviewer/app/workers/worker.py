@@ -10,9 +10,10 @@ import logging
 import os
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import Generic, Protocol, TypeVar
 
 from poseviewer.errors import sentence_of
@@ -51,29 +52,29 @@ class JobUpdate(Generic[T]):
 
 
 class Mailbox(Generic[T]):
-    """What others ask of the main loop, in the order in which they asked."""
+    """What others ask of the main loop, in the order in which they asked. A signal's handler may
+    come in the middle of it: a ``SimpleQueue`` bears that, an ``Event`` would wait for itself.
+    """
 
     def __init__(self) -> None:
-        self._items: deque[T] = deque()
-        self._notified = threading.Event()
+        self._items: SimpleQueue[T | None] = SimpleQueue()
 
     def post(self, item: T) -> None:
         """Put an item in; from any thread, at once."""
-        self._items.append(item)
-        self._notified.set()
+        self._items.put(item)
 
     def notify(self) -> None:
         """Wake the reader without an item."""
-        self._notified.set()
+        self._items.put(None)
 
     def take(self, timeout: float) -> list[T]:
         """All items, at once if there are any; else after ``notify``, or ``timeout`` seconds."""
-        self._notified.wait(timeout)
-        self._notified.clear()
-        found = []
-        while self._items:
-            found.append(self._items.popleft())
-        return found
+        found: list[T | None] = []
+        with suppress(Empty):
+            found.append(self._items.get(timeout=timeout))
+            while True:
+                found.append(self._items.get_nowait())
+        return [item for item in found if item is not None]
 
 
 class Worker(Generic[T]):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -11,6 +14,19 @@ from poseviewer.app.workers.worker import JobUpdate, Mailbox, Worker
 
 LONG = 30.0
 """Seconds after which a test has failed; none waits so long when all is well."""
+
+SIGNALLED = """
+import signal
+from poseviewer.app.workers.worker import Mailbox
+
+mailbox, came = Mailbox(), []
+signal.signal(signal.SIGALRM, lambda *_: (came.append(1), mailbox.notify()))
+signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
+while len(came) < 300:
+    mailbox.take(0.0)
+signal.setitimer(signal.ITIMER_REAL, 0.0)
+print("well")
+"""
 
 
 class Steps:
@@ -292,3 +308,11 @@ def test_no_item_of_many_posters_is_lost():
         thread.join(LONG)
     for poster in range(4):
         assert [n for p, n in found if p == poster] == list(range(300))
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that send signals")
+def test_a_signal_in_the_middle_of_a_look_into_the_mailbox_is_borne():
+    done = subprocess.run(
+        [sys.executable, "-c", SIGNALLED], capture_output=True, text=True, timeout=LONG, check=False
+    )
+    assert done.stdout == "well\n", done.stderr[-500:]
