@@ -269,7 +269,8 @@ class Reviewer:
     # --- its own ---------------------------------------------------------------------------------
 
     def _open(self, row: r.ReviewRow) -> Opened:
-        job, settings = row.job, self._queue.manifest.settings
+        # Whether to keep to a start is here for a person to say.
+        job, settings = row.job, replace(self._queue.manifest.settings, keep_start=False)
         model = _model(job.path(job.model), file_stamp(job.path(job.model)))
         photo, start = job.path(job.photo), self._queue.start(row)
         try:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import (
+    KEPT,
+    add_fields,
     add_search,
     add_settings,
     listed,
@@ -21,6 +23,7 @@ from poseviewer.cli.options import (
 )
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
+from poseviewer.fit.settings import FitSettings
 
 if TYPE_CHECKING:
     from poseviewer.batch.scene import SceneOptions
@@ -44,7 +47,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(scene, "--together", "all objects of an image, each hidden by those in front of it")
     option(scene, "--objects NUMBER,...", "(all with a pose)", listed(whole))
     add_settings(parser)
-    add_search(parser)
+    add_fields(add_search(parser), FitSettings, KEPT)
 
 
 def run(options: Namespace) -> int:

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from poseviewer.cli.options import (
+    KEPT,
     RECTANGLE,
     SCENE,
     add_fields,
@@ -32,6 +33,7 @@ SEARCHED = {
     ),
     "lock": ("--lock NAME,...", "parameters of the chart to hold", names),
     "seed": ("--seed SEED", None, seed),
+    **KEPT,
 }
 RESTARTED = {
     "x_tolerance": ("--tolerance SHARE", "size of a finished simplex ({:g})", positive),

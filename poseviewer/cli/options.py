@@ -94,6 +94,13 @@ LIMITS = {
     "seconds": ("--seconds SECONDS", "limit ({:g})", positive),
 }
 """The same of ``Limits``."""
+KEPT = {
+    "keep_start": (
+        "--keep-start",
+        "the start is an estimate: give it back where the end is not sure to be better",
+    )
+}
+"""A field of ``FitSettings`` that commands have which refine estimates."""
 CALIBRATION = {
     "calibration_camera": "camera",
     "calibration_crop": "crop",

@@ -77,6 +77,8 @@ class FitProblem:
     """The model's: poses that differ by it are one."""
     others: tuple[OtherView, ...] = ()
     """More photos of the same pose: the loss is the mean over all."""
+    keep_start: bool = False
+    """Whether the start is given back where no end is sure to be better."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the free parameters."""
 
@@ -179,6 +181,7 @@ def make_problem(registration: Registration, settings: FitSettings) -> tuple[Fit
         settings.method,
         fine() if is_finer else None,
         symmetry=registration.symmetry,
+        keep_start=settings.keep_start,
     )
     return problem, note
 

@@ -28,6 +28,10 @@ class Status(enum.Enum):
         'fit again from it, or raise "Most seconds" (--seconds).'
     )
     STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
+    KEPT = (
+        "Kept the start: where the search ended is not sure to be better "
+        "(fit without --keep-start to see it)."
+    )
     NOTHING_SEEN = (
         "No pose near the start shows enough of the model in the region: "
         "bring the start closer, or widen the region."

@@ -3,7 +3,8 @@
 Where a search has ended, what stands in front of the model there (``fit.occlusion``) counts no
 more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, further
 searches follow, each by another strategy (``RESTARTS``), and the pose of one of them is taken where
-the verdict allows it.
+the verdict allows it. A start that is an estimate is given back where the end is not sure to be
+better.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
@@ -32,8 +34,8 @@ Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
 RESTARTS = (*(Strategy.CONTINUE,) * 3, Strategy.SYMMETRIC, Strategy.GLOBAL)
 """The strategies of the searches that follow, until the pose is trusted."""
 SURE_FROM = 0.93
-"""Probability below which a search is continued even where the pose is ``found``; from here on no
-other search follows, as none would be taken."""
+"""Probability below which a search is continued even where the pose is ``found``, and a start that
+is an estimate is kept; from here on no other search follows, as none would be taken."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
@@ -60,8 +62,10 @@ def search(
     for progress in until_focal_settles(problem, renderer, threads):
         if progress.status is Status.RUNNING:
             yield progress
-        else:
-            yield from finish(problem, progress, mesh, renderer, judge, threads)
+            continue
+        for end in finish(problem, progress, mesh, renderer, judge, threads):
+            is_kept = is_start_kept(problem, end)
+            yield start_kept(problem, end, mesh, renderer, judge, threads) if is_kept else end
 
 
 def finish(
@@ -102,6 +106,45 @@ def finish(
         best = merge(before, after, after if is_taken(after, before, strategy) else before)
         gain = before.loss - best.loss
     yield best
+
+
+def is_start_kept(problem: FitProblem, end: FitProgress, sure_from: float = SURE_FROM) -> bool:
+    """Whether a problem's start is to be given back, as the ``end`` of its search is less probable
+    than ``sure_from``; never before there is a verdict.
+    """
+    return problem.keep_start and end.verdict is not None and end.verdict.probability < sure_from
+
+
+def start_kept(
+    problem: FitProblem,
+    end: FitProgress,
+    mesh: Mesh,
+    renderer: Renderer,
+    judge: Judge,
+    threads: int = 1,
+) -> FitProgress:
+    """The start in place of the ``end`` of a search from it, with its own loss and verdict, which
+    says where the search ended.
+    """
+    start, loss = problem.chart.to_pose(problem.start), pose_loss(problem, renderer, problem.start)
+    kept = replace(
+        end,
+        parameters=problem.start,
+        pose=start,
+        loss=loss,
+        start_loss=loss,
+        status=Status.KEPT,
+        hidden=None,
+        hidden_beside=(),
+    )
+    verdict = judge(kept, problem, mesh, renderer, threads)
+    assert end.verdict is not None  # by it the start is kept
+    away = pose_error(mesh, end.pose, start, problem.symmetry).percent
+    said = (
+        f"The start was kept: the search ended {away:.0f} % of the model's size away, and of such "
+        f"fits {end.verdict.probability:.0%} are right."
+    )
+    return replace(kept, verdict=replace(verdict, reasons=(said, *verdict.reasons)))
 
 
 def _behind(

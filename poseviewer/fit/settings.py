@@ -71,6 +71,9 @@ class FitSettings:
     """Of the restarted simplex; in files it is called ``rules``."""
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+    keep_start: bool = False
+    """The start is an estimate to be refined: it is given back where the search ends in a pose that
+    is not sure to be better."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where there is no such choice or seed."""

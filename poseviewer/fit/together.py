@@ -16,7 +16,14 @@ import numpy as np
 from poseviewer.fit.problem import FitProblem, Strategy, make_problem
 from poseviewer.fit.progress import FitProgress, Status, merge
 from poseviewer.fit.registration import PlacedModel, Registration
-from poseviewer.fit.search import Judge, finish, rest_of, until_focal_settles
+from poseviewer.fit.search import (
+    Judge,
+    finish,
+    is_start_kept,
+    rest_of,
+    start_kept,
+    until_focal_settles,
+)
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding, hiding, visibility
 from poseviewer.geometry.camera import Pose
@@ -148,8 +155,13 @@ def _search(
             seen, (problem, note) = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
-    for progress in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS):
-        yield seen, Placing(registration, problem, note, progress)
+    for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS):
+        if is_start_kept(problem, end, SURE_AMONG_OTHERS):
+            found = hiding(PlacedModel(mesh, registration.start), others)
+            if not found.is_whole:
+                seen, (problem, note) = found, _problem(model, found)
+            end = start_kept(problem, end, mesh, renderer, judge, threads)
+        yield seen, Placing(registration, problem, note, end)
 
 
 def _problem(model: ModelToPlace, seen: Hiding) -> tuple[FitProblem, str]:

@@ -80,4 +80,5 @@ def make_set_problem(
         fine[0],
         symmetry=views[0].symmetry,
         others=tuple(OtherView(photo, finer, chart) for (photo, _, _), finer, chart in others),
+        keep_start=settings.keep_start,
     )

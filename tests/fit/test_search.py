@@ -10,9 +10,16 @@ import pytest
 
 from poseviewer.confidence.model import judge_end
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.problem import FitProblem, Strategy, make_problem
+from poseviewer.fit.problem import FitProblem, Strategy, make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.search import RESTARTS, SURE_FROM, is_taken, restarted, search
+from poseviewer.fit.search import (
+    RESTARTS,
+    SURE_FROM,
+    is_start_kept,
+    is_taken,
+    restarted,
+    search,
+)
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.together import SURE_AMONG_OTHERS
@@ -134,6 +141,30 @@ def test_the_limits_are_those_of_all_searches(small):
     *_, end = search(replace(problem, limits=limits), mesh, renderer, Judge(LOST))
     assert end.status is Status.EVALUATIONS_SPENT
     assert limits.evaluations <= end.evaluations < limits.evaluations + 40
+
+
+def test_an_estimate_is_kept_unless_the_end_is_sure(small):
+    problem, _, _, alone = small
+    keeping = replace(problem, keep_start=True)
+    for verdict, kept in ((FOUND, False), (UNSURE, True), (LOST, True), (None, False)):
+        end = replace(alone, verdict=verdict)
+        assert is_start_kept(keeping, end) == kept
+        assert not is_start_kept(problem, end)
+    assert not is_start_kept(keeping, replace(alone, verdict=UNSURE), SURE_AMONG_OTHERS)
+
+
+def test_an_estimate_that_is_kept_says_why(small):
+    problem, mesh, renderer, _ = small
+    few = replace(problem, keep_start=True, limits=Limits(evaluations=300))
+    judge = Judge(LOST)
+    *before, end = search(few, mesh, renderer, judge)
+    assert before[-1].loss < end.loss  # the search had found something
+    assert end.status is Status.KEPT
+    assert np.array_equal(end.parameters, problem.start)
+    assert end.loss == end.start_loss == pose_loss(problem, renderer, problem.start)
+    assert len(judge.asked) == 2  # the verdict is on the start
+    assert end.verdict is not None
+    assert end.verdict.reasons[0].endswith("away, and of such fits 10% are right.")
 
 
 @pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])

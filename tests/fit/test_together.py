@@ -136,6 +136,20 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled():
     assert end.progress.verdict is not None
 
 
+def test_estimates_are_kept_together_too():
+    few = replace(SETTINGS, keep_start=True, limits=replace(SETTINGS.limits, evaluations=100))
+    models = [
+        ModelToPlace(registration(index), few, SoftwareRenderer(MESHES[index]))
+        for index in range(2)
+    ]
+    *_, end = search_together(models, lambda *_: Verdict("lost", 0.1, (), None))
+    statuses = [placing and placing.progress.status for placing in end.placings]
+    assert statuses == [Status.KEPT] * 2
+    for pose, one in zip(end.poses, STARTS[:2], strict=True):
+        seen, started = (at.project(one.mesh.vertices) for at in (pose, one.pose))
+        np.testing.assert_allclose(seen, started, atol=1e-9)
+
+
 def test_what_stands_wholly_behind_another_is_left_where_it_is():
     few = replace(SETTINGS, limits=replace(SETTINGS.limits, evaluations=5))
     wall = PlacedModel(make_box((9.0, 9.0, 0.2)), TRUTH[1].pose)
