@@ -29,6 +29,8 @@ FLAGS = (
     "--use-gl=angle",
     "--use-angle=gl-egl",
 )
+WINDOW = (1120, 700)
+"""Little more than the page has another layout for: without a GPU each pixel takes time."""
 PATIENCE_MS = 120_000
 READY = (
     "window.__viserMutable && window.__viserMutable.cameraControl && window.poseviewer && "
@@ -73,7 +75,7 @@ class AppPage:
     """One tab; places are px of the photo, pixel centres at i + 0.5."""
 
     def __init__(
-        self, browser: Browser, url: str, size: tuple[int, int] = (1400, 900), **options: Any
+        self, browser: Browser, url: str, size: tuple[int, int] = WINDOW, **options: Any
     ) -> None:
         """``options``: as playwright's ``new_page`` has them."""
         viewport: Any = {"width": size[0], "height": size[1]}

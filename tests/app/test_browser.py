@@ -27,6 +27,8 @@ from tests.app.browser import AppPage, keep_picture
 pytestmark = pytest.mark.slow
 
 DEMO_PHOTO = (960, 720)
+LARGE = (1400, 900)
+"""The window in which maps beside the photo are large enough to be pressed, px."""
 EVALUATIONS = 300
 """Of the demo's search in the browser: a browser without a GPU leaves little time for it."""
 
@@ -40,7 +42,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
 
 @pytest.fixture(scope="module")
 def tab(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
-    opened = AppPage(browser, demo.url)
+    opened = AppPage(browser, demo.url, LARGE)
     yield opened
     opened.page.close()
 

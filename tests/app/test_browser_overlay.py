@@ -86,10 +86,10 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Came
 
 
 def is_at_rest(tab: AppPage) -> bool:
-    """Whether no panel glides: for two seconds the photo stays where it is."""
+    """Whether no panel glides: nothing is animated, and for a while the photo stays where it is."""
     before = tab.view()
-    tab.page.wait_for_timeout(2000)
-    return tab.view() == before
+    tab.page.wait_for_timeout(400)
+    return tab.page.evaluate("document.getAnimations().length") == 0 and tab.view() == before
 
 
 def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
