@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 from poseviewer.api import load
 from poseviewer.app.state.cameras import with_camera
 from poseviewer.cli.options import positive
-from poseviewer.files.demo import demo_case
+from poseviewer.files.demo import DemoCase, demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
@@ -42,24 +43,22 @@ class Trial:
     evaluations: int
 
 
-def run_trials(factors: Sequence[float]) -> Iterator[Trial]:
-    """For each focal length, in true ones, a fit with it free and one with it held."""
-    case = demo_case()
+def run_trials(case: DemoCase, starts: Iterable[tuple[float, bool]]) -> Iterator[Trial]:
+    """A fit for each start: its focal length, in true ones, and whether that is free."""
     photo, model = load_photo(case.photo), load_model(case.model)
     start, truth = (
         load_pose(path, photo.width, photo.height).pose for path in (case.start, case.truth)
     )
     true_focal = _perspective(truth).fx
-    for factor in factors:
+    for factor, free in starts:
         camera = _perspective(start)
         seen = replace(camera, fx=factor * true_focal, fy=factor * true_focal)
         begin = with_camera(start, seen, model.mesh.centre)
-        for free in (True, False):
-            found = load(case.photo, model, begin, free_focal=free).fit(threads=processors())
-            error = pose_error(model.mesh, found.pose, truth).reprojection_px
-            assert found.progress is not None  # it was searched for
-            end = _perspective(found.pose).fx / true_focal
-            yield Trial(factor, free, end, error, found.progress.evaluations)
+        found = load(case.photo, model, begin, free_focal=free).fit(threads=processors())
+        error = pose_error(model.mesh, found.pose, truth).reprojection_px
+        assert found.progress is not None  # it was searched for
+        end = _perspective(found.pose).fx / true_focal
+        yield Trial(factor, free, end, error, found.progress.evaluations)
 
 
 def _perspective(pose: Pose) -> Perspective:
@@ -80,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """A line of CSV for each fit on standard output; the summary on standard error."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--factors", type=positive, nargs="+", default=FACTORS)
-    return print_trials(run_trials(parser.parse_args(arguments).factors), summary)
+    factors = parser.parse_args(arguments).factors
+    return print_trials(run_trials(demo_case(), product(factors, (True, False))), summary)
 
 
 if __name__ == "__main__":
