@@ -10,7 +10,7 @@ import pytest
 from tests.measure.attack import ATTACKS, attack, is_bounded
 from tests.scene import make_scene
 
-SHARE = 0.04
+SHARE = 0.02
 
 
 @pytest.mark.slow
