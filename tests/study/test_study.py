@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 
 import pytest
 
@@ -98,9 +99,9 @@ def test_rows_that_are_there_are_not_run_again(model, study, capsys):
 
 @pytest.mark.slow
 def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(model, study, tmp_path):
-    assert run(model, tmp_path) == 0
-    whole = (tmp_path / "trials.csv").read_bytes()
-    assert known(rows_of(tmp_path)) == known(rows_of(study)[:4])
+    for name in ("trials.csv", "study.json"):
+        shutil.copy(study / name, tmp_path)
+    whole = b"".join((tmp_path / "trials.csv").read_bytes().splitlines(keepends=True)[:5])
     kept = whole[: whole.index(b"\n", len(whole) // 2) - 5]  # in the middle of a row
     (tmp_path / "trials.csv").write_bytes(kept)
     lines = kept.count(b"\n")
