@@ -76,14 +76,18 @@ def finish(
     judge: Judge,
     threads: int = 1,
     sure_from: float = SURE_FROM,
+    gain: float = math.inf,
 ) -> Iterator[FitProgress]:
     """What follows where a first search has ended: without what is in front there, the verdict, and
-    restarts where that is less probable than ``sure_from``.
+    restarts where that is less probable than ``sure_from``. ``gain``: the loss that the first
+    search has gained, if it continued another one of the same problem.
     """
     began = time.perf_counter() - end.seconds
-    problem, best = yield from _behind(problem, end, renderer, threads)
+    whole = problem
+    problem, best = yield from _behind(whole, end, renderer, threads)
+    if problem is not whole:
+        gain = math.inf
     best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
-    gain = math.inf
     for strategy in RESTARTS:
         again = restarted(problem, best, strategy, time.perf_counter() - began, sure_from)
         if again is None:

@@ -8,6 +8,7 @@ seen. A model is searched for again where this has changed since.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -137,6 +138,7 @@ def _search(
     problem, note = _problem(model, seen)
     strategy = Strategy.FIRST if problem.photo.structure is None else Strategy.COARSE
     done: FitProgress | None = None
+    gain = math.inf  # of the last search, where it continued another on the same pixels
     for look in range(LOOKS + 1):
         rest = problem.limits if done is None else rest_of(problem.limits, done, done.seconds)
         if rest is None:
@@ -145,6 +147,8 @@ def _search(
         part, before = replace(problem, strategy=strategy, start=start, limits=rest), done
         for now in until_focal_settles(part, renderer, threads):
             done = now if before is None else merge(before, now, now)
+            if strategy is Strategy.CONTINUE:
+                gain = now.start_loss - now.loss
             yield seen, Placing(registration, problem, note, replace(done, status=Status.RUNNING))
         assert done is not None  # a search yields at least once
         pose, found = done.pose, hiding(PlacedModel(mesh, done.pose), others)
@@ -155,7 +159,7 @@ def _search(
             seen, (problem, note) = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
-    for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS):
+    for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS, gain):
         if is_start_kept(problem, end, SURE_AMONG_OTHERS):
             found = hiding(PlacedModel(mesh, registration.start), others)
             if not found.is_whole:

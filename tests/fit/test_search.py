@@ -15,6 +15,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import (
     RESTARTS,
     SURE_FROM,
+    finish,
     is_start_kept,
     is_taken,
     restarted,
@@ -165,6 +166,14 @@ def test_an_estimate_that_is_kept_says_why(small):
     assert len(judge.asked) == 2  # the verdict is on the start
     assert end.verdict is not None
     assert end.verdict.reasons[0].endswith("away, and of such fits 10% are right.")
+
+
+def test_a_search_that_has_just_been_continued_in_vain_is_not_so_again(small):
+    problem, mesh, renderer, alone = small
+    unsure = (problem, alone, mesh, renderer, Judge(UNSURE), 1, SURE_FROM)
+    *_, vain = finish(*unsure, 0.0)
+    *_, end = finish(*unsure)
+    assert vain.evaluations == alone.evaluations < end.evaluations
 
 
 @pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])
