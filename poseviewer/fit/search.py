@@ -112,11 +112,11 @@ def finish(
     yield best
 
 
-def is_start_kept(problem: FitProblem, end: FitProgress, sure_from: float = SURE_FROM) -> bool:
-    """Whether a problem's start is to be given back, as the ``end`` of its search is less probable
-    than ``sure_from``; never before there is a verdict.
+def is_start_kept(problem: FitProblem, end: FitProgress) -> bool:
+    """Whether a problem's start is to be given back, as the ``end`` of its search is not sure to be
+    better; never before there is a verdict.
     """
-    return problem.keep_start and end.verdict is not None and end.verdict.probability < sure_from
+    return problem.keep_start and end.verdict is not None and end.verdict.probability < SURE_FROM
 
 
 def start_kept(

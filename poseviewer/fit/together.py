@@ -3,7 +3,8 @@ another.
 
 What one model hides of another depends on both poses, so the searches alternate: the model that is
 seen most goes first, and each is compared where the others, at their poses by then, leave it to be
-seen. A model is searched for again where this has changed since.
+seen. A model is searched for again where this has changed since. Estimates that no search was sure
+of yet hide nothing: they may be of another place altogether.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def search_together(
             index = _most_seen(models, poses, due)
             due.remove(index)
             model = models[index]
-            rest = [i for i in range(len(models)) if i != index]
+            rest = [i for i, one in enumerate(models) if i != index and _hides(one, placings[i])]
             others = tuple(PlacedModel(models[i].registration.mesh, poses[i]) for i in rest)
             others = (*model.registration.others, *others)
             now = hiding(PlacedModel(model.registration.mesh, poses[index]), others)
@@ -160,7 +161,7 @@ def _search(
         strategy = Strategy.CONTINUE
     assert done is not None
     for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS, gain):
-        if is_start_kept(problem, end, SURE_AMONG_OTHERS):
+        if is_start_kept(problem, end):
             found = hiding(PlacedModel(mesh, registration.start), others)
             if not found.is_whole:
                 seen, (problem, note) = found, _problem(model, found)
@@ -174,6 +175,13 @@ def _problem(model: ModelToPlace, seen: Hiding) -> tuple[FitProblem, str]:
     weights = 1.0 if registration.mask is None else registration.mask.weights
     mask = Mask.of(weights * ~seen.with_margin)
     return make_problem(replace(registration, mask=mask, others=()), model.settings)
+
+
+def _hides(model: ModelToPlace, placing: Placing | None) -> bool:
+    """Whether a model is where it is thought to be, so that it hides what is behind it."""
+    if not model.settings.keep_start:
+        return True
+    return placing is not None and placing.progress.status is not Status.KEPT
 
 
 def _most_seen(models: Sequence[ModelToPlace], poses: Sequence[Pose], due: set[int]) -> int:

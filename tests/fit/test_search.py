@@ -151,7 +151,6 @@ def test_an_estimate_is_kept_unless_the_end_is_sure(small):
         end = replace(alone, verdict=verdict)
         assert is_start_kept(keeping, end) == kept
         assert not is_start_kept(problem, end)
-    assert not is_start_kept(keeping, replace(alone, verdict=UNSURE), SURE_AMONG_OTHERS)
 
 
 def test_an_estimate_that_is_kept_says_why(small):

@@ -136,18 +136,25 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled():
     assert end.progress.verdict is not None
 
 
-def test_estimates_are_kept_together_too():
+def test_an_estimate_that_is_kept_hides_nothing():
     few = replace(SETTINGS, keep_start=True, limits=replace(SETTINGS.limits, evaluations=100))
     models = [
         ModelToPlace(registration(index), few, SoftwareRenderer(MESHES[index]))
-        for index in range(2)
+        for index in range(3)
     ]
-    *_, end = search_together(models, lambda *_: Verdict("lost", 0.1, (), None))
+    box = models[1].renderer
+
+    def judge(*asked: object) -> Verdict:
+        return Verdict("lost", 0.1, (), None) if box in asked else Verdict("found", 1.0, (), None)
+
+    *_, end = search_together(models, judge)
     statuses = [placing and placing.progress.status for placing in end.placings]
-    assert statuses == [Status.KEPT] * 2
-    for pose, one in zip(end.poses, STARTS[:2], strict=True):
-        seen, started = (at.project(one.mesh.vertices) for at in (pose, one.pose))
-        np.testing.assert_allclose(seen, started, atol=1e-9)
+    assert statuses == [Status.EVALUATIONS_SPENT, Status.KEPT, Status.EVALUATIONS_SPENT]
+    kept, start = (pose.project(MESHES[1].vertices) for pose in (end.poses[1], STARTS[1].pose))
+    np.testing.assert_allclose(kept, start, atol=1e-9)
+    ball, _, apart = (placing and placing.registration.others for placing in end.placings)
+    assert [one.mesh for one in ball or ()] == [MESHES[2]]
+    assert [one.mesh for one in apart or ()] in ([], [MESHES[0]])
 
 
 def test_what_stands_wholly_behind_another_is_left_where_it_is():
