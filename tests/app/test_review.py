@@ -8,6 +8,7 @@ import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,9 @@ from poseviewer.batch.job import run_job
 from poseviewer.batch.run import open_batch, save_outcome
 from poseviewer.batch.scene import SceneOptions
 from poseviewer.files.masks import mask_beside
-from poseviewer.files.pose import load_pose
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.transform import RigidTransform
 from tests.app.running_app import settle
 from tests.app.socket_page import SocketPage
 from tests.scene import make_scene
@@ -74,6 +76,23 @@ def rows_of(out: Path) -> list[dict[str, str]]:
 
 def poses_of(out: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (out / "poses").glob("*.json")}
+
+
+def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
+    scene = make_scene(tmp_path)
+    start = load_pose(scene.start, 160, 120).pose
+    turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
+    turned = replace(start, camera_from_model=start.camera_from_model @ turn)
+    save_pose(scene.start, PoseRecord(turned))
+    row = f"{scene.photo},{scene.model},{scene.start}\n"
+    (tmp_path / "jobs.csv").write_text("photo,model,start\n" + row)
+    settings = FitSettings(limits=Limits(10, 600.0), keep_start=True)
+    batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", settings)
+    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    with reviewing(tmp_path / "out") as (app, page):
+        page.wait_until(lambda: page.text_with("The start was kept: the search ended"))
+        # What a person searches for is not given back.
+        assert not app.session.document.settings.keep_start
 
 
 @pytest.mark.slow

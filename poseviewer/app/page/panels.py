@@ -35,6 +35,7 @@ from poseviewer.app.state.requests import (
     UseLastPose,
 )
 from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -743,6 +744,8 @@ def review_text(state: ReviewState) -> str:
     verdict = getattr(result, "verdict", "")
     if verdict and not result.review:
         lines.append(plain(f"verdict: {verdict}"))
+        if result.status == Status.KEPT.value:
+            lines.append(plain(result.reasons.split("\n")[0]))
     if state.trouble:
         lines.append(plain(state.trouble))
     return "  \n".join(lines)
