@@ -11,6 +11,7 @@ import pytest
 from poseviewer.api import Case
 from poseviewer.app.page import page as page_module
 from poseviewer.app.state.session import OverlayRequest
+from poseviewer.app.workers.maps import SIZE
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import make_scene
 
@@ -92,5 +93,5 @@ def test_what_a_search_begins_with_is_made_beforehand(
 
 def fine_maps_are_on_their_way(running: RunningApp) -> bool:
     """Of the pose at hand: they come after what is made beforehand."""
-    landscapes = running.app.session.landscapes
-    return any(maps.centre is running.pose and maps.known > 0.0 for maps in landscapes)
+    about_it = (m for m in running.app.session.landscapes if m.centre is running.pose)
+    return any(len(piece.first_values) == SIZE for maps in about_it for piece in maps.slices)

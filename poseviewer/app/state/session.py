@@ -189,8 +189,6 @@ class LandscapeUpdate:
     half_width: float
     slices: tuple[Slice, ...]
     """One for each pair, as soon as there is one."""
-    known: float
-    """Share of the losses that are known, in [0, 1]."""
 
     @property
     def shown(self) -> tuple[Slice, ...]:

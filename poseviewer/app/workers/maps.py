@@ -102,7 +102,7 @@ class MapMaker:
             path = job.path if case is job.case else None
             width = job.half_width
             for latest in maps(quick, document, level, width, size or SIZE, shown, light, path):
-                known[method] = replace(latest, case=case, known=0.0) if size else latest
+                known[method] = replace(latest, case=case)
                 yield known[method]
 
         first, *more = QUICK_SIZES
@@ -193,25 +193,13 @@ def maps(
     """
     problem, centre = case.problem, document.pose
     parameters = document.numbers_in(problem.chart, case.registration.photo)
-    newest: dict[tuple[int, int], Slice] = {}
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
-    known = 0
-    count = len(case.problem.free_indices)
-    total = count * (count - 1) // 2 * size * size
     slices = landscape(
         problem, pool, parameters, half_width=half_width, size=size, light=light, path=path
     )
     for piece in slices:
         pair = piece.first, piece.second
-        known += _known(piece) - _known(newest.get(pair))
-        newest[pair] = piece
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeUpdate(
-            centre, case, parameters, half_width, tuple(seen.values()), known / total
-        )
-
-
-def _known(piece: Slice | None) -> int:
-    return 0 if piece is None else int(np.isfinite(piece.losses).sum())
+        yield LandscapeUpdate(centre, case, parameters, half_width, tuple(seen.values()))
