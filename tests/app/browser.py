@@ -28,6 +28,7 @@ FLAGS = (
     "--ignore-gpu-blocklist",
     "--use-gl=angle",
     "--use-angle=gl-egl",
+    "--disable-gpu-rasterization",
 )
 WINDOW = (1120, 700)
 """Little more than the page has another layout for: without a GPU each pixel takes time."""

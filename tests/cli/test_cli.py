@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
@@ -373,11 +372,12 @@ def test_the_app_imports_nothing_that_its_page_can_wait_for():
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
-def test_ctrl_c_keeps_the_best_pose(tmp_path):
-    case, out = demo_case(), tmp_path / "pose.json"
-    files = [case.photo, case.model, "--pose", case.start, "--out"]
+def test_ctrl_c_keeps_the_best_pose(scene, tmp_path):
+    out = tmp_path / "pose.json"
+    files = [scene.photo, scene.model, "--pose", scene.start, "--out"]
     command = [sys.executable, "-m", "poseviewer.cli.main", "fit", *files, out]
-    command += ["--method", "paper", "--tolerance", "1e-300"]  # long enough to be stopped
+    # Long enough to be stopped.
+    command += ["--method", "paper", "--tolerance", "1e-300", "--evaluations", 10_000_000]
     # On a terminal the progress is shown at once; in a pipe only every few seconds.
     terminal, its_end = pty.openpty()
     termios.tcsetwinsize(its_end, (24, 120))

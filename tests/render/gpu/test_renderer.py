@@ -25,7 +25,7 @@ from poseviewer.render.types import Moments, PhotoAttributes
 from tests.gpu import require_gpu
 from tests.meshes import make_box, make_bumpy, make_painted, make_soup, make_sphere
 
-WIDTH, HEIGHT = 128, 96
+WIDTH, HEIGHT = 96, 72
 POSES = 100
 AGREEMENT = 1e-4
 MESHES = {
@@ -69,8 +69,8 @@ def make_pose(random: np.random.Generator, parallel: bool) -> Pose:
     )
     cx, cy = random.uniform(0.2, 0.8, 2) * (WIDTH, HEIGHT)
     if parallel:
-        return Pose(Parallel(random.uniform(8.0, 60.0), cx, cy, WIDTH, HEIGHT), transform)
-    fx, fy = random.uniform(70.0, 200.0, 2)
+        return Pose(Parallel(random.uniform(6.0, 45.0), cx, cy, WIDTH, HEIGHT), transform)
+    fx, fy = random.uniform(50.0, 150.0, 2)
     return Pose(Perspective(fx, fy, cx, cy, WIDTH, HEIGHT), transform)
 
 
@@ -195,7 +195,7 @@ def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch)
     photo = PhotoAttributes(
         np.zeros((height, width, 1), np.float32), np.ones((height, width), np.float32)
     )
-    pose = Pose(Parallel(8.0, 64.0, 48.0, width, height), make_poses(1)[0].camera_from_model)
+    pose = Pose(Parallel(8.0, 48.0, 36.0, width, height), make_poses(1)[0].camera_from_model)
     wanted = SoftwareRenderer(MESHES["box"]).moments(pose, photo)
     assert disagreement(wanted, renderer.moments(pose, photo)) == 0.0
     assert "goes on without it" in caplog.text
