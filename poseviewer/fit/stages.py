@@ -109,7 +109,8 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
         first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
         last = replace(last, rise=share * last.rise, least_gain=share * last.least_gain)
     stages = (Stage(light, cma_es.minimise, second, rescore_every=every),)
-    widest = Stage(coarse, cma_es.minimise, first, rescore_every=every)
+    wide = coarse if coarse.factor > 1 else light
+    widest = Stage(wide, cma_es.minimise, first, rescore_every=every)
     if problem.strategy is Strategy.COARSE:
         return (widest,)
     if problem.strategy in (Strategy.FIRST, Strategy.GLOBAL):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,6 +162,16 @@ def test_small_models_are_searched_on_the_photo_alone():
     (stage,) = make_stages(problem, RENDERER)
     assert stage.level.photo is problem.photo
     assert stage.options is problem.options
+
+
+def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
+    lit = make_problem(160)
+    plain = replace(lit.photo, clipped=False, colour_reflectance=False)
+    wide, population, last = make_stages(replace(lit, photo=structured(plain, 2)), RENDERER)
+    assert wide.level.factor == population.level.factor == last.level.factor == 1
+    renderers: list[Any] = [stage.level.renderer for stage in (wide, population, last)]
+    faces = [len(renderer.mesh.faces) for renderer in renderers]
+    assert faces[0] == faces[1] < faces[2] == len(MESH.faces)
 
 
 def test_coarse_searches_are_wide_and_fine_ones_near():
