@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
+from poseviewer.confidence.model import judge_end
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.together import ModelToPlace, search_together
 from poseviewer.study.real_cases import load_cases
 from poseviewer.study.trials import real_tasks
 from tests.study.real_folder import write_real_folder
@@ -118,3 +120,14 @@ def test_the_other_cases_of_the_photo_can_be_given(folder):
     assert other.pose is task.others[0].truth
     (alone,) = real_tasks(folder, [5], 1, "*-a", FitSettings())
     assert alone.open()[0].others == ()
+
+
+def test_a_trial_among_others_is_a_search_of_their_scene(folder):
+    settings = FitSettings(chart="free-body", limits=Limits(evaluations=900))
+    (task,) = real_tasks(folder, [5], 1, "*-a", settings, among_others=True)
+    registration, renderer = task.open()
+    model = ModelToPlace(registration, settings, renderer)
+    *_, last = search_together([model], judge_end)
+    trial = task.run()
+    assert trial.evaluations == last.progress.evaluations
+    assert trial.loss_end == last.progress.loss < trial.loss_start
