@@ -28,7 +28,13 @@ from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
+from poseviewer.render.pyramid.levels import (
+    Level,
+    coarsest_level,
+    culled,
+    lighter_level,
+    with_structure,
+)
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 FEWEST_PIXELS = 5000
@@ -202,7 +208,7 @@ class _Run:
         stage = stages[0]
         factor, scored, due = stage.level.factor, None, stage.rescore_every
         photos = self._photos(stages) if self._ready is None else self._ready()
-        levels = _Renderers(tuple(one.level.renderer for one in stages))
+        levels = _Renderers(tuple(map(self._renderer_of, stages, self._problem.views)))
         with RendererPool(levels, self._threads) as pool:
             if following is not None:
                 self._ready = pool.start(partial(self._photos, following))
@@ -229,6 +235,14 @@ class _Run:
                     self._take_score()
                 if is_new:
                     yield self._progress(state, factor, state.converged and following is None)
+
+    def _renderer_of(self, stage: Stage, view: FitProblem) -> Renderer:
+        """What judges poses on a stage's level. The end of a search does without what is hidden
+        there, where its best points are scored with the whole model.
+        """
+        if not (stage.along_axes and stage.rescore_every):
+            return stage.level.renderer
+        return culled(stage.level, view.chart.to_pose(self._parameters))
 
     def _photos(self, stages: Sequence[Stage]) -> list[PhotoAttributes]:
         """What each view is compared with on a stage's level."""

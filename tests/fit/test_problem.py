@@ -174,6 +174,25 @@ def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
     assert faces[0] == faces[1] < faces[2] == len(MESH.faces)
 
 
+def test_a_search_ends_without_what_is_hidden_there():
+    culled_at: list[Pose] = []
+
+    class Recording(SoftwareRenderer):
+        def culled(self, pose: Pose) -> SoftwareRenderer:
+            culled_at.append(pose)
+            return super().culled(pose)
+
+    lit = make_problem(160)
+    small = replace(lit.photo, clipped=False, colour_reflectance=False)
+    problem = replace(lit, photo=structured(small, 2), fine_photo=smaller(small, 1))
+    *_, end = fit_pose(problem, Recording(MESH))
+    (pose,) = culled_at  # of the fine photo: on the photo the model is a lighter one
+    assert (pose.camera.width, pose.camera.height) == (160, 120)
+    away = pose.project(MESH.vertices) - end.pose.project(MESH.vertices)
+    assert np.abs(away).max() < 2.0
+    assert end.loss == pose_loss(problem, RENDERER, end.parameters)
+
+
 def test_coarse_searches_are_wide_and_fine_ones_near():
     options = RestartOptions()
     coarse, fine = coarse_options(options), fine_options(options)

@@ -149,6 +149,11 @@ class GpuRenderer(SoftwareRenderer):
             return super().reduced(faces)
         return _simplified(self.mesh, faces, self.two_sided).clone()
 
+    def culled(self, pose: Pose) -> GpuRenderer:
+        """As ``clone``: to upload another model takes longer than to draw hidden faces."""
+        del pose
+        return self.clone()
+
     @property
     def device(self) -> Device:
         """What it judges poses on."""

@@ -44,6 +44,15 @@ class Reducible(Protocol):
         ...
 
 
+@runtime_checkable
+class Cullable(Protocol):
+    """A renderer that can be had without what is hidden."""
+
+    def culled(self, pose: Pose) -> Renderer:
+        """A renderer of the same kind, without the faces that others hide at a pose and near it."""
+        ...
+
+
 def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
     """The level of a photo in which the model covers about ``pixels``.
 
@@ -184,6 +193,14 @@ def reduced(renderer: Renderer, pixels: float) -> Renderer:
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
     faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
     return renderer.reduced(faces) if isinstance(renderer, Reducible) else renderer
+
+
+def culled(level: Level, pose: Pose) -> Renderer:
+    """A renderer of a level of factor 1 for poses near ``pose``, without what is hidden there."""
+    renderer = level.renderer
+    if not isinstance(renderer, Cullable):
+        return renderer
+    return renderer.culled(level_pose(pose, level.photo.factor))
 
 
 def _boxes(

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
-from poseviewer.render.software.surface import make_surface
+from poseviewer.render.software.surface import Surface, make_surface, part_of
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
 from poseviewer.render.texture import TexturePyramid, flatten_textures
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
@@ -27,6 +28,9 @@ NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
 VIEW_PX = 256
 """Side of the pictures from which the faces seen from outside are told."""
+CULLED_PX = 1
+"""How far a pose may move the model from where hidden faces were told: as far as the end of a
+search does."""
 NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
 CACHE_LINE = 64
 """Of the processor, in bytes."""
@@ -51,12 +55,13 @@ class SoftwareRenderer:
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
-        other = object.__new__(type(self))
-        other.mesh, other.two_sided = self.mesh, self.two_sided
-        other._near, other._surface = self._near, self._surface
-        other._textures, other._texel_areas = self._textures, self._texel_areas
-        other._allocate()
-        return other
+        return self._with(self._surface)
+
+    def culled(self, pose: Pose) -> SoftwareRenderer:
+        """A renderer without the faces that others hide at a pose, for poses at which the model is
+        moved by ``CULLED_PX`` at most: of a car seen from outside most is hidden.
+        """
+        return self._with(part_of(self._surface, ~self._hidden(pose)))
 
     def reduced(self, faces: int) -> SoftwareRenderer:
         """A renderer of the model with at most this number of triangles, or of it as it is."""
@@ -159,6 +164,34 @@ class SoftwareRenderer:
         mean.flags.writeable = covariance.flags.writeable = False
         cosine = dot / square**0.5 if square > 0.0 else 0.0
         return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
+
+    def _with(self, surface: Surface) -> SoftwareRenderer:
+        """Another renderer of the same mesh, of which it draws the ``surface``."""
+        other = object.__new__(type(self))
+        other.mesh, other.two_sided = self.mesh, self.two_sided
+        other._near, other._surface = self._near, surface
+        other._textures, other._texel_areas = self._textures, self._texel_areas
+        other._allocate()
+        return other
+
+    def _hidden(self, pose: Pose) -> NDArray[np.bool_]:
+        """(F,): the faces that show nowhere and have no corner but behind all that is seen within
+        ``CULLED_PX`` of it. By corners, as few faces of a detailed model hold a pixel's centre.
+        """
+        left, top, right, bottom = self._rasterise(pose)
+        screen, nearness = self._workspace[:2]
+        columns, rows = screen // rasterise.SUBPIXELS - np.array([[left], [top]])
+        free = (columns < 0) | (rows < 0) | (columns >= right - left) | (rows >= bottom - top)
+        inside = np.flatnonzero(~free)
+        if len(inside):
+            side = 2 * CULLED_PX + 1
+            depth = np.ascontiguousarray(self._depth[top:bottom, left:right])
+            farthest = cv2.erode(depth, np.ones((side, side), np.uint8))
+            free[inside] = nearness[inside] >= farthest[rows[inside], columns[inside]]
+        hidden = ~free[self._surface.faces].any(axis=1)
+        ids = self._ids[top:bottom, left:right]
+        hidden[ids[ids >= 0]] = False
+        return hidden
 
     def _allocate(self) -> None:
         surface, count_of_levels = self._surface, self._textures[1].shape[1]

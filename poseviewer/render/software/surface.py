@@ -73,6 +73,25 @@ def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
     )
 
 
+def part_of(surface: Surface, kept: NDArray[np.bool_]) -> Surface:
+    """The faces ``kept`` (F,) alone, with the vertices that they use, in the same order."""
+    used, faces = np.unique(surface.faces[kept], return_inverse=True)
+    kept_and_none = np.append(kept, True)  # the row at the end that is of no face
+    has_paint = len(surface.paint) > 1
+    return Surface(
+        surface.order[kept],
+        surface.centre,
+        np.ascontiguousarray(surface.vertices[:, used]),
+        faces.reshape(-1, 3).astype(np.int32),
+        surface.vertex_data[used],
+        surface.face_texture[kept],
+        surface.normals[kept_and_none],
+        surface.colours[kept_and_none],
+        surface.kinds[kept],
+        surface.paint[kept_and_none] if has_paint else surface.paint,
+    )
+
+
 def _in_order_of_use(
     faces: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

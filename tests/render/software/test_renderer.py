@@ -14,6 +14,7 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.software.renderer import SoftwareRenderer
@@ -214,6 +215,48 @@ def test_a_model_outside_the_picture_shows_nothing(place):
     assert not renderer.render(pose).mask.any()
     photo = make_photo(np.random.default_rng(0).uniform(size=(48, 64, 3)))
     assert lighting_loss(renderer.moments(pose, photo)) == 3.0
+
+
+def make_nested() -> Mesh:
+    """A bumpy shape with another one inside."""
+    shape, count = make_bumpy(4), len(make_bumpy(4).vertices)
+    corners = ("normals", "colours", "uvs")
+    faces = ("face_texture", "face_part")
+    return replace(
+        shape,
+        vertices=np.concatenate([shape.vertices, 0.7 * shape.vertices]),
+        faces=np.concatenate([shape.faces, shape.faces + count]),
+        **{name: np.concatenate([getattr(shape, name)] * 2) for name in (*corners, *faces)},
+    )
+
+
+NESTED = SoftwareRenderer(make_nested())
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=25)
+def test_near_a_pose_nothing_of_what_it_hides_is_missed(parallel, seed):
+    random = np.random.default_rng(seed)
+    pose = random_pose(random, parallel)
+    culled = NESTED.culled(pose)
+    across, down = random.uniform(-0.7, 0.7, 2)
+    camera = pose.camera
+    moved = replace(camera, cx=camera.cx + across, cy=camera.cy + down)
+    for near in (pose, replace(pose, camera=moved)):
+        assert np.array_equal(culled.render(near).face_ids, NESTED.render(near).face_ids)
+
+
+def test_what_a_pose_hides_is_left_out():
+    camera = Parallel(20.0, 48.0, 36.0, 96, 72)
+    front, behind = (
+        Pose(camera, RigidTransform.from_rotation_vector([0.0, turn, 0.0], [0.0, 0.0, 0.0]))
+        for turn in (0.0, np.pi)
+    )
+    whole, left = NESTED.render(behind), NESTED.culled(front).render(behind)
+    assert np.count_nonzero(whole.mask) > 1000
+    kept = whole.mask & (left.face_ids == whole.face_ids)
+    assert np.count_nonzero(kept) < 0.2 * np.count_nonzero(whole.mask)
 
 
 def test_a_clone_has_its_own_buffers():
