@@ -3,8 +3,8 @@
 ``python -m tests.measure.results FOLDER`` measures what FOLDER does not hold yet, so that a run
 that was cut off goes on, and writes both from it: the benchmark, the study on photos drawn here by
 both methods, the study on the photos with known poses in ``POSEVIEWER_DATA`` (``../shared/data``)
-and on its path-traced tabletops. Hours on two cores with ten starts; ``--starts``, ``--draws`` and
-``--quick`` make it shorter.
+and on its path-traced tabletops, each object alone and among the others. Hours on two cores with
+ten starts; ``--starts``, ``--draws`` and ``--quick`` make it shorter.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ SETS = {
     "clutter": "path-traced tabletops (exact truth)",
 }
 """What the sets of photos are called; those not named here go by their own names."""
+SHARES, SHARES_OF_TABLETOPS = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0)
+"""Limits in per cent within which shares of ends are told; the truths of tabletops are exact."""
 NOT_MEASURED = "Not measured in this run."
 Row = dict[str, str]
 
@@ -59,6 +61,7 @@ def measure(folder: Path, data: Path, options: argparse.Namespace) -> None:
     _run("study", "--out", folder / "real", *real)
     tabletops = "--real", data / "clutter", "--degrees", "15", "--draws", 1
     _run("study", "--out", folder / "clutter", *tabletops)
+    _run("study", "--out", folder / "among", *tabletops, "--among-others")
 
 
 def _run(*words: object) -> None:
@@ -76,7 +79,8 @@ def page_of(folder: Path, today: date, options: str) -> str:
         "options": options,
         "cores": str(os.cpu_count()),
         "real": _error_table(real, lambda row: (row["set"], f"{row['degrees']}°")),
-        "clutter": _error_table(clutter, _seen()),
+        "clutter": _error_table(clutter, _seen(), SHARES_OF_TABLETOPS),
+        "among": _error_table(_rows(folder / "among"), _seen(), SHARES_OF_TABLETOPS),
         "verdict": _verdict_table((("first table", real), ("tabletops", clutter))),
         "study": _tables(study),
         "bench": bench.strip(),
@@ -144,16 +148,24 @@ def _shares(rows: Sequence[Row], limits: Sequence[float]) -> list[str]:
     return [str(len(end)), f"{np.median(end):.2f} %", *shares]
 
 
-def _error_table(rows: Sequence[Row], group: Callable[[Row], tuple[str, str]]) -> str:
+def _error_table(
+    rows: Sequence[Row],
+    group: Callable[[Row], tuple[str, str]],
+    limits: Sequence[float] = SHARES,
+) -> str:
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault(group(row), []).append(row)
+    within = " | ".join(f"within {limit:g} %" for limit in limits)
     lines = [
-        "| photos | off by | fits | start | end | within 1 % | within 2 % | within 5 % | nearer |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+        f"| photos | off by | fits | start | end | {within} | nearer |",
+        f"|---|{'---:|' * (len(limits) + 5)}",
     ]
-    for (name, off), some in sorted(groups.items(), key=lambda item: _order(item[0])):
-        count, end, *shares = _shares(some, (1.0, 2.0, 5.0))
+    table = sorted(groups.items(), key=lambda item: _order(item[0]))
+    if len({off for _, off in groups}) == 1:
+        table.append((("all", table[0][0][1]), list(rows)))
+    for (name, off), some in table:
+        count, end, *shares = _shares(some, limits)
         start = f"{np.median(_errors(some, 'start')):.1f} %"
         nearer = f"{np.mean(_errors(some, 'end') < _errors(some, 'start')):.0%}".replace("%", " %")
         cells = SETS.get(name, name), off, count, start, end, *shares, nearer
@@ -215,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.folder
     if not options.only_write:
         measure(folder, data_folder(), options)
-    if not all((folder / name / "trials.csv").is_file() for name in ("real", "clutter")):
+    if not all((folder / name / "trials.csv").is_file() for name in ("real", "clutter", "among")):
         parser.error(f"{folder}: holds no trials; leave out --only-write to measure them")
     newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))
     measured = datetime.fromtimestamp(newest, UTC).date()

@@ -15,13 +15,13 @@ COLUMNS = ("method", "set", "case", "degrees", "accuracy_percent", "verdict",
 
 
 def measured(folder: Path, ends: dict[str, list[float]]) -> Path:
-    for study in ("study", "real", "clutter"):
+    for study in ("study", "real", "clutter", "among"):
         (folder / study).mkdir()
     (folder / "study" / "study.md").write_text(
         "# Study\n\n| a table of the study |\n\n![it](study.png)\n"
     )
     (folder / "bench.md").write_text("| a table of the bench |\n")
-    for study, name in (("real", "hope"), ("clutter", "clutter")):
+    for study, name in (("real", "hope"), ("clutter", "clutter"), ("among", "among")):
         with (folder / study / "trials.csv").open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(COLUMNS)
@@ -33,12 +33,15 @@ def measured(folder: Path, ends: dict[str, list[float]]) -> Path:
 
 
 def test_page_and_rows_say_what_was_measured(tmp_path: Path):
-    folder = measured(tmp_path, {"hope": [0.4, 0.6, 1.5, 20.0], "clutter": [0.5]})
+    folder = measured(
+        tmp_path, {"hope": [0.4, 0.6, 1.5, 20.0], "clutter": [0.5], "among": [1.2, 4.0]}
+    )
     page = page_of(folder, date(2026, 11, 23), "--starts 1")
     assert "Measured on 2026-11-23" in page
     assert "results FOLDER --starts 1`" in page
     assert "| a table of the study |" in page
     assert "| a table of the bench |" in page
+    assert "| all | 15° | 2 | 10.0 % | 2.60 % | 0 % | 50 % | 50 % | 50 % | 100 % |" in page
     wanted = "| 15° | 4 | 10.0 % | 1.05 % | 50 % | 75 % | 75 % | 75 % |"
     assert wanted in page
     assert "| first table | `found` | 3 | 3 | 0 |" in page
