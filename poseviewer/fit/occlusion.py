@@ -93,7 +93,9 @@ def _behind(
 ) -> tuple[PhotoAttributes, PhotoAttributes | None]:
     if hidden is None:
         return photo, fine
-    seen = with_structure(replace(photo, weights=photo.weights * ~hidden))
+    assert photo.structure is not None  # something was seen in front of the model by it
+    left = replace(photo, weights=photo.weights * ~hidden)
+    seen = with_structure(left, photo.structure.is_steep)
     if fine is not None:
         height, width = fine.weights.shape
         larger = enlarged(hidden, photo.factor / fine.factor, width, height)

@@ -313,7 +313,11 @@ def _compared(
     """The level that poses are compared on, with its structure where that is used."""
     photo, counted = plain, np.count_nonzero(plain.weights)
     if counted and not plain.clipped and settings.method == "default":
-        photo = structured(plain, working_factor(registration.mesh, registration.start))
+        factor, finest = (
+            working_factor(registration.mesh, registration.start, most)
+            for most in (WORKING_PIXELS, FINE_PIXELS)
+        )
+        photo = structured(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
         raise SettingsError(

@@ -65,6 +65,8 @@ class PhotoStructure:
     """(n + K, n + K): the same of their products."""
     field: NDArray[np.float32]
     """(height, width, 2): the orientation field, scaled so that its weighted square sum is 1."""
+    is_steep: bool = False
+    """Whether each pixel that a blurred edge runs through is of the class on its own side of it."""
 
 
 def make_structure(
@@ -92,7 +94,7 @@ def make_structure(
     first, second = _sums_of_photo(channels, weights, labels, shares)
     for array in (labels, shares, first, second, field):
         array.flags.writeable = False
-    return PhotoStructure(labels, shares, first, second, field)
+    return PhotoStructure(labels, shares, first, second, field, is_steep)
 
 
 def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:

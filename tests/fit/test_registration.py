@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseviewer.api import load
 from poseviewer.errors import SettingsError
+from poseviewer.files.demo import demo_case
+from poseviewer.fit.occlusion import behind
 from poseviewer.fit.problem import make_photo_attributes, make_problem, shown_attributes
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
@@ -100,6 +103,23 @@ def test_what_a_mask_hides_does_not_count():
     problem, _ = make_problem(registration, FitSettings())
     found = problem.fine_photo or problem.photo
     assert found.weights.sum() == pytest.approx((near * weights).sum())
+
+
+def test_blurred_edges_are_made_steep_on_the_finest_photo():
+    small, _ = make_problem(opened(make_photo(30.0)), FitSettings())
+    assert small.fine_photo is None
+    assert small.photo.structure is not None
+    assert small.photo.structure.is_steep
+    hidden = np.zeros(small.photo.weights.shape, bool)
+    hidden[50:60, 70:80] = True
+    rest = behind(small, hidden).photo.structure
+    assert rest is not None
+    assert rest.is_steep
+    demo = demo_case()
+    large = load(demo.photo, demo.model, demo.start).problem
+    assert large.fine_photo is not None
+    assert large.photo.structure is not None
+    assert not large.photo.structure.is_steep
 
 
 def test_a_mask_of_another_size_is_refused():

@@ -183,9 +183,9 @@ def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttri
     return replace(photo, structure=make_structure(photo.channels, photo.weights, is_steep))
 
 
-def structured(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
-    """The photo ``factor`` times smaller with its classes and edges; takes the same poses."""
-    return with_structure(smaller(photo, factor))
+def structured(photo: PhotoAttributes, factor: int, is_steep: bool = False) -> PhotoAttributes:
+    """The same, with its classes and edges."""
+    return with_structure(smaller(photo, factor), is_steep)
 
 
 def reduced(renderer: Renderer, pixels: float) -> Renderer:
