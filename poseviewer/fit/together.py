@@ -35,6 +35,9 @@ from poseviewer.render.types import Renderer
 CHANGED = 0.02
 """Share of a model's pixels that others must hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
+LEAST_LEFT = 0.5
+"""Share of what is seen of a model at its start that must lie beside all others, to be searched for
+first as if they all stood in front: half of it leads as well."""
 LOOKS = 3
 """How often a search looks again at what others hide of its model, before its verdict: after two
 most have settled."""
@@ -116,7 +119,8 @@ def search_together(
             if now.is_whole or (before is not None and not _differ(before, now)):
                 continue
             there = replace(model, registration=replace(model.registration, others=others))
-            for seen, placing in _search(there, poses[index], now, judge, threads):
+            first = _all_in_front(now) if before is None and len(models) == 1 else now
+            for seen, placing in _search(there, poses[index], first, judge, threads):
                 compared[index], placings[index] = seen, placing
                 poses[index] = placing.progress.pose
                 yield TogetherProgress(index, tuple(placings), tuple(poses))
@@ -167,6 +171,14 @@ def _search(
                 seen, (problem, note) = found, _problem(model, found)
             end = start_kept(problem, end, mesh, renderer, judge, threads)
         yield seen, Placing(registration, problem, note, end)
+
+
+def _all_in_front(seen: Hiding) -> Hiding:
+    """What others may hide of a model: at a start its depth may be too wrong to tell. The same as
+    given where that leaves too little of it, as of what stands before a wall.
+    """
+    left, shown = (np.count_nonzero(seen.drawn & ~hidden) for hidden in (seen.others, seen.hidden))
+    return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
 
 
 def _problem(model: ModelToPlace, seen: Hiding) -> tuple[FitProblem, str]:

@@ -72,6 +72,8 @@ class Hiding:
     """(height, width): where the model would be seen if it were alone."""
     hidden: NDArray[np.bool_]
     """(height, width): where another stands in front of it, or would, were it there."""
+    others: NDArray[np.bool_]
+    """(height, width): where another would be seen if it were alone, in front or behind."""
 
     @property
     def with_margin(self) -> NDArray[np.bool_]:
@@ -95,9 +97,10 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
     """
     own = depth_image(model)
     drawn = np.isfinite(own)
-    hidden = np.zeros(own.shape, bool)
+    hidden, anywhere = np.zeros(own.shape, bool), np.zeros(own.shape, bool)
     for other in others:
         depth = depth_image(other)
+        anywhere |= np.isfinite(depth)
         in_front = depth < own
         shared = drawn & np.isfinite(depth)
         if shared.any():
@@ -105,7 +108,7 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
         else:
             is_nearer = _depth_of_centre(other) < _depth_of_centre(model)
         hidden |= in_front if is_nearer else in_front & drawn
-    return Hiding(drawn, hidden)
+    return Hiding(drawn, hidden, anywhere)
 
 
 def depth_image(model: PlacedModel) -> DepthImage:

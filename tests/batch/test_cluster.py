@@ -87,7 +87,7 @@ def test_a_series_starts_each_row_where_the_one_above_ended(scene, tmp_path, clu
     ends = {}
     for name, more in (("cluster", ["--scheduler", cluster.address]), ("here", [])):
         out = tmp_path / name
-        assert cli.main(["batch", str(table), "--out", str(out), "--evaluations", "150",
+        assert cli.main(["batch", str(table), "--out", str(out), "--evaluations", "300",
                          "--quiet", *more]) == 0  # fmt: skip
         rows = sorted(read_results(out), key=lambda result: int(result["row"]))
         poses = [out / result["pose"] for result in rows]

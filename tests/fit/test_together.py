@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.model import judge_end
-from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.registration import PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.together import (
     CHANGED,
     MOST_ROUNDS,
@@ -46,9 +44,9 @@ def share_off(index: int, pose: Pose) -> float:
 
 
 def fitted(one: Registration) -> Pose:
-    problem, _ = make_problem(one, SETTINGS)
-    *_, end = fit_pose(problem, SoftwareRenderer(one.mesh))
-    return end.pose
+    model = ModelToPlace(one, SETTINGS, SoftwareRenderer(one.mesh))
+    *_, last = search_together([model], judge_end)
+    return last.poses[0]
 
 
 @pytest.mark.slow
@@ -99,6 +97,39 @@ def test_it_can_be_stopped_after_any_evaluation(together):
     first = list(islice(search_together(models, judge_end), 5))
     assert [one.progress.loss for one in first] == [one.progress.loss for one in together[:5]]
     assert first[-1].placings.count(None) == 2
+
+
+def first_weights(one: Registration, *more: Registration) -> np.ndarray:
+    """How much each pixel of the photo counts when the search for ``one`` begins."""
+    models = [ModelToPlace(r, SETTINGS, SoftwareRenderer(r.mesh)) for r in (one, *more)]
+    placing = next(search_together(models, judge_end)).placings[0]
+    assert placing is not None
+    photo = placing.problem.photo
+    return photo.weights.repeat(photo.factor, axis=0).repeat(photo.factor, axis=1)
+
+
+def test_others_that_stay_are_in_front_at_first():
+    ball = TRUTH[0]
+    box = registration(1, ball)
+    behind = hiding(STARTS[1], (ball,))
+    assert behind.others.any()
+    assert not np.any(behind.hidden & behind.drawn)
+    seen = first_weights(box) > 0.0
+    assert not np.any(seen & behind.others)
+    assert np.any(seen & behind.drawn)
+    # With one that is searched for, too, it is not known where that is.
+    with_it = first_weights(registration(1), registration(0))
+    assert np.any((with_it > 0.0) & hiding(STARTS[1], (STARTS[0],)).others)
+
+
+def test_what_stands_before_a_wall_is_compared_with_it():
+    start = STARTS[1]
+    place = start.pose.camera_from_model
+    far = replace(place, translation=3.0 * place.translation)
+    wall = PlacedModel(make_box((40.0, 40.0, 0.1)), replace(start.pose, camera_from_model=far))
+    own = hiding(start, (wall,))
+    assert np.all(own.others[own.drawn])
+    assert np.any((first_weights(registration(1, wall)) > 0.0) & own.drawn)
 
 
 @pytest.mark.slow

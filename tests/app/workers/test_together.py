@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
@@ -35,9 +36,10 @@ def among(*poses) -> Session:
 
 
 def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
-    # At the start the ball is as near as the box: most of that is not in front of it.
+    # At the start the ball is as near as the box: most of that is not in front of it. Half of the
+    # ball and more is where the box is, so that its depth there decides.
     place = STARTS[0].pose.camera_from_model
-    near = RigidTransform(place.rotation, 0.76 * place.translation)
+    near = RigidTransform(place.rotation, 0.76 * place.translation + np.array([0.2, 0.0, 0.0]))
     start = replace(STARTS[0].pose, camera_from_model=near)
     session = among(start, TRUTH[1].pose)
     assert session.search is not None
