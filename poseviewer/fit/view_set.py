@@ -63,8 +63,8 @@ def make_set_problem(
     found = [compared_photos(view, settings) for view in views]
     if len({LossScale.of(photo) for photo, _, _ in found}) > 1:  # one is grey: then all are
         return make_set_problem(views, replace(settings, grey=True), free_size, scale)
-    # Several photos tell the pose to less than blurred edges are wide: they are made steep, which a
-    # search's last photos are, even where these are no finer than the ones before.
+    # Several photos tell the pose more exactly than one: a search of them ends with models of less
+    # reach, as on finer photos, even where these are no finer.
     is_refined = found[0][0].structure is not None
     fine = [make() if is_refined else None for _, make, _ in found]
     others = zip(found[1:], fine[1:], charts[1:], strict=True)

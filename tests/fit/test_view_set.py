@@ -53,7 +53,7 @@ def test_the_first_photo_alone_is_compared_as_without_the_others(problem, render
     at = np.array([0.02, 0.01, -0.03, 0.02, 0.0, 0.01])
     expected = pose_loss(alone, renderer, at)
     assert pose_loss(problem.views[0], renderer, at) == pytest.approx(expected, rel=1e-9)
-    # Small as they are: on photos whose blurred edges are made steep, several are refined.
+    # Small as they are: the search of several is refined.
     assert alone.fine_photo is None
     assert all(view.fine_photo is not None for view in problem.views)
 
