@@ -37,7 +37,7 @@ CHANGED = 0.02
 minimum by less than such a search can tell."""
 LEAST_LEFT = 0.5
 """Share of what is seen of a model at its start that must lie beside all others, to be searched for
-first as if they all stood in front: half of it leads as well."""
+first as if they all stood in front: with less there is little to go by."""
 LOOKS = 3
 """How often a search looks again at what others hide of its model, before its verdict: after two
 most have settled."""

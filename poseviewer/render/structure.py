@@ -66,7 +66,7 @@ class PhotoStructure:
     field: NDArray[np.float32]
     """(height, width, 2): the orientation field, scaled so that its weighted square sum is 1."""
     is_steep: bool = False
-    """Whether each pixel that a blurred edge runs through is of the class on its own side of it."""
+    """As of ``make_structure``."""
 
 
 def make_structure(
