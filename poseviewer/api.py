@@ -312,7 +312,22 @@ class Case:
         at last the end with the verdict. To stop it, stop asking. More ``threads`` give the same
         poses in less time.
         """
-        return search(self.problem, self.registration.mesh, self.renderer, judge_end, threads)
+        return (progress for _, progress in self._searched(threads))
+
+    def _searched(self, threads: int) -> Iterator[tuple[Case, FitProgress]]:
+        """With the case as it is compared by then: what others hide of the model is looked at again
+        as it moves.
+        """
+        mesh, renderer, limits = self.registration.mesh, self.renderer, self.problem.limits
+        if not self.registration.others:
+            for progress in search(self.problem, mesh, renderer, judge_end, threads):
+                yield self, progress
+            return
+        model = ModelToPlace(self.registration, replace(self.settings, limits=limits), renderer)
+        for now in search_together([model], judge_end, threads):
+            placing = now.placings[0]
+            assert placing is not None  # it is the one under way
+            yield replace(self, problem=placing.problem), placing.progress
 
     def fit(
         self,
@@ -334,22 +349,26 @@ class Case:
             limits.seconds if seconds is None else seconds,
         )
         limited = replace(self, problem=replace(self.problem, limits=limits))
-        progress = limited._end(watch, threads, interruptible)
-        return FitResult(self.behind(progress.hidden), progress.pose, progress)
+        case, progress = limited._end(watch, threads, interruptible)
+        return FitResult(case.behind(progress.hidden), progress.pose, progress)
 
-    def _end(self, watch: Watch | None, threads: int, interruptible: bool) -> FitProgress:
-        progress: FitProgress | None = None
+    def _end(
+        self, watch: Watch | None, threads: int, interruptible: bool
+    ) -> tuple[Case, FitProgress]:
+        now: tuple[Case, FitProgress] | None = None
         try:
-            for progress in self.search(threads=threads):
+            for now in self._searched(threads):
                 if watch is not None:
-                    watch(progress)
+                    watch(now[1])
         except KeyboardInterrupt:
-            if progress is None or not interruptible:
+            if now is None or not interruptible:
                 raise
-            mesh, renderer = self.registration.mesh, self.renderer
-            progress = _stopped(progress, self.problem, mesh, renderer, threads)
-        assert progress is not None  # a fit yields at least once
-        return progress
+            case, progress = now
+            return case, _stopped(
+                progress, case.problem, self.registration.mesh, self.renderer, threads
+            )
+        assert now is not None  # a fit yields at least once
+        return now
 
     def behind(self, hidden: NDArray[np.bool_] | None) -> Case:
         """The case in which what a search took for ``hidden`` (``FitProgress.hidden``) does not
@@ -370,18 +389,16 @@ class Case:
         half_width: float = 0.2,
         size: int = 41,
         pool: RendererPool,
-        light: RendererPool | None = None,
     ) -> Iterator[Slice]:
         """The loss about ``pose`` for every two free parameters, coarse to fine: a pair's slice
-        after every row of it. To stop, stop asking. With renderers of a ``light`` model: sooner,
-        and nearly the same.
+        after every row of it. To stop, stop asking.
 
         Raises:
             SettingsError: ``size`` is no odd number from 3 on, ``half_width`` is not above 0, or
                 fewer than two parameters are free.
         """
         centre = self.problem.chart.from_pose(pose)
-        return landscape(self.problem, pool, centre, half_width=half_width, size=size, light=light)
+        return landscape(self.problem, pool, centre, half_width=half_width, size=size)
 
     def maps(self, pose: Pose, slices: Iterable[Slice], half_width: float) -> LossMaps:
         """``slices`` about ``pose`` as maps that can be written to files."""
@@ -807,7 +824,7 @@ class SetCase:
         """Search for the one pose from the start to the end; as of ``Case.fit``. The search as it
         goes: ``whole.search()``.
         """
-        progress = self.whole._end(watch, threads, interruptible)
+        _, progress = self.whole._end(watch, threads, interruptible)
         return SetResult(self, progress.parameters, progress)
 
 

@@ -31,6 +31,7 @@ from poseviewer.render.software import renderer as software
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import Moments, PhotoAttributes
 from poseviewer.starts.registration import Start, StartInputs, load_model
+from tests.several import make_three
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -275,3 +276,14 @@ def test_the_citation_names_this_version():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"\nversion: {project['version']}\n" in citation
     assert "Illumination-Invariant Loss" in citation
+
+
+def test_one_of_a_scene_is_searched_for_alike_by_its_case(tmp_path):
+    scene = poseviewer.load_scene(make_three(tmp_path), limits=Limits(900))
+    found = scene.fit("ball").results[scene.scene.index("ball")]
+    assert found is not None
+    same = scene.case("ball").fit()
+    assert same.loss == found.loss
+    weights = [one.case.problem.photo.weights for one in (same, found, scene.case("ball").start)]
+    assert np.array_equal(weights[0], weights[1])
+    assert not np.array_equal(weights[0], weights[2])

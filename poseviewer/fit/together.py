@@ -65,8 +65,6 @@ class Placing:
     registration: Registration
     """With the others where they were."""
     problem: FitProblem
-    note: str
-    """Of the chart, as ``make_problem`` gives it."""
     progress: FitProgress
 
 
@@ -140,7 +138,7 @@ def _search(
     """
     registration, renderer = model.registration, model.renderer
     mesh, others = registration.mesh, registration.others
-    problem, note = _problem(model, seen)
+    problem = _problem(model, seen)
     strategy = Strategy.FIRST if problem.photo.structure is None else Strategy.COARSE
     done: FitProgress | None = None
     gain = math.inf  # of the last search, where it continued another on the same pixels
@@ -154,23 +152,23 @@ def _search(
             done = now if before is None else merge(before, now, now)
             if strategy is Strategy.CONTINUE:
                 gain = now.start_loss - now.loss
-            yield seen, Placing(registration, problem, note, replace(done, status=Status.RUNNING))
+            yield seen, Placing(registration, problem, replace(done, status=Status.RUNNING))
         assert done is not None  # a search yields at least once
         pose, found = done.pose, hiding(PlacedModel(mesh, done.pose), others)
         is_same = found.is_whole or not _differ(seen, found)
         if strategy is not Strategy.COARSE and (is_same or look == LOOKS):
             break
         if not is_same:
-            seen, (problem, note) = found, _problem(model, found)
+            seen, problem = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
     for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS, gain):
         if is_start_kept(problem, end):
             found = hiding(PlacedModel(mesh, registration.start), others)
             if not found.is_whole:
-                seen, (problem, note) = found, _problem(model, found)
+                seen, problem = found, _problem(model, found)
             end = start_kept(problem, end, mesh, renderer, judge, threads)
-        yield seen, Placing(registration, problem, note, end)
+        yield seen, Placing(registration, problem, end)
 
 
 def _all_in_front(seen: Hiding) -> Hiding:
@@ -181,12 +179,12 @@ def _all_in_front(seen: Hiding) -> Hiding:
     return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
 
 
-def _problem(model: ModelToPlace, seen: Hiding) -> tuple[FitProblem, str]:
-    """As ``make_problem``, where a model's others hide what they do at another pose of it."""
+def _problem(model: ModelToPlace, seen: Hiding) -> FitProblem:
+    """As of ``make_problem``, where a model's others hide what they do at another pose of it."""
     registration = model.registration
     weights = 1.0 if registration.mask is None else registration.mask.weights
     mask = Mask.of(weights * ~seen.with_margin)
-    return make_problem(replace(registration, mask=mask, others=()), model.settings)
+    return make_problem(replace(registration, mask=mask, others=()), model.settings)[0]
 
 
 def _hides(model: ModelToPlace, placing: Placing | None) -> bool:

@@ -13,15 +13,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from poseviewer.api import Case, make_case
-from poseviewer.confidence.model import judge_end
+from poseviewer.api import make_case
 from poseviewer.errors import PoseViewerError, SingularChartError
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.together import ModelToPlace, search_together
 from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -259,18 +256,19 @@ def fit_from(
     outcome |= {"end": "", "evaluations": 0, "verdict": "", "evidence": ""}
     began = perf_counter()
     try:
-        case, progress = _searched(make_case(registration, settings, renderer=renderer))
+        found = make_case(registration, settings, renderer=renderer).fit()
     except PoseViewerError as error:
         outcome |= {"seconds": round(perf_counter() - began, 3), "status": type(error).__name__}
     else:
-        seconds, verdict = perf_counter() - began, progress.verdict
-        poses["end"] = progress.pose
-        parameters = case.problem.chart.from_pose(truth)
+        seconds, progress = perf_counter() - began, found.progress
+        assert progress is not None  # it was searched for
+        problem, verdict = found.case.problem, progress.verdict
+        poses["end"] = found.pose
         outcome |= {
             "end": _listed(progress.parameters),
             "loss_start": progress.start_loss,
             "loss_end": progress.loss,
-            "loss_truth": pose_loss(case.problem, renderer, parameters),
+            "loss_truth": pose_loss(problem, renderer, problem.chart.from_pose(truth)),
             "evaluations": progress.evaluations,
             "seconds": round(seconds, 3),
             "status": progress.status.name,
@@ -284,21 +282,6 @@ def fit_from(
         outcome[f"rotation_deg_{name}"] = float(error.rotation_deg)
         outcome[f"add_{name}"] = error.add
     return outcome
-
-
-def _searched(case: Case) -> tuple[Case, FitProgress]:
-    """The case with the pixels that its search compared in the end, and that end. What others
-    hide is looked at again as the model moves.
-    """
-    if not case.registration.others:
-        found = case.fit()
-        assert found.progress is not None  # it was searched for
-        return case, found.progress
-    model, placing = ModelToPlace(case.registration, case.settings, case.renderer), None
-    for now in search_together([model], judge_end):
-        placing = now.placings[0]
-    assert placing is not None  # something of it is to be seen, or there were no case
-    return replace(case, problem=placing.problem), placing.progress
 
 
 def features_as_text(features: Features | None) -> str:
