@@ -88,7 +88,7 @@ def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     assert chosen(page, "Method") == "Jayawardena 2010"
     page.until(lambda: chosen(page, "Pixels") == "what the model covers")
     page.wait_for_text("Jayawardena 2010, clipped")  # over the maps
-    page.page.get_by_label("Outlines of the candidates").check()
+    page.page.get_by_label("Outlines of the candidates").click()
     page.page.keyboard.press("Space")
     # A corner more than there are parameters, on every map: the first simplex is small.
     page.page.wait_for_function(f"{DOTS} === {MAPS}")

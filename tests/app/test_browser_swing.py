@@ -44,7 +44,7 @@ def test_how_sure_it_is_is_said_mapped_and_swung(page: AppPage) -> None:
     at_rest = page.settled_picture()
     swing = page.page.get_by_label("Swing", exact=True)
     assert not swing.is_checked()
-    swing.check()
+    swing.click()
     page.until(lambda: not np.array_equal(page.photo_picture(), at_rest))
     swung = page.photo_picture()
     keep_picture(page, "swung")
