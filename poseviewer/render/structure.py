@@ -43,10 +43,15 @@ BLUR_TAPS = cv2.getGaussianKernel(17, REACH_PX)[8:, 0].astype(np.float32)
 """The right half of the blur of the fields, from its middle: OpenCV's own for that deviation."""
 LIGHTENING = 1.0 / 2.2
 """Exponent on the photo's values: edges in the shade are edges."""
-STEP_PX = 5
-"""Side of the squares whose least and greatest values an edge is made steep between."""
+STEP_PX, PLATEAU_PX = 5, 9
+"""Sides of the squares whose least and greatest values an edge is made steep between, and of those
+in which it must be the whole step."""
+STEP_SHARE = 0.8
+"""That share of what the values in the larger square are apart makes it the whole: where light or
+pigment goes on changing beside it, it is no edge."""
 CLEAR_SHARE, CLEAR_STEP = 0.3, 0.05
-"""They are clearly apart from that share of their sum on, and that much more: noise is left."""
+"""Least and greatest values are clearly apart from that share of their sum on, and that much more:
+of less contrast half way is half way in a lightened photo, too, and noise is left."""
 MARGIN_PX = 10
 """The model's field reaches no farther beyond it: the gradient's 1 px and the blur's 8."""
 
@@ -99,18 +104,28 @@ def make_structure(
 
 def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """(h, w, n): the same with blurred edges made steps: each value becomes the least or the
-    greatest nearby, whichever is nearer, where these are clearly apart (toggle mapping: Kramer and
-    Bruckner, *Iterations of a non-linear transformation for enhancement of digital images*, 1975).
+    greatest nearby, whichever is nearer, where these are clearly apart and even beside the edge
+    (toggle mapping: Kramer and Bruckner, *Iterations of a non-linear transformation for enhancement
+    of digital images*, 1975).
 
     Lenses and pixels mix light, so an edge is where the light is half way. Where the lightened
     value is half way it is nearer to the dark side: dark things would look too small.
     """
-    square = np.ones((STEP_PX, STEP_PX), np.uint8)
-    least = cv2.erode(light, square).reshape(light.shape)
-    greatest = cv2.dilate(light, square).reshape(light.shape)
+    (least, greatest), (low, high) = _extremes(light, STEP_PX), _extremes(light, PLATEAU_PX)
     nearer = np.where(light - least <= greatest - light, least, greatest)
+    is_step = greatest - least > STEP_SHARE * (high - low)
     is_clear = greatest - least > CLEAR_SHARE * (greatest + least) + CLEAR_STEP
-    return np.where(is_clear, nearer, light)
+    return np.where(is_step & is_clear, nearer, light)
+
+
+def _extremes(
+    light: NDArray[np.float32], side: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The least and the greatest values in the square about each pixel."""
+    square = np.ones((side, side), np.uint8)
+    # OpenCV drops the axis of a single channel.
+    least, greatest = (of(light, square).reshape(light.shape) for of in (cv2.erode, cv2.dilate))
+    return least, greatest
 
 
 def _sums_of_photo(
