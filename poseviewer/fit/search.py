@@ -32,10 +32,14 @@ Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
 """What gives the verdict on the pose that a search ended in: ``confidence.model.judge_end``."""
 
 RESTARTS = (*(Strategy.CONTINUE,) * 3, Strategy.SYMMETRIC, Strategy.GLOBAL)
-"""The strategies of the searches that follow, until the pose is trusted."""
+"""The strategies of the searches that follow, until the pose is trusted. The last begins at the
+start, so it is in vain where pixels are left out by what hid them where a search had ended."""
 SURE_FROM = 0.93
 """Probability below which a search is continued even where the pose is ``found``, and a start that
 is an estimate is kept; from here on no other search follows, as none would be taken."""
+SURE_AMONG_OTHERS = 0.8
+"""The first of that for a search among others: its verdict compares poses where others hide
+something else of the model, which makes it less sure of right ones too."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
@@ -75,12 +79,13 @@ def finish(
     renderer: Renderer,
     judge: Judge,
     threads: int = 1,
-    sure_from: float = SURE_FROM,
+    among_others: bool = False,
     gain: float = math.inf,
 ) -> Iterator[FitProgress]:
     """What follows where a first search has ended: without what is in front there, the verdict, and
-    restarts where that is less probable than ``sure_from``. ``gain``: the loss that the first
-    search has gained, if it continued another one of the same problem.
+    restarts unless that is sure. ``among_others``: other models are in front where it has ended.
+    ``gain``: the loss that the first search has gained, if it continued another one of the same
+    problem.
     """
     began = time.perf_counter() - end.seconds
     whole = problem
@@ -88,7 +93,8 @@ def finish(
     if problem is not whole:
         gain = math.inf
     best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
-    for strategy in RESTARTS:
+    sure_from = SURE_AMONG_OTHERS if among_others else SURE_FROM
+    for strategy in RESTARTS[:-1] if among_others or problem is not whole else RESTARTS:
         again = restarted(problem, best, strategy, time.perf_counter() - began, sure_from)
         if again is None:
             break

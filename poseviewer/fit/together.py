@@ -32,7 +32,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.types import Renderer
 
-CHANGED = 0.02
+CHANGED = 0.05
 """Share of a model's pixels that others must hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
 LEAST_LEFT = 0.5
@@ -41,9 +41,6 @@ first as if they all stood in front: with less there is little to go by."""
 LOOKS = 3
 """How often a search looks again at what others hide of its model, before its verdict: after two
 most have settled."""
-SURE_AMONG_OTHERS = 0.8
-"""As ``search.SURE_FROM``, for a search among others: its verdict compares poses where others hide
-something else of the model, which makes it less sure of right ones too."""
 MOST_ROUNDS = 4
 """Searches of one model at most: two that slide along each other would take turns for ever."""
 
@@ -162,7 +159,7 @@ def _search(
             seen, problem = found, _problem(model, found)
         strategy = Strategy.CONTINUE
     assert done is not None
-    for end in finish(problem, done, mesh, renderer, judge, threads, SURE_AMONG_OTHERS, gain):
+    for end in finish(problem, done, mesh, renderer, judge, threads, bool(others), gain):
         if is_start_kept(problem, end):
             found = hiding(PlacedModel(mesh, registration.start), others)
             if not found.is_whole:

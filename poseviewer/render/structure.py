@@ -20,7 +20,9 @@ Real photos have surroundings, paint that is not the model's, reflections. Two t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -111,21 +113,18 @@ def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
     Lenses and pixels mix light, so an edge is where the light is half way. Where the lightened
     value is half way it is nearer to the dark side: dark things would look too small.
     """
-    (least, greatest), (low, high) = _extremes(light, STEP_PX), _extremes(light, PLATEAU_PX)
+    least, greatest = _nearby(cv2.erode, light, STEP_PX), _nearby(cv2.dilate, light, STEP_PX)
+    around = _nearby(cv2.dilate, light, PLATEAU_PX) - _nearby(cv2.erode, light, PLATEAU_PX)
     nearer = np.where(light - least <= greatest - light, least, greatest)
-    is_step = greatest - least > STEP_SHARE * (high - low)
+    is_step = greatest - least > STEP_SHARE * around
     is_clear = greatest - least > CLEAR_SHARE * (greatest + least) + CLEAR_STEP
     return np.where(is_step & is_clear, nearer, light)
 
 
-def _extremes(
-    light: NDArray[np.float32], side: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The least and the greatest values in the square about each pixel."""
-    square = np.ones((side, side), np.uint8)
+def _nearby(extreme: Callable[..., Any], light: NDArray[np.float32], side: int) -> Any:
+    """The least (``cv2.erode``) or greatest (``cv2.dilate``) value in the square about each."""
     # OpenCV drops the axis of a single channel.
-    least, greatest = (of(light, square).reshape(light.shape) for of in (cv2.erode, cv2.dilate))
-    return least, greatest
+    return extreme(light, np.ones((side, side), np.uint8)).reshape(light.shape)
 
 
 def _sums_of_photo(

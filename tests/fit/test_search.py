@@ -14,6 +14,7 @@ from poseviewer.fit.problem import FitProblem, Strategy, make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import (
     RESTARTS,
+    SURE_AMONG_OTHERS,
     SURE_FROM,
     finish,
     is_start_kept,
@@ -23,7 +24,6 @@ from poseviewer.fit.search import (
 )
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
-from poseviewer.fit.together import SURE_AMONG_OTHERS
 from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.registration import load_registration
@@ -169,10 +169,21 @@ def test_an_estimate_that_is_kept_says_why(small):
 
 def test_a_search_that_has_just_been_continued_in_vain_is_not_so_again(small):
     problem, mesh, renderer, alone = small
-    unsure = (problem, alone, mesh, renderer, Judge(UNSURE), 1, SURE_FROM)
-    *_, vain = finish(*unsure, 0.0)
+    unsure = (problem, alone, mesh, renderer, Judge(UNSURE))
+    *_, vain = finish(*unsure, gain=0.0)
     *_, end = finish(*unsure)
     assert vain.evaluations == alone.evaluations < end.evaluations
+
+
+@pytest.mark.slow
+def test_among_others_none_begins_at_the_start_again(small):
+    """The pixels that others leave there may be those of another place."""
+    problem, mesh, renderer, alone = small
+    own, among = Judge(LOST), Judge(LOST)
+    *_, all_of_it = finish(problem, alone, mesh, renderer, own)
+    *_, end = finish(problem, alone, mesh, renderer, among, among_others=True)
+    assert alone.evaluations < end.evaluations < all_of_it.evaluations - 300
+    assert end.loss >= all_of_it.loss
 
 
 @pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])
