@@ -240,8 +240,8 @@ def is_taken(after: FitProgress, before: FitProgress, strategy: Strategy) -> boo
 def until_focal_settles(
     problem: FitProblem, renderer: Renderer, threads: int
 ) -> Iterator[FitProgress]:
-    """As ``fit_pose``, continued while the focal length moves far: a search but for what follows
-    its end.
+    """As ``fit_pose``, continued while the focal length moves far, without the coarsest level: a
+    search but for what follows its end.
     """
     limits = problem.limits
     done: FitProgress | None = None
@@ -259,6 +259,8 @@ def until_focal_settles(
             return
         yield replace(progress, status=Status.RUNNING)
         done, problem = progress, replace(problem, start=progress.parameters, limits=rest)
+        if problem.strategy is not Strategy.COARSE:
+            problem = replace(problem, strategy=Strategy.CONTINUE)
 
 
 def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:

@@ -121,7 +121,9 @@ def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(is_step & is_clear, nearer, light)
 
 
-def _nearby(extreme: Callable[..., Any], light: NDArray[np.float32], side: int) -> Any:
+def _nearby(
+    extreme: Callable[..., Any], light: NDArray[np.float32], side: int
+) -> NDArray[np.float32]:
     """The least (``cv2.erode``) or greatest (``cv2.dilate``) value in the square about each."""
     # OpenCV drops the axis of a single channel.
     return extreme(light, np.ones((side, side), np.uint8)).reshape(light.shape)

@@ -12,6 +12,7 @@ from poseviewer.confidence.model import judge_end
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.problem import FitProblem, Strategy, make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.registration import Registration
 from poseviewer.fit.search import (
     RESTARTS,
     SURE_AMONG_OTHERS,
@@ -21,6 +22,7 @@ from poseviewer.fit.search import (
     is_taken,
     restarted,
     search,
+    until_focal_settles,
 )
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
@@ -45,6 +47,15 @@ class Judge:
     def __call__(self, _progress, problem, *_) -> Verdict:
         self.asked.append(problem)
         return self.verdict
+
+
+def small_demo() -> Registration:
+    """The demo, its photo a third as large."""
+    files = demo_case()
+    registration = load_registration(files.photo, files.model, files.start)
+    pixels = cv2.resize(registration.photo.pixels, (320, 240), interpolation=cv2.INTER_AREA)
+    photo = replace(registration.photo, pixels=pixels)
+    return replace(registration, photo=photo, start=registration.start.scaled(1.0 / 3.0))
 
 
 @pytest.fixture(scope="module")
@@ -197,12 +208,21 @@ def test_searches_without_a_population_are_not_restarted(scene, more):
 
 
 @pytest.mark.slow
+def test_a_search_goes_on_for_the_focal_length_without_the_coarsest_level():
+    registration = small_demo()
+    problem, _ = make_problem(registration, FitSettings(free_focal=True))
+    renderer = make_renderer(registration.mesh)
+    *_, once = fit_pose(problem, renderer, 2)
+    states = list(until_focal_settles(problem, renderer, 2))
+    factors = [state.factor for state in states]
+    assert factors[0] > factors[-1] == 1
+    assert factors == sorted(factors, reverse=True)
+    assert states[-1].evaluations > once.evaluations
+
+
+@pytest.mark.slow
 def test_a_search_that_ends_in_another_valley_is_mended():
-    files = demo_case()
-    registration = load_registration(files.photo, files.model, files.start)
-    pixels = cv2.resize(registration.photo.pixels, (320, 240), interpolation=cv2.INTER_AREA)
-    small = replace(registration.photo, pixels=pixels)
-    registration = replace(registration, photo=small, start=registration.start.scaled(1.0 / 3.0))
+    registration = small_demo()
     problem, _ = make_problem(registration, FitSettings())
     off = 0.35 * np.random.default_rng(2).uniform(-1.0, 1.0, len(problem.start))
     start = problem.start + off * problem.chart.scales(problem.start)
