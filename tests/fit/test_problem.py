@@ -151,7 +151,7 @@ def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
         np.linalg.norm(end.pose.project(MESH.vertices) - truth, axis=1).mean()
         for end in (coarse, fine)
     ]
-    assert off[1] < 0.5 * off[0]
+    assert off[1] < 0.7 * off[0]
     assert fine.loss == pose_loss(problem, RENDERER, fine.parameters)
 
 

@@ -35,7 +35,7 @@ TRUTH = Pose(
     RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 3.2]),
 )
 """As near as three times the model's radius."""
-LIMIT = 1700
+LIMIT = 1400
 """Evaluations: fewer than all searches from a focal length that is a quarter off take together."""
 
 
