@@ -38,8 +38,8 @@ SURE_FROM = 0.93
 """Probability below which a search is continued even where the pose is ``found``, and a start that
 is an estimate is kept; from here on no other search follows, as none would be taken."""
 SURE_AMONG_OTHERS = 0.8
-"""The first of that for a search among others: its verdict compares poses where others hide
-something else of the model, which makes it less sure of right ones too."""
+"""Probability from which on no other search follows among other models: the verdict compares poses
+where these hide something else of the model, which makes it less sure of right ones too."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
@@ -83,7 +83,7 @@ def finish(
     gain: float = math.inf,
 ) -> Iterator[FitProgress]:
     """What follows where a first search has ended: without what is in front there, the verdict, and
-    restarts unless that is sure. ``among_others``: other models are in front where it has ended.
+    restarts unless that is sure. ``among_others``: other models may hide something of it.
     ``gain``: the loss that the first search has gained, if it continued another one of the same
     problem.
     """

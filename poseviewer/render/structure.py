@@ -46,11 +46,11 @@ BLUR_TAPS = cv2.getGaussianKernel(17, REACH_PX)[8:, 0].astype(np.float32)
 LIGHTENING = 1.0 / 2.2
 """Exponent on the photo's values: edges in the shade are edges."""
 STEP_PX, PLATEAU_PX = 5, 9
-"""Sides of the squares whose least and greatest values an edge is made steep between, and of those
-in which it must be the whole step."""
+"""Sides of the square whose least and greatest values an edge is made steep between, and of the one
+in which these must be all that it has."""
 STEP_SHARE = 0.8
-"""That share of what the values in the larger square are apart makes it the whole: where light or
-pigment goes on changing beside it, it is no edge."""
+"""Share of the larger square's range that the smaller one's must exceed: where light or pigment
+goes on changing beside it, it is no edge."""
 CLEAR_SHARE, CLEAR_STEP = 0.3, 0.05
 """Least and greatest values are clearly apart from that share of their sum on, and that much more:
 of less contrast half way is half way in a lightened photo, too, and noise is left."""
@@ -124,7 +124,7 @@ def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
 def _nearby(
     extreme: Callable[..., Any], light: NDArray[np.float32], side: int
 ) -> NDArray[np.float32]:
-    """The least (``cv2.erode``) or greatest (``cv2.dilate``) value in the square about each."""
+    """The least (``cv2.erode``) or greatest (``cv2.dilate``) in the square about each pixel."""
     # OpenCV drops the axis of a single channel.
     return extreme(light, np.ones((side, side), np.uint8)).reshape(light.shape)
 

@@ -116,7 +116,7 @@ def test_a_blurred_dark_thing_is_as_large_as_it_is(is_steep):
     of_disc, beside = (np.bincount(labels[part], minlength=16) for part in (disc, ~disc))
     wrong = (of_disc > beside)[labels] != disc
     # Without, a rim of the disc is taken for what is beside it, and nothing the other way round.
-    # With, a tenth of it is left, where the ground goes on changing.
+    # Made steep, a tenth of it is left, where the ground goes on changing.
     assert np.count_nonzero(wrong & ~disc) == 0
     rim = np.count_nonzero(wrong & disc)
     assert (rim < 20) if is_steep else (rim > 100)
