@@ -26,8 +26,8 @@ from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
 
 if TYPE_CHECKING:
-    from poseviewer.study.bop import BopPlan
-    from poseviewer.study.plan import RealPlan, StudyPlan
+    from poseviewer.evaluation.bop import BopPlan
+    from poseviewer.evaluation.plan import RealPlan, StudyPlan
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -68,8 +68,8 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Print the table."""
+    from poseviewer.evaluation.run import open_study, write_report
     from poseviewer.render.pool import processors
-    from poseviewer.study.run import open_study, write_report
 
     plan = _plan_of(options)
     try:
@@ -91,8 +91,8 @@ def _plan_of(options: Namespace) -> StudyPlan | RealPlan | BopPlan:
     Raises:
         SettingsError: the options do not go together, or one is out of range.
     """
-    from poseviewer.study.bop import BopPlan
-    from poseviewer.study.plan import RealPlan, StudyPlan
+    from poseviewer.evaluation.bop import BopPlan
+    from poseviewer.evaluation.plan import RealPlan, StudyPlan
 
     refuse_with_paper(options)
     chosen = {"real": options.folder, "bop": options.bop}

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from poseviewer.api import FitResult, load, make_case
+from poseviewer.evaluation.real_cases import load_cases, load_starts
+from poseviewer.evaluation.trials import RealTask
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
 from poseviewer.fit import search as searching
 from poseviewer.fit.occlusion import behind, enlarged, find_hidden
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.study.real_cases import load_cases, load_starts
-from poseviewer.study.trials import RealTask
 
 SLAB = (350, 520)
 """Columns of the demo's photo."""

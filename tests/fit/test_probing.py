@@ -12,6 +12,7 @@ import trimesh
 
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge, judge_end
+from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.registration import Registration
@@ -24,7 +25,6 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
-from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from tests.meshes import make_mesh
 from tests.opengl import require_opengl
 

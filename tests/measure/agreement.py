@@ -18,6 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import SettingsError
+from poseviewer.evaluation.real_cases import RealCase, RealStart, load_cases, load_starts
+from poseviewer.evaluation.run import TRIALS
+from poseviewer.evaluation.trials import RealTask, RealTrial
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.table import RowTable
 from poseviewer.fit.outline import outline_support
@@ -28,9 +31,6 @@ from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.study.real_cases import RealCase, RealStart, load_cases, load_starts
-from poseviewer.study.run import TRIALS
-from poseviewer.study.trials import RealTask, RealTrial
 from tests.measure.trial_table import print_trials
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.cli.options import whole
+from poseviewer.evaluation.real_cases import RealCase, load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.geometry.camera import Pose
@@ -31,7 +32,6 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.automatic import Proposals, StartQuery, best_start, outermost_points, propose
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
-from poseviewer.study.real_cases import RealCase, load_cases
 from tests.measure.trial_table import print_trials
 
 WITHIN_DEG, WITHIN_PERCENT = 15.0, 15.0

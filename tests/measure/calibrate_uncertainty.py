@@ -22,10 +22,10 @@ import numpy as np
 
 from poseviewer.api import make_case
 from poseviewer.confidence.uncertainty import SPREAD
+from poseviewer.evaluation.trials import RealTask, real_tasks
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_covariance import REGION, region_reach
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.study.trials import RealTask, real_tasks
 from tests.measure.trial_table import print_trials
 
 

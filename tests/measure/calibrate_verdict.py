@@ -33,13 +33,13 @@ from poseviewer.confidence import weights as verdict_weights
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import LARGEST_SCORE, judge, scaled
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
+from poseviewer.evaluation.real_cases import load_cases, load_starts
+from poseviewer.evaluation.trials import RealTask, features_as_text
 from poseviewer.figures.text_table import Table
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.study.real_cases import load_cases, load_starts
-from poseviewer.study.trials import RealTask, features_as_text
 
 WEIGHTS = Path(str(verdict_weights.__file__))
 BEYOND_TRUTH_PERCENT = 1.0

@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.app.page.controls import STEPS
 from poseviewer.app.state.dragging import radius_in_photo
+from poseviewer.evaluation.real_cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -43,7 +44,6 @@ from poseviewer.starts.placing import SIDES, look_from, surface_point
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
-from poseviewer.study.real_cases import load_cases
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser

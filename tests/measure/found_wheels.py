@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import QuickStartError
+from poseviewer.evaluation.real_cases import load_cases, matches
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -28,7 +29,6 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import StartInputs, load_model
 from poseviewer.starts.wheels import find_wheels
-from poseviewer.study.real_cases import load_cases, matches
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse

@@ -24,15 +24,15 @@ import numpy as np
 from poseviewer.api import load
 from poseviewer.cli.options import whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
+from poseviewer.evaluation.photos import Kind, Studio, make_photos
+from poseviewer.evaluation.pool import run_all
+from poseviewer.evaluation.real_cases import load_cases, load_starts
+from poseviewer.evaluation.trials import draw_start
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.starts.registration import load_model
-from poseviewer.study.photos import Kind, Studio, make_photos
-from poseviewer.study.pool import run_all
-from poseviewer.study.real_cases import load_cases, load_starts
-from poseviewer.study.trials import draw_start
 from poseviewer.vehicle.chart import VehicleChart
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"

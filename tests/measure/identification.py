@@ -20,6 +20,13 @@ import numpy as np
 from poseviewer.cli.options import whole
 from poseviewer.confidence.identify import identify
 from poseviewer.errors import SettingsError
+from poseviewer.evaluation.real_cases import (
+    RealCase,
+    RealStart,
+    load_cases,
+    load_starts,
+    matches,
+)
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.registration import Registration
@@ -27,13 +34,6 @@ from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.study.real_cases import (
-    RealCase,
-    RealStart,
-    load_cases,
-    load_starts,
-    matches,
-)
 from tests.measure.trial_table import print_trials
 
 SETS = ("lmo", "hope")

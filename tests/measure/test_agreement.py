@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.evaluation.run import TRIALS
+from poseviewer.evaluation.trials import RealTrial, real_tasks
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.table import RowTable
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.study.run import TRIALS
-from poseviewer.study.trials import RealTrial, real_tasks
+from tests.evaluation.real_folder import write_real_folder
 from tests.measure import agreement
 from tests.measure.agreement import agreements, distances, summary
-from tests.study.real_folder import write_real_folder
 
 
 @pytest.fixture

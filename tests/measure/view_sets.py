@@ -26,6 +26,7 @@ import numpy as np
 from poseviewer.api import load_views, make_case
 from poseviewer.cli.options import listed, whole
 from poseviewer.errors import PoseViewerError
+from poseviewer.evaluation.real_cases import CASES, RealCase, load_cases, load_starts
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.photo import load_photo
@@ -39,7 +40,6 @@ from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.geometry.view_set import View, ViewSet
 from poseviewer.render.pool import processors
 from poseviewer.starts.registration import load_model
-from poseviewer.study.real_cases import CASES, RealCase, load_cases, load_starts
 from tests.measure.trial_table import print_trials
 
 SCENE = Path("test") / "000002"

@@ -11,6 +11,7 @@ import pytest
 from poseviewer import api
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
+from poseviewer.evaluation.real_cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
@@ -29,7 +30,6 @@ from poseviewer.starts.automatic import (
 )
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
-from poseviewer.study.real_cases import load_cases
 from poseviewer.vehicle.chart import visible_side
 from tests.gpu import require_gpu
 from tests.measure.auto_start import careless_box, is_right, run_trials

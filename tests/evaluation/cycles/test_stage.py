@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
-from poseviewer.study.cycles.stage import (
+from poseviewer.evaluation.cycles.stage import (
     DIAMETER,
     FINISHES,
     around_photo,
@@ -19,7 +17,9 @@ from poseviewer.study.cycles.stage import (
     make_stage,
     scaled_to,
 )
-from poseviewer.study.photos import random_view
+from poseviewer.evaluation.photos import random_view
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import linear_from_srgb, load_mesh
 from tests.meshes import make_bumpy
 from tests.vehicles import save_vehicle
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SingularChartError
-from poseviewer.study.photos import make_seed
-from poseviewer.study.trials import READINGS, draw_start
+from poseviewer.evaluation.photos import make_seed
+from poseviewer.evaluation.trials import READINGS, draw_start
 
 NUMBERS = np.array([0.7, -0.4, 0.0, 0.2])
 SPANS = np.array([0.5, 0.5, 1.0, 1.0])

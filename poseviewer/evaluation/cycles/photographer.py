@@ -18,6 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PhotoFileError, RendererUnavailableError
+from poseviewer.evaluation.cycles.stage import (
+    FINISHES,
+    FURTHEST,
+    Surroundings,
+    corner_colours,
+    find_finishes,
+    make_stage,
+)
+from poseviewer.evaluation.synthetic import PhotoQuality, as_photographed
 from poseviewer.files.formats.gltf import view_depths
 from poseviewer.files.formats.scenes import blender_view
 from poseviewer.files.mesh.load import linear_from_srgb, srgb_from_linear
@@ -27,15 +36,6 @@ from poseviewer.files.writing import make_folder
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.study.cycles.stage import (
-    FINISHES,
-    FURTHEST,
-    Surroundings,
-    corner_colours,
-    find_finishes,
-    make_stage,
-)
-from poseviewer.study.synthetic import PhotoQuality, as_photographed
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 VARIABLE = "POSEVIEWER_BLENDER_PYTHON"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
@@ -22,7 +23,6 @@ from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.registration import load_registration
-from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.vehicle.chart import VehicleChart
 from tests.opengl import require_opengl
 

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo
-from poseviewer.geometry.camera import Pose
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.study.cycles.photographer import (
+from poseviewer.evaluation.cycles.photographer import (
     QUALITY,
     VARIABLE,
     CyclesPhotographer,
     blender_version,
 )
-from poseviewer.study.cycles.stage import random_scene
-from poseviewer.study.photos import random_view
-from tests.study.cycles.blender import require_blender
+from poseviewer.evaluation.cycles.stage import random_scene
+from poseviewer.evaluation.photos import random_view
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo import load_photo
+from poseviewer.geometry.camera import Pose
+from poseviewer.render.software.renderer import SoftwareRenderer
+from tests.evaluation.cycles.blender import require_blender
 from tests.vehicles import save_vehicle
 
 SIZE = (240, 160)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from poseviewer.study.report import wilson_interval
+from poseviewer.evaluation.report import wilson_interval
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.confidence.model import judge_end
+from poseviewer.evaluation.real_cases import load_cases
+from poseviewer.evaluation.trials import real_tasks
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.together import ModelToPlace, search_together
-from poseviewer.study.real_cases import load_cases
-from poseviewer.study.trials import real_tasks
-from tests.study.real_folder import write_real_folder
+from tests.evaluation.real_folder import write_real_folder
 
 WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
           "evaluations", "seconds", "verdict")  # fmt: skip

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.evaluation.plan import FreeBodyPlan
+from poseviewer.evaluation.trials import Outcome, fit_from, open_model, open_photo
 from poseviewer.figures.text_table import Table
 from poseviewer.files.formats.bop import BopImage, load_bop_images
 from poseviewer.files.formats.bop_models import (
@@ -34,8 +36,6 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.symmetry import Symmetry
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.study.plan import FreeBodyPlan
-from poseviewer.study.trials import Outcome, fit_from, open_model, open_photo
 
 MSSD_THRESHOLDS = np.arange(0.05, 0.501, 0.05)
 """Shares of the model's diameter."""

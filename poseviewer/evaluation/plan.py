@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.evaluation.photos import DRAWN, KINDS, TRACED, Kind, background_files
+from poseviewer.evaluation.real_cases import CASES, STARTS
+from poseviewer.evaluation.trials import READINGS, Reading
 from poseviewer.files.checks import read_json
 from poseviewer.files.demo import demo_case
 from poseviewer.files.writing import make_folder, sha256_of, write_json
 from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
-from poseviewer.study.photos import DRAWN, KINDS, TRACED, Kind, background_files
-from poseviewer.study.real_cases import CASES, STARTS
-from poseviewer.study.trials import READINGS, Reading
 
 ABOUT = "study.json"
 Projection = Literal["perspective", "parallel"]

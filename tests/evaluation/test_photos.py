@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseviewer.evaluation.photos import random_view
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.camera import Parallel
-from poseviewer.study.photos import random_view
 from poseviewer.vehicle.chart import VehicleChart
 from tests.vehicles import save_vehicle
 

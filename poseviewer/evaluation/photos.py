@@ -20,6 +20,10 @@ from poseviewer.errors import (
     SettingsError,
     SingularChartError,
 )
+from poseviewer.evaluation.cycles.photographer import CyclesPhotographer, draw_traced
+from poseviewer.evaluation.cycles.stage import random_scene
+from poseviewer.evaluation.real_cases import RealCase, load_cases
+from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo, save_image
@@ -34,10 +38,6 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl.context import opengl_unavailable_reason
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_model
-from poseviewer.study.cycles.photographer import CyclesPhotographer, draw_traced
-from poseviewer.study.cycles.stage import random_scene
-from poseviewer.study.real_cases import RealCase, load_cases
-from poseviewer.study.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.vehicle.chart import VehicleChart, visible_side
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 

@@ -8,14 +8,8 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from poseviewer.errors import SettingsError
-from poseviewer.figures.save import save_figure
-from poseviewer.figures.study_sheet import make_study_sheet
-from poseviewer.figures.text_table import Table
-from poseviewer.files.table import RowTable
-from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.starts.registration import load_model
-from poseviewer.study.bop import BopPlan, BopTask, BopTrial, bop_table, bop_tasks
-from poseviewer.study.photos import (
+from poseviewer.evaluation.bop import BopPlan, BopTask, BopTrial, bop_table, bop_tasks
+from poseviewer.evaluation.photos import (
     DRAWN,
     TRACED,
     Kind,
@@ -25,10 +19,16 @@ from poseviewer.study.photos import (
     load_cars,
     make_photos,
 )
-from poseviewer.study.plan import RealPlan, StudyPlan, open_folder
-from poseviewer.study.pool import run_all
-from poseviewer.study.report import real_table, study_panels, study_table
-from poseviewer.study.trials import RealTask, RealTrial, Task, Trial, real_tasks
+from poseviewer.evaluation.plan import RealPlan, StudyPlan, open_folder
+from poseviewer.evaluation.pool import run_all
+from poseviewer.evaluation.report import real_table, study_panels, study_table
+from poseviewer.evaluation.trials import RealTask, RealTrial, Task, Trial, real_tasks
+from poseviewer.figures.save import save_figure
+from poseviewer.figures.study_sheet import make_study_sheet
+from poseviewer.figures.text_table import Table
+from poseviewer.files.table import RowTable
+from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.starts.registration import load_model
 
 TRIALS, SUMMARY, FIGURE, PHOTOS = "trials.csv", "study.md", "study.png", "photos"
 AnyTrial = TypeVar("AnyTrial", Trial, RealTrial, BopTrial)

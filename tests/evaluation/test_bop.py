@@ -12,12 +12,12 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import PoseFileError
+from poseviewer.evaluation.bop import MSPD_THRESHOLDS, average_recall, symmetric_distances
 from poseviewer.files.formats.bop_models import RESULTS, load_bop_estimates, load_bop_models
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.study.bop import MSPD_THRESHOLDS, average_recall, symmetric_distances
 from tests.scene import Scene
 
 HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]

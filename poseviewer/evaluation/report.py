@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import binomtest
 
+from poseviewer.evaluation.photos import KINDS
+from poseviewer.evaluation.trials import READINGS, RealTrial, Trial
 from poseviewer.figures.study_sheet import ReliabilityLine, ReliabilityPanel
 from poseviewer.figures.text_table import Table
-from poseviewer.study.photos import KINDS
-from poseviewer.study.trials import READINGS, RealTrial, Trial
 
 NONE = "–"  # noqa: RUF001 - a dash in a table
 LABELS = {str(kind): label for kind, label in KINDS.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from poseviewer.errors import RendererUnavailableError
-from poseviewer.study.cycles.photographer import blender_version
+from poseviewer.evaluation.cycles.photographer import blender_version
 
 
 def require_blender() -> None:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.opengl.renderer import OpenGLRenderer
-from poseviewer.study.synthetic import (
+from poseviewer.evaluation.synthetic import (
     DirectionalLight,
     LightSources,
     Photographer,
     PhotoQuality,
     random_lighting,
 )
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.opengl.renderer import OpenGLRenderer
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 

@@ -15,6 +15,8 @@ import numpy as np
 
 from poseviewer.api import make_case
 from poseviewer.errors import PoseViewerError, SingularChartError
+from poseviewer.evaluation.photos import StudyPhoto, make_seed
+from poseviewer.evaluation.real_cases import RealCase, RealStart, load_cases, load_starts
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
@@ -28,8 +30,6 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.registration import load_model
-from poseviewer.study.photos import StudyPhoto, make_seed
-from poseviewer.study.real_cases import RealCase, RealStart, load_cases, load_starts
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
