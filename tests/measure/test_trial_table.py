@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 from poseviewer.errors import SettingsError
-from tests.measure import auto_start, identification
+from tests.measure import auto_start
 from tests.measure.trial_table import print_trials
 
 
@@ -38,7 +38,7 @@ def test_what_was_printed_before_a_mistake_stays(capsys):
     assert err == "poseviewer: b: is not there; name another\n"
 
 
-@pytest.mark.parametrize("study", [auto_start, identification])
+@pytest.mark.parametrize("study", [auto_start])
 def test_a_folder_without_cases_is_said(study, tmp_path, capsys):
     assert study.main([str(tmp_path)]) == 2
     out, err = capsys.readouterr()
@@ -48,18 +48,9 @@ def test_a_folder_without_cases_is_said(study, tmp_path, capsys):
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("study", [auto_start, identification])
+@pytest.mark.parametrize("study", [auto_start])
 def test_no_case_at_all_is_refused(study, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         study.main([str(tmp_path), "--every", "0"])
     assert stop.value.code == 2
     assert "--every: 0 is not a whole number above 0" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_set_that_is_not_there_is_said(shared_data, capsys):
-    assert identification.main([str(shared_data), "--sets", "cats"]) == 2
-    err = capsys.readouterr().err
-    assert "--sets cats" in err
-    assert "hope" in err
-    assert err.count("\n") == 1

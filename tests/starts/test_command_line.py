@@ -10,6 +10,7 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
+from poseviewer.evaluation.real_cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
@@ -138,6 +139,19 @@ def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess
     found = find_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)
     assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
     assert found.fit.from_above
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "is_guess"), [("bmw-6", False), ("bmw-7", True), ("car_audi_tts", True)]
+)
+def test_wheels_place_other_cars(shared_data: Path, name: str, is_guess: bool):
+    (case,) = load_cases(shared_data, name)
+    photo, mesh = load_photo(case.photo), load_mesh(case.mesh)
+    camera = photo.default_camera() if is_guess else case.truth.camera
+    inputs = StartInputs(photo, mesh, load_keypoints(case.mesh, mesh))
+    found = find_wheels(inputs, careless_box(name, mesh, case.truth), camera, is_guess)
+    assert pose_error(mesh, found.fit.pose, case.truth).percent < 15.0
 
 
 @pytest.mark.parametrize(
