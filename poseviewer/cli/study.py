@@ -43,10 +43,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(drawn, "--starts N", "for each point (10)", whole)
     option(drawn, "--deviations PERCENT,...", kind=listed(positive))
     option(drawn, "--readings NAME,...", "relative,absolute", names)
-    kinds = "plain,background,photo-parallel,photo-perspective (these), grey"
+    kinds = "plain,background,photo-parallel,photo-perspective"
     option(drawn, "--kinds NAME,...", kinds, names)
-    cycles = "cycles: path-traced by Blender (poseviewer[photo])"
-    option(drawn, "--photographer", cycles, choices=("opengl", "cycles"))
     option(drawn, "--photos N", "synthetic ones of a kind (5)", whole)
     option(drawn, "--size WIDTHxHEIGHT", "of these (640x480)", size)
     option(drawn, "--projection", "of these", choices=("parallel", "perspective"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,8 +20,6 @@ from poseviewer.errors import (
     SettingsError,
     SingularChartError,
 )
-from poseviewer.evaluation.cycles.photographer import CyclesPhotographer, draw_traced
-from poseviewer.evaluation.cycles.stage import random_scene
 from poseviewer.evaluation.real_cases import RealCase, load_cases
 from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
 from poseviewer.files.demo import demo_case
@@ -41,30 +39,18 @@ from poseviewer.starts.registration import load_model
 from poseviewer.vehicle.chart import VehicleChart, visible_side
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
-Kind = Literal[
-    "plain", "grey", "background",
-    "plain-traced", "grey-traced", "background-traced",
-    "photo-parallel", "photo-perspective",
-]  # fmt: skip
+Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {
     "plain": "synthetic, plain black ground",
-    "grey": "synthetic, plain grey ground",
     "background": "synthetic, real background",
-    "plain-traced": "path-traced, plain black ground",
-    "grey-traced": "path-traced, plain grey ground",
-    "background-traced": "path-traced, real background",
     "photo-parallel": "photo, parallel",
     "photo-perspective": "photo, perspective, 7 numbers",
 }
-"""What each is called in tables. The first three are drawn by OpenGL, the next three by Blender;
-the others are taken as they are.
+"""Labels in tables. The first two are drawn by OpenGL, the others are taken as they are.
 
 ``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
-of the model. ``grey`` shows what becomes of that on another ground."""
-DRAWN = ("plain", "grey", "background")
-TRACED = ("plain-traced", "grey-traced", "background-traced")
-GREYS, TRACED_GREYS = (0.1, 0.9), (0.25, 0.75)
-"""Range of the ground of a ``grey`` photo, display-encoded: drawn by OpenGL, and by Blender."""
+of the model."""
+DRAWN = ("plain", "background")
 QUALITY = PhotoQuality(blur_px=0.7, noise=2.0)
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp")
 MARGIN_PX, INPAINT_PX = (81, 141), 5
@@ -124,9 +110,7 @@ def make_seed(*words: object) -> int:
     return zlib.crc32("/".join(str(word) for word in words).encode())
 
 
-def make_photos(
-    studio: Studio, kind: Kind, count: int, folder: Path, tell: Callable[[str], None]
-) -> Iterator[StudyPhoto]:
+def make_photos(studio: Studio, kind: Kind, count: int, folder: Path) -> Iterator[StudyPhoto]:
     """``count`` photos in ``folder``; those that are there already are taken from it.
 
     Views, lights and backgrounds are random, the same for the same seed.
@@ -135,27 +119,19 @@ def make_photos(
         photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
         # The pose is written last: where it is, the photo is whole.
         if not truth.exists():
-            pose, pixels = _draw(studio, kind, index, tell)
+            pose, pixels = _draw(studio, kind, index)
             save_image(photo, pixels)
             save_pose(truth, PoseRecord(pose))
         pose = load_pose(truth, *studio.size).pose
         yield StudyPhoto(kind, index, photo, studio.model, pose, pose, 0.0)
 
 
-def _draw(
-    studio: Studio, kind: Kind, index: int, tell: Callable[[str], None]
-) -> tuple[Pose, NDArray[np.uint8]]:
+def _draw(studio: Studio, kind: Kind, index: int) -> tuple[Pose, NDArray[np.uint8]]:
     seed = make_seed(studio.seed, kind, index)
     random = np.random.default_rng(seed)
     pose = random_view(studio.mesh, studio.keypoints, studio.size, studio.parallel, random)
-    if kind in TRACED:
-        behind = _behind(studio, kind, index, TRACED_GREYS, random)
-        # Every other vehicle has the model's own paint.
-        scene = random_scene(pose, studio.keypoints, behind, index % 2 == 1, random)
-        photographer = CyclesPhotographer(studio.mesh, studio.keypoints)
-        return pose, draw_traced(photographer, pose, scene, tell)
     lighting = random_lighting(random)
-    behind = _behind(studio, kind, index, GREYS, random)
+    behind = _behind(studio, kind, index, random)
     if reason := opengl_unavailable_reason():
         raise RendererUnavailableError(f"synthetic photos are drawn by OpenGL: {reason}")
     photographer = Photographer(studio.mesh, "phong")
@@ -166,16 +142,12 @@ def _draw(
     return pose, pixels
 
 
-def _behind(
-    studio: Studio, kind: Kind, index: int, greys: tuple[float, float], random: np.random.Generator
-) -> NDArray:
+def _behind(studio: Studio, kind: Kind, index: int, random: np.random.Generator) -> NDArray:
     """(3,) RGB in [0, 1], or (h, w, 3) uint8: a piece of a background in the photo's shape,
     mirrored now and then.
     """
-    if kind.startswith("plain"):
+    if kind == "plain":
         return np.zeros(3)
-    if kind.startswith("grey"):
-        return np.full(3, random.uniform(*greys))
     picture = studio.backgrounds[index % len(studio.backgrounds)]
     height, width = picture.shape[:2]
     scale = random.uniform(0.8, 1.0) * min(width / studio.size[0], height / studio.size[1])

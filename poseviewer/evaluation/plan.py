@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from poseviewer.errors import PoseFileError, SettingsError
-from poseviewer.evaluation.photos import DRAWN, KINDS, TRACED, Kind, background_files
+from poseviewer.evaluation.photos import DRAWN, KINDS, Kind, background_files
 from poseviewer.evaluation.real_cases import CASES, STARTS
 from poseviewer.evaluation.trials import READINGS, Reading
 from poseviewer.files.checks import read_json
@@ -18,12 +18,6 @@ from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
 
 ABOUT = "study.json"
 Projection = Literal["perspective", "parallel"]
-PhotographerName = Literal["opengl", "cycles"]
-USUAL_KINDS: dict[PhotographerName, tuple[Kind, ...]] = {
-    "opengl": ("plain", "background", "photo-parallel", "photo-perspective"),
-    "cycles": ("grey", "background"),
-}
-"""Where none are named."""
 SMALLEST_SIDE_PX, LARGEST_PERCENT = 32, 100.0
 
 
@@ -42,10 +36,7 @@ class StudyPlan:
     deviations: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
     """Percent."""
     readings: tuple[Reading, ...] = READINGS
-    kinds: tuple[Kind, ...] = ()
-    """Without saying who draws them; none: the usual ones."""
-    photographer: PhotographerName = "opengl"
-    """``cycles``: synthetic photos are path-traced by Blender."""
+    kinds: tuple[Kind, ...] = tuple(KINDS)
     size: tuple[int, int] = (640, 480)
     """Of synthetic photos, px."""
     projection: Projection = "parallel"
@@ -60,8 +51,7 @@ class StudyPlan:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        drawn_here = tuple(kind for kind in KINDS if kind not in TRACED)
-        for name, known in (("readings", READINGS), ("kinds", drawn_here)):
+        for name, known in (("readings", READINGS), ("kinds", KINDS)):
             for item in getattr(self, name):
                 if item not in known:
                     raise SettingsError(f"--{name} {item}: there are {', '.join(known)}")
@@ -69,20 +59,6 @@ class StudyPlan:
             raise SettingsError(f"--deviations {max(self.deviations):g}: 100 % is the most")
         if min(self.size) < SMALLEST_SIDE_PX:
             raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
-        for kind in self.kinds if self.photographer == "cycles" else ():
-            if kind not in DRAWN:
-                raise SettingsError(
-                    f"--photographer cycles with --kinds {kind}, which is not drawn; of those that "
-                    f"are, there are {', '.join(DRAWN)}"
-                )
-
-    @property
-    def photo_kinds(self) -> tuple[Kind, ...]:
-        """The kinds of photo, as their photographer makes them."""
-        kinds = self.kinds or USUAL_KINDS[self.photographer]
-        if self.photographer == "opengl":
-            return kinds
-        return tuple(TRACED[DRAWN.index(kind)] for kind in kinds)
 
     @property
     def model_path(self) -> Path:
@@ -99,10 +75,10 @@ class StudyPlan:
             names = (self.pixels,)
         elif self.method == "default":
             names = ("near",)
-        elif kind in ("plain", "plain-traced"):
+        elif kind == "plain":
             names = ("whole",)
         else:
-            names = ("whole", "clip") if kind in (*DRAWN, *TRACED) else ("clip",)
+            names = ("whole", "clip") if kind in DRAWN else ("clip",)
         return [FitSettings(self.method, pixels=name, limits=self.limits) for name in names]
 
     def about(self) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from poseviewer.errors import SettingsError
 from poseviewer.evaluation.bop import BopPlan, BopTask, BopTrial, bop_table, bop_tasks
 from poseviewer.evaluation.photos import (
     DRAWN,
-    TRACED,
     Kind,
     Studio,
     StudyPhoto,
@@ -106,7 +105,7 @@ def write_report(run: Run[Any]) -> Table:
 
 def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> list[Task]:
     tasks = []
-    for kind in plan.photo_kinds:
+    for kind in plan.kinds:
         photos = _photos(plan, kind, tell)
         # Photo by photo: what a process has loaded serves the next trials as well.
         for draw in sorted(range(plan.starts), key=lambda draw: draw % len(photos)):
@@ -120,7 +119,7 @@ def _study_tasks(plan: StudyPlan, tell: Callable[[str], None]) -> list[Task]:
 
 
 def _photos(plan: StudyPlan, kind: Kind, tell: Callable[[str], None]) -> list[StudyPhoto]:
-    if kind not in (*DRAWN, *TRACED):
+    if kind not in DRAWN:
         return load_cars(kind, plan.cars)
     folder = plan.out / PHOTOS
     make_folder(folder, SettingsError)
@@ -132,7 +131,7 @@ def _photos(plan: StudyPlan, kind: Kind, tell: Callable[[str], None]) -> list[St
             f"{path}: the study needs a vehicle, with MODEL.keypoints.json beside it or parts "
             "named like wheels"
         )
-    backgrounds = load_backgrounds(plan.backgrounds) if kind.startswith("background") else []
+    backgrounds = load_backgrounds(plan.backgrounds) if kind == "background" else []
     studio = Studio(
         path,
         model.mesh,
@@ -142,4 +141,4 @@ def _photos(plan: StudyPlan, kind: Kind, tell: Callable[[str], None]) -> list[St
         backgrounds,
         plan.seed,
     )
-    return list(make_photos(studio, kind, min(plan.photos, plan.starts), folder, tell))
+    return list(make_photos(studio, kind, min(plan.photos, plan.starts), folder))

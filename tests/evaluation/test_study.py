@@ -125,7 +125,7 @@ def test_more_starts_are_added_to_those_there(model, tmp_path):
 def test_real_backgrounds_and_photos_of_cars(tmp_path):
     require_opengl()
     assert cli.main(["study", "--out", str(tmp_path), "--kinds",
-                     "grey,background,photo-parallel,photo-perspective", "--starts", "1",
+                     "plain,background,photo-parallel,photo-perspective", "--starts", "1",
                      "--deviations", "4", "--readings", "relative", "--size", "96x72",
                      "--evaluations", "25", "--jobs", "1", "--quiet"]) == 0  # fmt: skip
     rows = {row["kind"]: row for row in rows_of(tmp_path)}

@@ -24,7 +24,7 @@ import numpy as np
 from poseviewer.api import load
 from poseviewer.cli.options import whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
-from poseviewer.evaluation.photos import Kind, Studio, make_photos
+from poseviewer.evaluation.photos import Kind, Studio, load_backgrounds, make_photos
 from poseviewer.evaluation.pool import run_all
 from poseviewer.evaluation.real_cases import load_cases, load_starts
 from poseviewer.evaluation.trials import draw_start
@@ -43,7 +43,7 @@ CLUTTERED = 8
 PAPER, WHOLE = FitSettings("paper"), FitSettings("paper", pixels="whole")
 SYNTHETIC: tuple[tuple[Kind, bool, tuple[FitSettings, ...]], ...] = (
     ("plain", True, (FitSettings(), FitSettings(), PAPER, WHOLE)),
-    ("grey", True, (FitSettings(), PAPER, WHOLE)),
+    ("background", True, (FitSettings(), PAPER, WHOLE)),
     ("plain", False, (FitSettings(), FitSettings(pixels="clip"), FitSettings(free_focal=True))),
 )
 """Kind of photo, whether its projection is parallel, and the settings of the fits."""
@@ -135,10 +135,12 @@ def synthetic_fits(photos: Path) -> Iterator[FrozenFit]:
     assert model.keypoints is not None  # it is a car
     seed = 0
     for kind, parallel, all_settings in SYNTHETIC:
-        studio = Studio(path, model.mesh, model.keypoints, SIZE, parallel, [], 0)
+        studio = Studio(
+            path, model.mesh, model.keypoints, SIZE, parallel, load_backgrounds(None), 0
+        )
         folder = photos / f"{kind}-{'parallel' if parallel else 'perspective'}"
         folder.mkdir(parents=True, exist_ok=True)
-        made = make_photos(studio, kind, len(all_settings), folder, lambda _: None)
+        made = make_photos(studio, kind, len(all_settings), folder)
         for photo, settings in zip(made, all_settings, strict=True):
             chart = VehicleChart.near(model.keypoints, photo.truth)
             true = chart.from_pose(photo.truth)

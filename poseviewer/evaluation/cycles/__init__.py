@@ -1,1 +1,0 @@
-"""Photographs path-traced by Blender's Cycles: glossy paint, reflections, soft shadows."""
