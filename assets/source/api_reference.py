@@ -32,45 +32,35 @@ Arrays are given as (rows, columns). Camera axes are OpenCV's: x right, y down, 
 the program pixel centres are at i + 0.5; in files they are at integers. Lengths are in the model's
 unit, angles in radians unless a name ends in `_deg`.
 """
-CONTENT: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
+CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (
-        "poseviewer",
         api,
-        (
-            "load",
-            "make_case",
-            "Case",
-            "FitResult",
-            "LossMaps",
-            "load_scene",
-            "SceneCase",
-            "load_views",
-            "SetCase",
-            "SetResult",
-        ),
+        "load make_case Case FitResult LossMaps load_scene SceneCase load_views SetCase SetResult",
     ),
-    ("poseviewer.starts.registration", opening, ("load_model",)),
-    ("poseviewer.fit.registration", registration, ("Registration", "PlacedModel")),
-    ("poseviewer.fit.visibility", visibility, ("Visibility", "visibility")),
-    ("poseviewer.fit.together", together, ("TogetherProgress",)),
-    ("poseviewer.fit.settings", settings, ("FitSettings", "Limits")),
-    ("poseviewer.fit.progress", progress, ("FitProgress", "Status")),
-    ("poseviewer.fit.landscape", landscape, ("Slice",)),
-    ("poseviewer.geometry.camera", camera, ("Pose", "Perspective", "Parallel")),
-    ("poseviewer.geometry.transform", transform, ("RigidTransform",)),
-    ("poseviewer.files.pose", pose_file, ("PoseRecord", "load_pose", "save_pose")),
-    ("poseviewer.files.scene", scene_file, ("SceneRecord", "ObjectRecord")),
-    ("poseviewer.files.view_set", view_set_file, ("SetChoice", "load_view_set")),
-    ("poseviewer.geometry.view_set", view_set, ("ViewSet", "View")),
-    ("poseviewer.errors", errors, ("PoseViewerError",)),
+    (opening, "load_model"),
+    (registration, "Registration PlacedModel"),
+    (visibility, "Visibility visibility"),
+    (together, "TogetherProgress"),
+    (settings, "FitSettings Limits"),
+    (progress, "FitProgress Status"),
+    (landscape, "Slice"),
+    (camera, "Pose Perspective Parallel"),
+    (transform, "RigidTransform"),
+    (pose_file, "PoseRecord load_pose save_pose"),
+    (scene_file, "SceneRecord ObjectRecord"),
+    (view_set_file, "SetChoice load_view_set"),
+    (view_set, "ViewSet View"),
+    (errors, "PoseViewerError"),
 )
+"""Modules and their public names, in the page's order."""
 
 
 def api_as_markdown() -> str:
     """The page."""
     return HEAD + "".join(
-        f"\n## {title}\n" + "".join(_entry(getattr(module, name)) for name in names)
-        for title, module, names in CONTENT
+        f"\n## {module.__name__}\n".replace("poseviewer.api", "poseviewer")
+        + "".join(_entry(getattr(module, name)) for name in names.split())
+        for module, names in CONTENT
     )
 
 

@@ -1,0 +1,366 @@
+"""Make the pictures of the README and of the docs' pages: ``python -m assets.source.pictures``.
+
+Run it from the repository's root, with names of ``PICTURES`` to make those alone. All are made from
+the bundled demo by the library, the command line, or the real app in chromium.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from poseviewer import load
+from poseviewer.cli.main import main as command_line
+from poseviewer.files.demo import demo_case
+from poseviewer.files.marks import PointPairs
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose
+from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.starts.placing import surface_point
+from poseviewer.starts.point_pairs import start_from_pairs
+from poseviewer.starts.registration import StartCamera, load_model
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, open_browser
+from tests.app.groceries import make_groceries
+from tests.view_sets import write_views
+
+ASSETS = Path(__file__).resolve().parent.parent
+README, DOCS = ASSETS / "readme", ASSETS / "docs" / "pictures"
+DEMO, PHOTO = demo_case(), (960, 720)
+QUALITY, WIDTH, GAP = 82, 640, 6
+"""Of JPEG; px of each picture of a sheet, and between two of them."""
+WINDOW, LARGE = (1280, 720), (1440, 900)
+"""CSS px of the app's window; the large one has room for the maps of two losses."""
+SETTLED_S, LONGEST_S, LONGEST_WAIT_S = 12, 150, 600
+"""A page is settled when it has not changed for so long; waiting for that ends after; waiting for
+the end of a search."""
+SHOWN = """() => document.querySelector(".pv-dim") ? "" : [
+    ...[...document.querySelectorAll(".pv-cell image")].map((map) => map.getAttribute("href")),
+    document.body.innerText].join()"""
+"""Maps and texts of a page; "" while the maps are about another pose."""
+EVALUATIONS = """least => {
+    const said = document.body.innerText.match(/(\\d+) evaluations/);
+    return said && Number(said[1]) >= least;
+}"""
+WIDE_SIMPLEX = """() => {
+    const said = document.body.innerText.match(/(\\d+) evaluations, restart (\\d+)/);
+    if (!said || said[2] === "0") return false;
+    window.begun ??= Number(said[1]);
+    return said[1] - window.begun >= 12;
+}"""
+"""A little into the first restart."""
+PIN = """() => window.__viserMutable.nodePoseData["/handles/pin1"].position"""
+NEAR = "xpath=//*[text()='Range ± %']/following::input[not(@type='hidden')][1]"
+LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
+SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
+"""Point pairs on the demo's photo, px."""
+POST = (534, 586, 665)
+"""Left, right and lower end of a post in front of the car, px."""
+REGION = ((140.0, 220.0), (810.0, 550.0))
+"""Two corners of a rectangle about the car, px."""
+
+
+def save(path: Path, picture: Image.Image) -> None:
+    """Write a picture as JPEG."""
+    picture.save(path, quality=QUALITY, optimize=True)
+
+
+def save_sheet(path: Path, *pictures: np.ndarray) -> None:
+    """Write RGB pictures in two columns."""
+    height = min(round(p.shape[0] * WIDTH / p.shape[1]) for p in pictures)
+    rows = (len(pictures) + 1) // 2
+    sheet = Image.new("RGB", (2 * WIDTH + GAP, rows * (height + GAP) - GAP), "white")
+    for index, picture in enumerate(pictures):
+        row, column = divmod(index, 2)
+        small = Image.fromarray(picture).resize((WIDTH, height))
+        sheet.paste(small, (column * (WIDTH + GAP), row * (height + GAP)))
+    save(path, sheet)
+
+
+@contextmanager
+def open_app(
+    folder: Path, *arguments: str | Path, size: tuple[int, int] = WINDOW, maps: str = "away"
+) -> Iterator[AppPage]:
+    """The app's page, dark and without hints, when the first loss is there; ``maps`` beside, below
+    or away, or where the page puts them by itself ("").
+    """
+    kept = {"poseviewer.guide": "away"} | ({"poseviewer.maps": maps} if maps else {})
+    storage = [{"name": name, "value": value} for name, value in kept.items()]
+    with open_browser() as browser, AppProcess(folder, *arguments) as app:
+        state = {"origins": [{"origin": app.url.rstrip("/"), "localStorage": storage}]}
+        tab = AppPage(browser, app.url, size, color_scheme="dark", storage_state=state)
+        tab.page.set_default_timeout(1000 * LONGEST_WAIT_S)
+        tab.wait_for_text("at this pose")
+        yield tab
+
+
+def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
+    """Write what the page shows, once it has not changed for a while."""
+    before, still = "", 0
+    for _ in range(LONGEST_S if settled else 0):
+        tab.page.wait_for_timeout(1000)
+        now = tab.page.evaluate(SHOWN)
+        still = still + 1 if now and now == before else 0
+        before = now
+        if still == SETTLED_S:
+            break
+    if settled:
+        tab.settled_picture()
+    save(path, Image.open(BytesIO(tab.page.screenshot())).convert("RGB"))
+
+
+def press(tab: AppPage, button: str) -> None:
+    """Press a button of the panel."""
+    tab.page.get_by_role("button", name=button).click()
+
+
+def make_search(_folder: Path) -> None:
+    """The README's animation: the outline wherever the search finds a better pose."""
+    case, frames, best = load(DEMO.photo, DEMO.model, DEMO.start), [], np.inf
+    for progress in case.search():
+        if progress.loss < best:
+            best = progress.loss
+            frames.append(Image.fromarray(case.at(progress.pose).picture()).resize((800, 600)))
+    frames[0].save(
+        README / "search.webp",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[*[160] * (len(frames) - 1), 1500],
+        loop=0,
+        quality=72,
+    )
+
+
+def make_demo(folder: Path) -> None:
+    """Start and end of the demo's fit, relit model, residual, and the loss about the end."""
+    case = load(DEMO.photo, DEMO.model, DEMO.start)
+    found = case.fit()
+    drawn = [found.picture(look) for look in ("outline", "relit", "residual")]
+    save_sheet(README / "demo.jpg", case.start.picture(), *drawn)
+    save_sheet(DOCS / "library.jpg", case.start.picture(), drawn[2])
+    found.landscape(size=21).save(folder / "maps.png")
+    maps = Image.open(folder / "maps.png").convert("RGB")
+    maps.quantize(256).save(README / "landscape.png", optimize=True)
+
+
+def make_app(folder: Path) -> None:
+    """The app's page on the way from the demo's start to its end."""
+    with open_app(folder, size=(1440, 720), maps="") as tab:
+        save_page(README / "app_start.jpg", tab)
+        unit, at = 10.0 / max(PHOTO) * 0.995, tab.page.evaluate(PIN)
+        pin = (at[0] / unit + PHOTO[0] / 2, at[1] / unit + PHOTO[1] / 2)
+        tab.page.mouse.move(*tab.on_screen(pin, PHOTO))
+        tab.page.mouse.down()
+        tab.page.mouse.move(*tab.on_screen((pin[0] + 40, pin[1] + 40), PHOTO), steps=8)
+        save_page(README / "app_pins.jpg", tab)
+        tab.page.keyboard.press("Escape")
+        tab.page.mouse.up()
+        tab.open_step(3)
+        tab.page.keyboard.press("r")
+        tab.page.keyboard.press("Space")
+        tab.page.wait_for_function(EVALUATIONS, arg=400)  # the population is still wide
+        save_page(README / "app_search.jpg", tab, settled=False)
+        tab.wait_for_text("Verdict:")
+        tab.open_step(4)
+        save_page(README / "app_found.jpg", tab)
+        for key, name in (("3", "relit"), ("5", "residual")):
+            tab.page.keyboard.press(key)
+            save_page(README / f"app_{name}.jpg", tab)
+        tab.page.keyboard.press("1")
+        tab.page.evaluate("window.poseviewerOpen(0, 2)")
+        save_page(README / "app_large_map.jpg", tab)
+
+
+def make_lens(folder: Path) -> None:
+    """The demo's photo as a longer lens with distortion takes it, and that photo undistorted."""
+    photo = load_photo(DEMO.photo)
+    known = load_pose(DEMO.truth, *PHOTO).pose.camera
+    assert isinstance(known, Perspective)
+    camera = replace(known, fx=1.15 * known.fx, fy=1.15 * known.fy)
+    rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
+    points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    at = Undistortion(LENS, camera, known).from_taken(points) - 0.5
+    at = at.reshape(*rows.shape, 2).astype(np.float32)
+    taken = cv2.remap(photo.pixels, at[..., 0], at[..., 1], cv2.INTER_CUBIC)
+    Image.fromarray(taken).save(folder / "taken.png")
+    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]])
+    storage = cv2.FileStorage(str(folder / "camera.yml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", LENS.array.reshape(-1, 1))
+    storage.release()
+    words = ("undistort", "taken.png", "--calibration", "camera.yml", "--out", "flat.png")
+    assert command_line([str(folder / word) if "." in word else word for word in words]) == 0
+    save_sheet(DOCS / "lens.jpg", taken, np.array(Image.open(folder / "flat.png").convert("RGB")))
+
+
+def make_export(folder: Path) -> None:
+    """The model's vertices, drawn by OpenCV from the file that ``convert`` wrote for it."""
+    assert command_line(["convert", str(DEMO.truth), "--to", "opencv", f"{folder}/pose.yml"]) == 0
+    storage = cv2.FileStorage(f"{folder}/pose.yml", cv2.FILE_STORAGE_READ)
+    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
+    points = np.ascontiguousarray(load_model(DEMO.model).mesh.vertices[::7])
+    pixels, _ = cv2.projectPoints(points, *(storage.getNode(field).mat() for field in fields))
+    picture = np.array(Image.open(DEMO.photo).convert("RGB"))
+    for x, y in np.rint(pixels[:, 0]).astype(int).tolist():
+        cv2.circle(picture, (x, y), 1, (255, 220, 0), -1)
+    save(DOCS / "export.jpg", Image.fromarray(picture).resize((900, 675)))
+
+
+def make_pairs(_folder: Path) -> None:
+    """Four points on the demo's photo, to a pixel, and the start that they give."""
+    model, truth = load_model(DEMO.model), load_pose(DEMO.truth, *PHOTO).pose
+    points = np.array([surface_point(model.mesh, truth, spot) for spot in SPOTS], float)
+    pairs, focal = PointPairs(points, np.rint(truth.project(points))), StartCamera(focal_px=1333.0)
+    case = load(DEMO.photo, model, lambda on: start_from_pairs(on, pairs, focal))
+    marked = np.array(Image.open(DEMO.photo).convert("RGB"))
+    yellow, font = (255, 220, 0), cv2.FONT_HERSHEY_SIMPLEX
+    for number, (x, y) in enumerate(pairs.pixels.astype(int).tolist(), 1):
+        cv2.drawMarker(marked, (x, y), yellow, cv2.MARKER_CROSS, 34, 4)
+        cv2.putText(marked, str(number), (x + 14, y - 12), font, 1.3, yellow, 4)
+    save_sheet(DOCS / "pairs.jpg", marked, case.start.picture())
+
+
+def make_report(folder: Path) -> None:
+    """The report of a batch of two rows, one of which fails, as a browser shows it."""
+    (folder / "001.jpg").write_bytes(DEMO.photo.read_bytes())
+    (folder / "002.jpg").write_text("not a photo")
+    rows = [f"00{number}.jpg,{DEMO.model},{DEMO.start}\n" for number in (1, 2)]
+    (folder / "jobs.csv").write_text("photo,model,start\n" + "".join(rows))
+    command_line(["batch", f"{folder}/jobs.csv", "--out", f"{folder}/results", "--quiet"])
+    with open_browser() as browser:
+        page = browser.new_page(viewport={"width": 1180, "height": 400}, color_scheme="light")
+        page.goto((folder / "results" / "report.html").as_uri())
+        shot = page.screenshot(full_page=True)
+        save(DOCS / "report.jpg", Image.open(BytesIO(shot)).convert("RGB"))
+
+
+def make_wheels(folder: Path) -> None:
+    """Wheels that the app found in a region."""
+    with open_app(folder, DEMO.photo, DEMO.model) as tab:
+        tab.page.get_by_text("Quick start", exact=True).click()
+        press(tab, "Find wheels: draw a region")
+        tab.wait_for_text("drag a rectangle on the photo")
+        tab.drag(*REGION, PHOTO)
+        press(tab, "Find wheels in the region")
+        tab.wait_for_text("10 of 10 points on the rims")
+        save_page(DOCS / "quick_start_wheels.jpg", tab)
+
+
+def make_box(folder: Path) -> None:
+    """The first proposal in a rectangle about the demo's car."""
+    with open_app(folder, DEMO.photo, DEMO.model) as tab:
+        press(tab, "Fit to box")
+        tab.wait_for_text("drag a rectangle about the object")
+        tab.drag(*REGION, PHOTO)
+        tab.wait_for_text("proposal 1 of")
+        save_page(DOCS / "box.jpg", tab)
+
+
+def make_methods(folder: Path) -> None:
+    """The paper's search under way on the demo, with the maps of both losses."""
+    with open_app(folder, size=LARGE, maps="beside") as tab:
+        tab.open_step(3)
+        for label, option in (("Method", "Jayawardena 2010"), ("Whose loss", "both")):
+            tab.page.get_by_label(label, exact=True).click()
+            tab.page.get_by_role("option", name=option, exact=True).click()
+        tab.page.get_by_label("Outlines of the candidates").check()
+        tab.page.mouse.move(600, 60)  # no tooltip stays
+        tab.page.keyboard.press("Space")
+        tab.page.wait_for_function(WIDE_SIMPLEX)
+        save_page(DOCS / "methods.jpg", tab, settled=False)
+
+
+def make_searched(name: str, folder: Path) -> None:
+    """A pose found, with its maps: how sure it is; or in three photos at once."""
+    files: tuple[str | Path, ...] = ()
+    if name == "views":
+        of_set, model, start = write_views(folder)
+        files = "--views", of_set, model, "--pose", start
+    with open_app(folder, *files, size=LARGE, maps="below" if files else "beside") as tab:
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        if not files:
+            tab.open_step(4)
+            tab.page.locator(NEAR).fill("4")
+            tab.page.keyboard.press("Enter")
+        save_page(DOCS / f"{name}.jpg", tab)
+
+
+def make_hide(folder: Path) -> None:
+    """A post painted in front of the demo's car, hidden by a scribble."""
+    photo, (left, right, foot) = np.array(Image.open(DEMO.photo).convert("RGB")), POST
+    shade = 0.35 + 0.6 * np.sqrt(1.0 - np.linspace(-1.0, 1.0, right - left) ** 2)
+    noise = np.random.default_rng(0).normal(0.0, 3.0, (foot, right - left, 3))
+    photo[:foot, left:right] = np.outer(shade, [90.0, 140.0, 70.0]) + noise
+    Image.fromarray(photo).save(folder / "post.png")
+    middle = (left + right) / 2.0
+    with open_app(folder, folder / "post.png", DEMO.model, "--pose", DEMO.truth) as tab:
+        tab.open_step(3)
+        tab.page.keyboard.press("h")
+        press(tab, "Scribble")
+        tab.wait_for_text("Scribble:")
+        tab.drag((middle, 60.0), (middle, foot - 25.0), PHOTO)
+        tab.wait_for_text("of the photo is hidden")
+        tab.page.mouse.move(*tab.on_screen((middle + 90.0, 330.0), PHOTO))
+        save_page(DOCS / "hide.jpg", tab)
+
+
+def make_objects(folder: Path) -> None:
+    """Three boxes in one photo, each fitted among the others."""
+    shelf = make_groceries(folder / "shelf")
+    camera = shelf.truths[0].camera
+    photo, numbered = (
+        PhotoReference("shelf.png", camera.width, camera.height),
+        enumerate(shelf.truths),
+    )
+    boxes = [ObjectRecord(str(i + 1), shelf.models[i], PoseRecord(p, photo)) for i, p in numbered]
+    scene = folder / "shelf" / "shelf.scene.json"
+    save_scene(scene, SceneRecord(shelf.photo, photo, camera, tuple(boxes)))
+    with open_app(folder, scene) as tab:
+        tab.open_step(3)
+        press(tab, "Search all")
+        press(tab, "Keep it")
+        save_page(DOCS / "objects.jpg", tab)
+
+
+PICTURES = {
+    "search": make_search,
+    "demo": make_demo,
+    "app": make_app,
+    "lens": make_lens,
+    "export": make_export,
+    "pairs": make_pairs,
+    "report": make_report,
+    "wheels": make_wheels,
+    "box": make_box,
+    "methods": make_methods,
+    "sure": partial(make_searched, "sure"),
+    "views": partial(make_searched, "views"),
+    "hide": make_hide,
+    "objects": make_objects,
+}
+
+
+def main() -> None:
+    """Make the pictures that are named, or all."""
+    for name in sys.argv[1:] or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()
