@@ -22,13 +22,12 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.document import History
 from poseviewer.app.state.hiding import Grow
-from poseviewer.app.state.objects import AddObject, FindSymmetry
+from poseviewer.app.state.objects import FindSymmetry
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of, scene_of
 from poseviewer.app.workers.jobs import (
-    compare,
     has_renderer,
     prepare,
     propose_starts,
@@ -51,7 +50,6 @@ from poseviewer.app.workers.tasks import (
     grow,
 )
 from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
-from poseviewer.confidence.identify import Identification
 from poseviewer.errors import PoseViewerError, sentence_of
 from poseviewer.files.state.folder import keep_last_pose
 from poseviewer.geometry.camera import Pose
@@ -85,12 +83,8 @@ class App:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[r.Request] = Mailbox()
         document = opened.document
-        self.session = Session(
-            document,
-            anchor=document.pose,
-            saved=None if opened.restored else document,
-            candidates=opened.candidates,
-        )
+        saved = None if opened.restored else document
+        self.session = Session(document, anchor=document.pose, saved=saved)
         notify = self._mailbox.notify
         self._overlay = OverlayWorkers(notify)
         self._others = OthersWorker("others", notify)
@@ -98,7 +92,6 @@ class App:
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._preparer: Worker[Preparation] = Worker("preparation", notify)
-        self._comparer: NumberedWorker[Identification] = NumberedWorker("comparison", notify)
         self._mapper: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
         self._map_job: MapJob | None = None
         self._mapped_at = 0.0
@@ -110,8 +103,8 @@ class App:
             self._page = Page(server, self._mailbox.post, review is not None)
         self._running = True
         self._use_model()
-        for model in opened.objects:
-            self._command(AddObject(model))
+        for command in opened.objects:
+            self._command(command)
         self._page.tell_all(opened.warnings)
         notify()  # the page is shown at once
 
@@ -122,7 +115,7 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
-            workers = self._searcher, self._mapper, self._proposer, self._comparer, self._preparer
+            workers = self._searcher, self._mapper, self._proposer, self._preparer
             for worker in (self._overlay, self._others, self._strip, *workers, self._tasks):
                 worker.close()
 
@@ -239,8 +232,6 @@ class App:
             self._command(command)
         for command in self._proposer.take_as(c.StartsProposed, c.ProposingFailed):
             self._command(command)
-        for command in self._comparer.take_as(c.IdentificationAdvanced, c.IdentificationFailed):
-            self._command(command)
         maps = self._mapper.take()
         if maps is not None and maps.error is not None:
             self._page.maps_note(sentence_of(maps.error))
@@ -284,10 +275,8 @@ class App:
             self._command(c.SetPose(opened.document.pose, as_start=True))
         else:
             self._command(c.Open(opened.document, unsaved=opened.restored))
-        for candidate in opened.candidates.models:
-            self._command(c.AddCandidate(candidate))
-        for model in opened.objects:
-            self._command(AddObject(model))
+        for command in opened.objects:
+            self._command(command)
         if opened.row and self._review is not None:
             self._review.opened(opened)
             self.session = replace(self.session, history=History())  # undo stays in the row
@@ -304,7 +293,6 @@ class App:
         ready = session.preparation is None
         self._searcher.follow(session.search, run_search, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)
-        self._comparer.follow(session.candidates.comparison, compare, ready)
         if not ready:
             return
         self._mapper.hold(self._overlay.busy)  # what the hand is moving comes first

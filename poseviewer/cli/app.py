@@ -35,7 +35,6 @@ def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer [PHOTO MODEL]``."""
     option(parser, "photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", Path, nargs="?")
     option(parser, "model MODEL", kind=Path, nargs="?")
-    option(parser, "others MODEL", "more, to tell which one it is", Path, nargs="*")
     option(parser, "--pose POSE.json", "the start", Path)
     option(parser, "--last", "start from the pose saved last")
     fields = {name: COMPARED[name] for name in ("mask", "without")}
@@ -134,18 +133,17 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
-    calibration, others, place = calibration_of(options), options.others, None
+    calibration, place = calibration_of(options), None
     objects: list[Path] = []
     if photo is not None and _is_set(photo):
-        (model, *more), objects, chosen = _chosen_of(photo, model)
+        (model, *_), objects, chosen = _chosen_of(photo, model)
         if chosen.views is not None:
             refuse_beside(options, "a set of photos", SAID_BY_SET)
             of_set, chosen_model = replace(chosen, pose=pose or chosen.pose), model
             return lambda: _open_chosen_set(of_set, chosen_model, options.without or ())
-        photo, others = chosen.photo, [*others, *more]
-        pose, place = pose or chosen.pose, chosen.place
+        photo, pose, place = chosen.photo, pose or chosen.pose, chosen.place
         calibration = calibration or chosen.calibration
-    for path in filter(None, (photo, model, pose, options.mask, *others)):
+    for path in filter(None, (photo, model, pose, options.mask)):
         if not path.is_file():  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
 
@@ -161,7 +159,7 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
             return open_files(case.photo, case.model, case.start)
         start = last_pose() if options.last else pose
         hidden = options.mask, options.without or ()
-        found = open_files(photo, model, start, calibration, others, *hidden, objects)
+        found = open_files(photo, model, start, calibration, *hidden, objects)
         return found if place is None or start is not None else placed(found, place)
 
     return open_first

@@ -14,8 +14,6 @@ from poseviewer.files.photo import ENDINGS
 from poseviewer.files.view_set import SetChoice
 from poseviewer.geometry.transform import RigidTransform
 
-ALL_MODELS = "all: compare them"
-"""The answer that makes every model a candidate."""
 ALL_OBJECTS = "all: the photo shows each"
 """The answer that makes every model an object."""
 ANOTHER_OBJECT = "another object in the photo"
@@ -191,9 +189,7 @@ def _model(
         return (models[0] if models else None), (), ()
     by_label = {found.label(model.path): model for model in models}
     text = f"{len(models)} models came together. Which one is to be opened?"
-    answer = yield Question(text, (*by_label, ALL_OBJECTS, ALL_MODELS, "none: the model stays"))
-    if answer == ALL_MODELS:
-        return models[0], models[1:], ()
+    answer = yield Question(text, (*by_label, ALL_OBJECTS, "none: the model stays"))
     if answer == ALL_OBJECTS:
         return models[0], (), models[1:]
     return by_label.get(answer or ""), (), ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Pose
@@ -68,6 +68,18 @@ class Registration:
     def symmetry(self) -> Symmetry:
         """What maps the model as it is compared onto itself: poses that differ by it are one."""
         return NO_SYMMETRY if self.mesh.left_out else self.whole_symmetry
+
+    def with_model(self, model: LoadedModel) -> Registration:
+        """The registration of another model, at the same start."""
+        return replace(
+            self,
+            mesh=model.mesh,
+            mesh_name=model.name,
+            mesh_sha256=model.sha256,
+            keypoints=model.keypoints,
+            whole_symmetry=model.whole_symmetry,
+            warnings=(),
+        )
 
     def compares_same(self, other: Registration) -> bool:
         """Whether both compare the same model with the same pixels."""

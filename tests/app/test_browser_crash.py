@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from poseviewer.files.photo import save_image
-from poseviewer.files.state.autosave import load_autosave
 from tests.app.app_process import AppProcess
 from tests.app.browser import READY, AppPage
 from tests.scene import Scene
-from tests.textured import write_obj
 
 OFFER = "An earlier session ended without saving"
 
 
 @pytest.mark.slow
-def test_after_a_crash_page_session_and_models_come_back(
-    browser: Browser, tmp_path: Path, scene: Scene
-):
-    """The models that the photo may show come back with their textures."""
-    (tmp_path / "quad").mkdir()
-    write_obj(tmp_path / "quad", "wood.png")
-    save_image(tmp_path / "quad" / "wood.png", np.full((8, 8, 3), (230, 30, 20), np.uint8))
-    quad = [str(path) for path in sorted((tmp_path / "quad").iterdir())]
+def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Path, scene: Scene):
     files = (scene.photo, scene.model, "--pose", scene.start)
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
@@ -37,16 +26,9 @@ def test_after_a_crash_page_session_and_models_come_back(
         tab.page.evaluate("window.poseviewer.zoomAt(200, 300, 1.7)")
         view = tab.view()
         tab.page.keyboard.press("Shift+ArrowRight")
-        open_candidates(tab)
-        with tab.page.expect_file_chooser() as chooser:
-            tab.page.get_by_role("button", name="Add a model").click()
-        chooser.value.set_files(quad)
-        tab.page.locator(".pv-models").get_by_text("quad.obj").wait_for()
-        tab.until(lambda: "quad.obj" in kept_candidates(tmp_path / "state" / "sessions"))
         tab.page.evaluate("document.activeElement.blur()")
         tab.page.keyboard.press("Space")
         app.kill()
-    shutil.rmtree(tmp_path / "quad")
     port = int(app.url.rstrip("/").rpartition(":")[2])
     with AppProcess(tmp_path, *files, port=port) as again:
         assert again.url == app.url
@@ -61,10 +43,6 @@ def test_after_a_crash_page_session_and_models_come_back(
         picture = tab.settled_picture()
         tab.page.keyboard.press("Control+ArrowRight")
         tab.until(lambda: not np.array_equal(tab.photo_picture(), picture))
-        open_candidates(tab)
-        tab.page.locator(".pv-models").get_by_text("quad.obj").click()
-        tab.open_step(1)
-        tab.wait_for_text("2 triangles, 1 part, 1 texture")
         assert tab.errors == []
         tab.page.close()
 
@@ -118,15 +96,3 @@ def assert_cut_off(tab: AppPage) -> None:
     tab.page.wait_for_function(READY)
     tab.page.locator("[id^=upload-]").wait_for(state="detached")
     tab.page.get_by_text("1,280 triangles").wait_for(state="attached")
-
-
-def open_candidates(tab: AppPage) -> None:
-    """Show the models that the photo may show."""
-    tab.open_step(4)
-    tab.page.get_by_text("Which model is it?", exact=True).click()
-
-
-def kept_candidates(sessions: Path) -> list[str]:
-    """The names of the models that an autosaved session names."""
-    paths = sessions.glob("session-*.json")
-    return [one.name for path in paths for one in load_autosave(path).candidates]

@@ -23,7 +23,6 @@ from poseviewer.files.file_set import (
 from poseviewer.files.formats.reconstructions import colmap_photos
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.set_questions import (
-    ALL_MODELS,
     ALL_OBJECTS,
     ANOTHER_OBJECT,
     Chosen,
@@ -196,15 +195,10 @@ def test_of_several_models_one_is_chosen_or_all(tmp_path: Path) -> None:
     chosen, (question,) = answered(found, "b.obj")
     assert question.text == "3 models came together. Which one is to be opened?"
     assert question.options == (
-        "a.obj", "b.obj", "c.obj", ALL_OBJECTS, ALL_MODELS, "none: the model stays",
+        "a.obj", "b.obj", "c.obj", ALL_OBJECTS, "none: the model stays",
     )  # fmt: skip
     assert chosen.model is not None
     assert chosen.model.path.name == "b.obj"
-    chosen, _ = answered(found, ALL_MODELS)
-    assert chosen.model is not None
-    assert names([chosen.model.path, *(one.path for one in chosen.others)]) == [
-        "a.obj", "b.obj", "c.obj",
-    ]  # fmt: skip
     chosen, _ = answered(found, ALL_OBJECTS)
     assert chosen.model is not None
     assert chosen.model.path.name == "a.obj"
@@ -377,7 +371,7 @@ def test_a_bop_scene_gives_photo_camera_model_and_start(tmp_path: Path) -> None:
     assert chosen.calibration.path.name == "scene_camera.json"
     # Of two such objects the scene does not say which one is meant.
     chosen, questions = answered(found, photo.replace("3", "7"), "models/obj_000005.obj")
-    assert [len(question.options) for question in questions] == [3, 5]
+    assert [len(question.options) for question in questions] == [3, 4]
     assert chosen.place is None
     (tmp_path / "test/000002/scene_gt.json").write_text('{"3": 7}')
     with pytest.raises(PoseFileError, match="image 3 is not a list"):

@@ -902,7 +902,6 @@ cleanups.push(() => cancelAnimationFrame(timer));
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
 window.poseviewerPart = (index) => send({ kind: "part", index });
-window.poseviewerModel = (wish, index) => send({ kind: "model", wish, index });
 window.poseviewerObject = (wish, number) => send({ kind: "object", wish, number });
 window.poseviewer = {
   setPhoto(width, height) {

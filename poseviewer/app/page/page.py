@@ -17,7 +17,6 @@ from poseviewer.app.below_viser.client_script import ClientScript, Placement, pl
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
-from poseviewer.app.page.comparisons import CandidatesPanel
 from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
 from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import PLACES_ORDER, LandscapePanel
@@ -105,7 +104,6 @@ class Page:
         self._fit = FitPanel(controls)
         with controls.step(STEPS[3]):
             self._judge = JudgePanel(controls)
-            self._candidates = None if reviewing else CandidatesPanel(controls)
         self._save = SavePanel(controls)
         self._maps = gui.add_panel()
         tab = self._maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
@@ -161,8 +159,6 @@ class Page:
             self._open.show(session)
             self._place.show(session)
             self._fit.show(session)
-            if self._candidates is not None:
-                self._candidates.show(session)
             self._judge.show(session)
             self._save.show(session, where)
         self._late = not self._landscape.show(session)

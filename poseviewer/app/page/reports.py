@@ -132,9 +132,6 @@ def _request_of(report: Report, session: Session) -> Request | None:
             return c.PickInLandscape(*pair, _finite(content["u"]), _finite(content["v"]))
         case "enlarge":
             return c.ChangeLandscape(large=(int(content["first"]), int(content["second"])))
-        case "model":
-            wish = {"show": c.ShowCandidate, "drop": c.DropCandidate}[content["wish"]]
-            return wish(int(content["index"]))
         case "object":
             return OBJECTS[content["wish"]](int(content["number"]))
         case "photo":

@@ -21,7 +21,6 @@ from poseviewer.app.state.cameras import (
     with_camera,
     with_projection,
 )
-from poseviewer.app.state.candidates import CandidateModel, Comparison, with_model
 from poseviewer.app.state.document import Document, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import (
     PIN_REACH,
@@ -57,7 +56,6 @@ from poseviewer.app.state.session import (
     is_in_sight,
     require_in_sight,
 )
-from poseviewer.confidence.identify import Identification
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.registration import Registration
@@ -814,114 +812,6 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
     parameters[piece.first] = x[0] + u * (x[-1] - x[0])
     parameters[piece.second] = y[0] + v * (y[-1] - y[0])
     return parameters
-
-
-# --- which model is it --------------------------------------------------------------------------
-
-
-class AddCandidate(Command, eq=False):
-    """One more model that the photo may show, read and ready."""
-
-    candidate: CandidateModel
-
-    def __call__(self, session: Session) -> Session:
-        candidates = session.candidates.with_model_of(session.document)
-        return replace(session, candidates=candidates.with_candidate(self.candidate))
-
-
-class DropCandidate(Command):
-    """Take a model away, by its place among them."""
-
-    index: int
-
-    def __call__(self, session: Session) -> Session:
-        candidates = session.candidates
-        models = candidates.models
-        if not 0 <= self.index < len(models) or candidates.running:
-            return session
-        kept = (*models[: self.index], *models[self.index + 1 :])
-        return replace(session, candidates=replace(candidates, models=kept))
-
-
-class ShowCandidate(Command):
-    """A model comes to hand, at the pose that was found for it, if any. One undoable step, unless
-    the last one was of this kind: then one step back leads to before all of them.
-    """
-
-    index: int
-
-    def __call__(self, session: Session) -> Session:
-        candidates, before = session.candidates, session.document
-        if not 0 <= self.index < len(candidates.models):
-            return session
-        pose = candidates.pose_of(self.index, before) or before.pose
-        document = with_model(before, candidates.models[self.index], pose)
-        session = session.with_document(document, same_step=before is candidates.shown)
-        return replace(session, candidates=replace(candidates, shown=document))
-
-
-class Identify(Command):
-    """Fit all models from the pose at hand, and rank them."""
-
-    def __call__(self, session: Session) -> Session:
-        if session.candidates.running:
-            return session
-        candidates = session.candidates.with_model_of(session.document)
-        if len(candidates.models) < 2:
-            raise SettingsError("one model alone: add another one, to be told apart")
-        asked = Comparison(session.comparisons + 1, session.document, candidates.models)
-        candidates = replace(candidates, comparison=asked, shown=None)
-        return replace(session, search=None, comparisons=asked.number, candidates=candidates)
-
-
-class StopIdentifying(Command):
-    """Leave it at the models that are fitted; with none of them, nothing is left."""
-
-    def __call__(self, session: Session) -> Session:
-        found = session.candidates.comparison
-        if found is None or not found.running:
-            return session
-        known = found.latest is not None and bool(found.latest.ranked)
-        stopped = replace(found, running=False) if known else None
-        return replace(session, candidates=replace(session.candidates, comparison=stopped))
-
-
-class IdentificationAdvanced(WorkerUpdate, eq=False):
-    """A worker's update of comparison ``number``; at the end the likeliest model is shown, unless
-    something else was done meanwhile.
-    """
-
-    number: int
-    update: Identification
-
-    def __call__(self, session: Session) -> Session:
-        candidates, document = session.candidates, session.document
-        found = candidates.comparison
-        if found is None or found.number != self.number or not found.running:
-            return session
-        if candidates.comparison_about(document) is None:  # another photo by now
-            return replace(session, candidates=replace(candidates, comparison=None))
-        is_over = self.update.at is None
-        compared = replace(found, latest=self.update, running=not is_over)
-        session = replace(session, candidates=replace(candidates, comparison=compared))
-        is_idle = document is found.document and session.drag is None and session.search is None
-        if not (is_over and is_idle):
-            return session
-        return ShowCandidate(session.candidates.rows(document)[0].index)(session)
-
-
-class IdentificationFailed(DragCommand, eq=False):
-    """Comparison ``number`` could not go on."""
-
-    number: int
-    reason: str
-
-    def __call__(self, session: Session) -> Session:
-        found = session.candidates.comparison
-        if found is None or found.number != self.number:
-            return session
-        candidates = replace(session.candidates, comparison=None)
-        return replace(session, candidates=candidates).with_error(self.reason)
 
 
 # --- how it is looked at ------------------------------------------------------------------------

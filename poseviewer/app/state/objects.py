@@ -5,8 +5,8 @@ symmetry: which is picked, or large; one more, one less; which poses are one.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
-from poseviewer.app.state.candidates import CandidateModel, at_hand, with_mesh
 from poseviewer.app.state.commands import Command, WorkerUpdate
 from poseviewer.app.state.document import Marks, SceneObject
 from poseviewer.app.state.dragging import moved, radius_in_photo
@@ -14,7 +14,7 @@ from poseviewer.app.state.photo_set import FEWEST_COMPARED
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Outlines, Session, Strip
 from poseviewer.errors import SettingsError
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.registration import LoadedModel, Registration
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.starts.placing import look_from
@@ -41,16 +41,18 @@ class AddObject(Command, eq=False):
     of the picked one's model.
     """
 
-    candidate: CandidateModel | None = None
+    model: LoadedModel | None = None
+    path: Path | None = None
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        one = self.candidate or at_hand(document)
-        own = with_mesh(document.registration, one.model)
+        own, path = replace(document.registration, warnings=()), document.model_path
+        if self.model is not None:
+            own, path = own.with_model(self.model), self.path
         pose = look_from("three-quarter", own.mesh, own.keypoints, document.pose.camera)
         own = replace(own, start=pose, start_is_guess=True, mask=None)
         settings = replace(document.settings, region=None, lock=())
-        return _with(session, SceneObject(own, pose, settings, model_path=one.path))
+        return _with(session, SceneObject(own, pose, settings, model_path=path))
 
 
 class DuplicateObject(Command):

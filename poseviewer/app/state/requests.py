@@ -8,8 +8,8 @@ from typing import Any, Literal, dataclass_transform
 from poseviewer.files.file_set import Kind
 from poseviewer.files.set_questions import Choosing
 
-Becomes = Literal["at hand", "candidate", "object"]
-"""What models that come are: the one at hand, candidates for it, or objects beside it."""
+Becomes = Literal["at hand", "object"]
+"""What models that come are: the one at hand, or objects beside it."""
 Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.api import Case
-from poseviewer.app.state.candidates import Candidates
 from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.errors import PoseViewerError, SettingsError
@@ -310,9 +309,6 @@ class Session:
     proposals: ProposedStarts | None = None
     proposals_asked: int = 0
     """How many times proposals were asked for."""
-    candidates: Candidates = field(default_factory=Candidates)
-    comparisons: int = 0
-    """How many times the candidates were compared."""
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
     ends: tuple[MethodEnd, ...] = ()
@@ -373,11 +369,11 @@ class Session:
 
     @property
     def paths(self) -> frozenset[Path]:
-        """The files of all photos and models that undo and redo can bring back, of those at hand,
-        and of the candidates.
+        """The files of all photos and models that are at hand or that undo and redo can bring
+        back.
         """
         documents = (*self.history.past, self.document, *self.history.future)
-        return self.candidates.paths.union(*(document.paths for document in documents))
+        return frozenset().union(*(document.paths for document in documents))
 
     @property
     def searching(self) -> bool:

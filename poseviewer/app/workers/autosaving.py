@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.hiding import compared_mask
 from poseviewer.app.state.session import Session
@@ -50,7 +49,7 @@ class Autosaver:
         self._folder = state / "sessions"
         self._uploads = state / "uploads"
         self._writer: Worker[None] = Worker("autosave")
-        self._saved: tuple[Document, tuple[CandidateModel, ...]] | None = None
+        self._saved: Document | None = None
         """What is on disk, or on its way there."""
         self._next = 0.0
         self._moving = False
@@ -92,14 +91,13 @@ class Autosaver:
 
     def save_now(self, session: Session) -> None:
         """Write the session, if it changed since."""
-        document, models = session.document, session.candidates.models
-        if (document, models) == self._saved or not (session.unsaved or models):
+        document = session.document
+        if document is self._saved or not session.unsaved:
             return
         self._next = time.monotonic() + PERIOD_S
-        self._saved = document, models
+        self._saved = document
         kept = replace(
             _as_picked(document, document.photo_path, session.unsaved),
-            candidates=tuple(one.path.resolve() for one in models if one.path is not None),
             others=tuple(
                 _as_picked(one, document.photo_path, session.unsaved) for one in document.others
             ),

@@ -1,5 +1,5 @@
 """What runs beside the session as one generator: what is made ready, a search for one object, in a
-set of photos or for all objects, proposals, a comparison of models.
+set of photos or for all objects, proposals.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from poseviewer.api import Case, SetCase, SetResult, make_case, make_set_case
-from poseviewer.app.state.candidates import Comparison
 from poseviewer.app.state.document import Document, SceneObject, SearchEnd
 from poseviewer.app.state.photo_set import PhotoSet
 from poseviewer.app.state.session import (
@@ -22,7 +21,6 @@ from poseviewer.app.state.session import (
     Together,
 )
 from poseviewer.app.workers.worker import lower_priority
-from poseviewer.confidence.identify import Identification, identifying
 from poseviewer.confidence.model import judge_end
 from poseviewer.confidence.uncertainty import joint_covariance
 from poseviewer.errors import SettingsError
@@ -267,11 +265,3 @@ def propose_starts(asked: ProposedStarts) -> Iterator[tuple[Pose, ...]]:
     query = asked.query
     found = propose(query, renderer_of(query.mesh).clone(), lower_priority).found
     yield tuple(one.pose for one in found)
-
-
-def compare(asked: Comparison) -> Iterator[Identification]:
-    """Models told apart, after every evaluation of each fit."""
-    settings = asked.document.settings
-    return identifying(
-        asked.registrations, settings, renderer_of=lambda mesh: renderer_of(mesh).clone()
-    )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 from poseviewer.app.state.cameras import with_camera
-from poseviewer.app.state.candidates import CandidateModel, Candidates, with_mesh
 from poseviewer.app.state.commands import put
 from poseviewer.app.state.document import Document, Marks, SceneObject, SearchEnd
+from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.photo_set import OwnOfPhoto, PhotoSet
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.cameras import Calibration
@@ -55,9 +55,7 @@ class Opened:
     """A pose file was read; photo and model are the ones at hand."""
     restored: bool = False
     """It is what an earlier session left, unsaved."""
-    candidates: Candidates = field(default_factory=Candidates)
-    """Models that the photo may show."""
-    objects: tuple[CandidateModel, ...] = ()
+    objects: tuple[AddObject, ...] = ()
     """Further models that the photo shows, still without poses."""
     row: str = ""
     """In a review: the key of the row that it is."""
@@ -70,15 +68,14 @@ def open_files(
     model: Path,
     pose: Path | None,
     calibration: Calibration | None = None,
-    others: Sequence[Path] = (),
     mask: Path | None = None,
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
 ) -> Opened:
     """Photo and model from their files, with a start pose from one, or seen from a corner; the
-    photo undistorted, where there is a calibration; ``others``: models that the photo may show;
-    ``mask``: what of the photo counts, ``without``: parts of the model that are left out;
-    ``objects``: models that the photo shows as well.
+    photo undistorted, where there is a calibration; ``mask``: what of the photo counts,
+    ``without``: parts of the model that are left out; ``objects``: models that the photo shows as
+    well.
     """
     if pose is not None:
         registration = load_registration(photo, model, pose, calibration, mask, without)
@@ -86,13 +83,8 @@ def open_files(
         registration = _without_pose(load_calibrated_photo(photo, calibration), model)
         registration = _hidden(registration, mask, without)
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
-    candidates, warnings = Candidates(), registration.warnings
-    for path in others:
-        candidate, notes = open_candidate(path)
-        candidates = candidates.with_model_of(document).with_candidate(candidate)
-        warnings = (*warnings, *notes)
-    added, notes = _open_objects(objects)
-    return Opened(document, (*warnings, *notes), candidates=candidates, objects=added)
+    added, notes = open_objects(objects)
+    return Opened(document, (*registration.warnings, *notes), objects=added)
 
 
 def open_set(
@@ -162,13 +154,6 @@ def _in_set(photos: PhotoSet, model: LoadedModel, start: StartInSet, path: Path)
     return Document(own, start.pose, model_path=path, photo_path=view.path, views=photos)
 
 
-def open_candidate(path: Path) -> tuple[CandidateModel, tuple[str, ...]]:
-    """A model that the photo may show, and what is to be said of it."""
-    model = load_model(path)
-    notes = tuple(f"{path.name}: {note}" for note in model.mesh.notes)
-    return CandidateModel(model, path), notes
-
-
 def open_chosen(
     now: Document, chosen: Chosen, models: Sequence[Path], objects: Sequence[Path] = ()
 ) -> Opened:
@@ -176,7 +161,7 @@ def open_chosen(
     and the others beside it, lie with all that they name; ``objects``: where further objects do.
     """
     document, warnings = now, list(chosen.notes)
-    photo, candidates, pose_alone = chosen.photo, Candidates(), False
+    photo, pose_alone = chosen.photo, False
     if photo is None and chosen.calibration is not None:
         photo = now.photo_path
     if photo is not None:
@@ -192,21 +177,15 @@ def open_chosen(
         (opened,) = open_pose(document, chosen.pose)
         pose_alone = opened.pose_alone and document is now
         document, warnings = opened.document, [*warnings, *opened.warnings]
-    for path in models[1:]:
-        candidate, notes = open_candidate(path)
-        candidates = candidates.with_candidate(candidate)
-        warnings += notes
-    added, notes = _open_objects(objects)
-    warnings += notes
-    return Opened(document, tuple(warnings), pose_alone, candidates=candidates, objects=added)
+    added, notes = open_objects(objects)
+    return Opened(document, (*warnings, *notes), pose_alone, objects=added)
 
 
-def _open_objects(
-    paths: Sequence[Path],
-) -> tuple[tuple[CandidateModel, ...], tuple[str, ...]]:
-    """Models of further objects, and what is to be said of them."""
-    read = [open_candidate(path) for path in paths]
-    return tuple(one for one, _ in read), tuple(note for _, notes in read for note in notes)
+def open_objects(paths: Sequence[Path]) -> tuple[tuple[AddObject, ...], tuple[str, ...]]:
+    """Commands that add the models of these files as further objects, and notes on the models."""
+    models = [(load_model(path), path) for path in paths]
+    notes = (f"{path.name}: {note}" for model, path in models for note in model.mesh.notes)
+    return tuple(AddObject(model, path) for model, path in models), tuple(notes)
 
 
 def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
@@ -311,7 +290,7 @@ def completed(now: Document, path: Path) -> Opened:
     parts = model.mesh.part_names
     left_out = [name for name in now.registration.mesh.left_out if name in parts]
     model = replace(model, mesh=model.mesh.without(left_out))
-    registration = with_mesh(now.registration, model)
+    registration = now.registration.with_model(model)
     notes = tuple(f"{model.name}: {note}" for note in model.mesh.notes)
     return Opened(replace(now, registration=registration, model_path=path, end=None), notes)
 
@@ -388,7 +367,9 @@ def _pose_in_set(now: Document, views: PhotoSet, path: Path) -> Opened:
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
-    """What an earlier session left behind; models beside its own that are gone are said."""
+    """What an earlier session left behind; models of further objects that are gone are named, and
+    those that version 0.1.0 kept to compare with the photo.
+    """
     model = _require_there(kept.model, kept.model_name)
     if kept.views is not None:
         yield _restored_set(kept, kept.views, model)
@@ -399,7 +380,7 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
         photo = undistorted(photo, kept.pose.undistortion)
     photo = replace(photo, name=kept.photo_name)
     document = _restored(opened.document, kept, photo)
-    candidates, warnings = Candidates(), opened.warnings
+    warnings = opened.warnings
     known = {model: opened.document.registration}
     for other in kept.others:
         try:
@@ -410,17 +391,14 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
             continue
         one = _restored(SceneObject(own, own.start, model_path=path), other, photo)
         document = replace(document, others=(*document.others, one))
-    for path in kept.candidates:
-        if path == kept.model:
-            continue
-        try:
-            candidate, notes = open_candidate(path)
-            candidates, warnings = candidates.with_candidate(candidate), (*warnings, *notes)
-        except PoseViewerError as error:
-            warnings = (*warnings, str(error))
-    yield replace(
-        opened, document=document, restored=True, candidates=candidates, warnings=warnings
-    )
+    compared = [path.name for path in kept.candidates if path != kept.model]
+    if compared:
+        warnings = (
+            *warnings,
+            f"The session also compared {', '.join(compared)} with the photo: `poseviewer "
+            "identify` does that now; these models are not opened.",
+        )
+    yield replace(opened, document=document, restored=True, warnings=warnings)
 
 
 def _restored_set(kept: AutosavedSession, views: KeptSet, model: Path) -> Opened:

@@ -10,19 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.candidates import CandidateModel
-from poseviewer.app.state.commands import AddCandidate, Command, LayWheels, SetTool
+from poseviewer.app.state.commands import Command, LayWheels, SetTool
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
-from poseviewer.app.state.objects import AddObject, UseSymmetry
+from poseviewer.app.state.objects import UseSymmetry
 from poseviewer.app.state.requests import Answer, Download, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     Opened,
-    open_candidate,
     open_chosen,
     open_chosen_set,
+    open_objects,
     open_pose,
     open_scene,
 )
@@ -129,8 +128,7 @@ class Tasks:
             if upload.becomes == "at hand":
                 placed = _placed(session, found) if upload.kind is None else ""
                 return self._choose(choose(found, placed), None, upload.client, session)
-            add = AddObject if upload.becomes == "object" else AddCandidate
-            return self._add(found.models, add, session)
+            return self._add(found.models, session)
 
         self.add(run, size=len(upload.data))
 
@@ -166,7 +164,7 @@ class Tasks:
             if opened.document is not session.document:
                 yield opened
             else:  # the user wanted none of it, or further objects
-                yield Found(tuple(map(AddObject, opened.objects)), opened.warnings)
+                yield Found(opened.objects, opened.warnings)
         else:
             yield PageQuestion(client, choosing, question)
 
@@ -179,19 +177,9 @@ class Tasks:
             raise QuickStartError(f"{views.name}: a set of photos without a model; drop both.")
         return open_chosen_set(chosen, model)
 
-    def _add(
-        self,
-        models: Sequence[ModelFiles],
-        add: Callable[[CandidateModel], Command],
-        session: Session,
-    ) -> Iterator[Found]:
-        opened = [
-            open_candidate(gathered(self._uploads, m, in_use=self._in_use(session))) for m in models
-        ]
-        yield Found(
-            tuple(add(model) for model, _ in opened),
-            tuple(note for _, notes in opened for note in notes),
-        )
+    def _add(self, models: Sequence[ModelFiles], session: Session) -> Iterator[Found]:
+        in_use = self._in_use(session)
+        yield Found(*open_objects([gathered(self._uploads, m, in_use=in_use) for m in models]))
 
     def add_last_pose(self) -> None:
         """Open the pose that was saved last, as a start on what is open by then."""

@@ -80,7 +80,7 @@ class AutosavedSession:
     process: int
     """The process that runs the session."""
     candidates: tuple[Path, ...] = ()
-    """Models that the photo may show."""
+    """Models that version 0.1.0 compared with the photo; no longer written."""
     mask: Mask | None = None
     """What of the photo counts."""
     number: int = 1
@@ -159,7 +159,6 @@ def files_of_sessions(folder: Path) -> frozenset[Path]:
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
             session = load_autosave(path)
-            found.update(session.candidates)
             found |= {f for one in (session, *session.others) for f in (one.photo, one.model)}
     return frozenset(path for path in found if path is not None)
 
@@ -184,12 +183,11 @@ def _mark(start: str | None) -> str | None:
 
 
 def _as_json(session: AutosavedSession) -> dict[str, Any]:
-    values = {f.name: getattr(session, f.name) for f in fields(session)}
+    values = {f.name: getattr(session, f.name) for f in fields(session) if f.name != "candidates"}
     for name in ("photo", "model"):
         values[name] = None if values[name] is None else str(values[name])
     for name in ("pose", "start"):
         values[name] = _pose_as_json(values[name])
-    values["candidates"] = [str(path) for path in session.candidates]
     if session.mask is not None:
         values["mask"] = _mask_as_text(session.mask)
     if session.views is not None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.candidates import CandidateModel
 from poseviewer.app.state.document import SearchEnd
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
@@ -42,10 +41,8 @@ from tests.app.state.documents import (
 )
 from tests.meshes import make_box
 
-BOX = CandidateModel(
-    LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, None), Path("box.ply")
-)
-TAXI = CandidateModel(LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints()), None)
+BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, None)
+TAXI = LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints())
 
 
 def with_two(camera=PERSPECTIVE) -> Session:
@@ -71,7 +68,7 @@ def numbers(session: Session) -> list[int]:
 
 def test_an_added_object_is_picked_and_waits_for_its_place():
     first = after(make_session(), c.Nudge("move", 3.0))
-    session = after(first, AddObject(BOX))
+    session = after(first, AddObject(BOX, Path("box.ply")))
     document = session.document
     assert (document.number, document.label, document.model_path) == (2, "box.ply", Path("box.ply"))
     assert document.awaits_place
@@ -255,7 +252,7 @@ def test_the_picked_one_is_compared_among_those_that_stand():
     placed = after(session, c.Nudge("move", 30.0))
     assert placed.document.registration.others == (ball,)  # the very one: what is compared stays
     (box,) = after(placed, PickObject(1)).document.registration.others
-    assert box.mesh is BOX.model.mesh
+    assert box.mesh is BOX.mesh
     hidden = after(placed, AlterObject(1, hidden=True))
     assert hidden.document.registration.others == ()
     assert after(hidden, AlterObject(1, hidden=False)).document.registration.others[0].pose is (
@@ -317,7 +314,7 @@ def test_undo_reaches_back_over_objects_that_are_at_hand():
     session = make_session()
     for number in range(8):
         model = LoadedModel(make_box((1.0, 1.0, 1.0 + number)), "b.ply", f"{number:064d}", None)
-        session = after(session, AddObject(CandidateModel(model, None)), c.Nudge("move", 1.0))
+        session = after(session, AddObject(model), c.Nudge("move", 1.0))
     session = after(session, PickObject(1), c.Nudge("move", 1.0))
     for _ in range(17):
         assert session.history.past

@@ -18,9 +18,9 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export, record_of
 from poseviewer.app.workers.opening import (
     Opened,
-    open_candidate,
     open_chosen,
     open_files,
+    open_objects,
     open_photo,
     open_pose,
     restore,
@@ -116,35 +116,29 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     assert any("as taken" in warning for warning in opened.warnings)
 
 
-def test_the_models_that_a_photo_may_show_come_back(scene: Scene, tmp_path: Path) -> None:
-    other, gone = write_obj(tmp_path, "wood.png"), tmp_path / "gone.obj"
-    picture = np.full((4, 4, 3), 90, np.uint8)
-    save_image(tmp_path / "wood.png", picture)
-    before = open_files(scene.photo, scene.model, scene.start, others=[other])
-    keeper = Autosaver(tmp_path / "state")
-    session = Session(before.document, saved=before.document, candidates=before.candidates)
-    keeper.save_now(session)
-    keeper.close(replace(session, saved=None))
+def test_models_that_an_earlier_version_compared_are_named(scene: Scene, tmp_path: Path) -> None:
+    session = Session(open_files(scene.photo, scene.model, scene.start).document)
+    Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
-    kept = load_autosave(path)
-    assert kept.candidates == (scene.model.resolve(), other.resolve())
-    assert not kept.unsaved
-    (opened,) = restore(replace(kept, candidates=(*kept.candidates, gone)))
-    (one,) = opened.candidates.models
-    assert one.path == other
-    assert len(one.model.mesh.textures) == 1
-    assert any(warning.startswith("gone.obj: no such file") for warning in opened.warnings)
+    data = json.loads(path.read_text(encoding="utf-8"))
+    data["candidates"] = [str(scene.model.resolve()), "/models/bus.glb"]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    (opened,) = restore(load_autosave(path))
+    assert opened.document.registration.mesh_name == scene.model.name
+    (note,) = [text for text in opened.warnings if "poseviewer identify" in text]
+    assert "bus.glb" in note
+    assert scene.model.name not in note
 
 
 def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
     other = write_obj(tmp_path, "wood.png")
     save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
-    (candidate, _) = open_candidate(other)
+    ((added,), _) = open_objects([other])
     session = Session(open_files(scene.photo, scene.model, scene.start).document)
     for command in (
         AddObject(),
         Nudge("move", 9.0),
-        AddObject(candidate),
+        added,
         Nudge("turn", 3.0),
         AlterObject(2, hidden=True),
         AlterObject(1, locked=True, name="ball"),

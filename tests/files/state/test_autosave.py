@@ -58,7 +58,6 @@ def session(**changes: Any) -> AutosavedSession:
         unsaved=True,
         saved_at=1.7e9 + 1.0 / 3.0,
         process=os.getpid(),
-        candidates=(Path("/models/bus 道.glb"), Path("/models/van.obj")),
     )
     return dataclasses.replace(whole, **changes)
 
@@ -90,8 +89,8 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
 
 def test_all_objects_of_a_session_come_back_to_the_last_digit(tmp_path: Path) -> None:
     others = (
-        session(number=1, name="Straße", pose=record(turn=1.3), candidates=()),
-        session(number=7, hidden=True, locked=True, candidates=()),
+        session(number=1, name="Straße", pose=record(turn=1.3)),
+        session(number=7, hidden=True, locked=True),
     )
     whole = session(number=4, others=others)
     back = load_autosave(save_autosave(tmp_path, whole))
@@ -104,7 +103,7 @@ def test_all_objects_of_a_session_come_back_to_the_last_digit(tmp_path: Path) ->
 def test_sessions_of_earlier_versions_have_one_object_and_no_candidates(tmp_path: Path) -> None:
     path = save_autosave(tmp_path, session())
     content = json.loads(path.read_text())
-    for name in ("candidates", "number", "name", "hidden", "locked", "others"):
+    for name in ("number", "name", "hidden", "locked", "others"):
         del content[name]
     path.write_text(json.dumps(content))
     back = load_autosave(path)
