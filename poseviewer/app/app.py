@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import viser
@@ -20,7 +19,6 @@ from poseviewer.app.page.reports import newest_drags, request_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
-from poseviewer.app.state.document import History
 from poseviewer.app.state.hiding import Grow
 from poseviewer.app.state.objects import FindSymmetry
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
@@ -43,7 +41,6 @@ from poseviewer.app.workers.tasks import (
     Found,
     PageQuestion,
     Result,
-    Reviewed,
     Tasks,
     find_symmetry_of_model,
     find_wheels_in_region,
@@ -98,9 +95,9 @@ class App:
         self._tasks = Tasks(notify, state)
         self._state = state
         self._review = review
-        self._autosaver = review or Autosaver(state)
+        self._autosaver = Autosaver(state)
         with icons_opened_once():
-            self._page = Page(server, self._mailbox.post, review is not None)
+            self._page = Page(server, self._mailbox.post, review)
         self._running = True
         self._use_model()
         for command in opened.objects:
@@ -115,6 +112,8 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
+            if self._review is not None:
+                self._review.close()
             workers = self._searcher, self._mapper, self._proposer, self._preparer
             for worker in (self._overlay, self._others, self._strip, *workers, self._tasks):
                 worker.close()
@@ -140,8 +139,7 @@ class App:
                 self._page.show_error("Something went wrong inside; nothing was changed.")
         self._collect()
         self._start_jobs()
-        state = self._review.state(self.session) if self._review is not None else None
-        self._page.show(self.session, self._autosaver.where(self.session), state)
+        self._page.show(self.session, self._where())
         trouble = self._autosaver.tick(self.session)
         if trouble:
             self._page.show_error(trouble)
@@ -149,9 +147,9 @@ class App:
     # --- requests --------------------------------------------------------------------------------
 
     def _handle(self, request: r.Request) -> None:
-        if self._review is not None and self._review.takes(request):
-            task = self._review.task_for(request, self.session, record_of(self.session))
-            self._tasks.add(task, draws=True)
+        if self._review is not None and self._review.takes(request, self.session):
+            draws = isinstance(request, r.Decide | r.SavePose)
+            self._tasks.add(self._review.task_for(request), draws)
             return
         match request:
             case c.Command():
@@ -194,21 +192,25 @@ class App:
                 if request.wanted and kept is not None:
                     self._tasks.add(lambda _: restore(kept))
             case _:
-                pass  # Review, Annotate: keys that mean something in a review alone
+                pass  # keys that mean something in a review alone
 
     def _command(self, command: c.Command) -> None:
         before = self.session
         self.session = update(before, command)
         if self.session.error_message and self.session.error_message is not before.error_message:
             self._page.show_error(self.session.error_message)
-        if isinstance(command, c.CancelDrag) and self._review is None and self._tasks.drop():
+        if isinstance(command, c.CancelDrag) and self._tasks.drop():
             self._page.working("")
         if self.session.document.registration.mesh is not before.document.registration.mesh:
             self._use_model()
 
+    def _where(self) -> str:
+        """Where the pose will be saved."""
+        row = "" if self._review is None else self._review.where(self.session.document)
+        return row or self._autosaver.where(self.session)
+
     def _save(self) -> None:
         document, record = self.session.document, record_of(self.session)
-        assert isinstance(self._autosaver, Autosaver)  # in a review, saving is accepting
         path = self._autosaver.save_pose(self.session, record)
         keep_last_pose(record, self._state)
         self._page.tell(f"Saved {path.name}", str(path))
@@ -246,22 +248,15 @@ class App:
         """Take what a task has brought."""
         self._page.working("")
         self._page.forget_strokes()
-        review = self._review
         if error is not None:
             self._page.show_error(sentence_of(error))
-            if review is not None:
-                review.gave_up()
         match result:
-            case Reviewed() if review is not None:
-                if result.mended is not None:
-                    self._command(c.Saved(result.mended))
-                self._tasks.add(review.finish(result, self.session))
             case Opened():
                 self._open(result)
                 self._page.tell_all(result.warnings)
             case Found():
-                for command in result.commands:
-                    self._command(command)
+                for request in result.requests:
+                    self._handle(request)
                 self._page.tell_all(result.warnings)
             case PageQuestion():
                 self._page.ask(result)
@@ -269,18 +264,13 @@ class App:
                 self._page.send(result)
 
     def _open(self, opened: Opened) -> None:
-        if opened.row:
-            self._autosaver.save_now(self.session)  # what was dragged while it was being read
         if opened.pose_alone:
             self._command(c.SetPose(opened.document.pose, as_start=True))
         else:
             self._command(c.Open(opened.document, unsaved=opened.restored))
         for command in opened.objects:
             self._command(command)
-        if opened.row and self._review is not None:
-            self._review.opened(opened)
-            self.session = replace(self.session, history=History())  # undo stays in the row
-        elif opened.restored:
+        if opened.restored:
             self._autosaver.adopt(self.session)
 
     def _start_jobs(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from poseviewer.batch.results import REPORT, JobResult, worst_first
+from poseviewer.batch.results import REJECTED, REPORT, JobResult, worst_first
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
 
@@ -33,8 +33,10 @@ _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 def save_report(folder: Path, results: Sequence[JobResult]) -> None:
     """Write ``report.html``: all rows, the worst first; pictures that are gone are left out."""
     failed = sum(result.failed for result in results)
-    accepted = sum(bool(result.review) for result in results)
-    reviewed = f" {accepted} accepted by a person, which are last." if accepted else ""
+    rejected = sum(result.review == REJECTED for result in results)
+    accepted = sum(bool(result.review) for result in results) - rejected
+    counts = f" {accepted} accepted and {rejected} rejected by a person, which are last."
+    reviewed = counts if accepted or rejected else ""
     rows = "\n".join(_row(folder, result) for result in worst_first(results))
     page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -63,7 +65,8 @@ def _row(folder: Path, result: JobResult) -> str:
             f"{result.seconds:.1f} s<br>{escape(result.pose)}"
         )
     if result.review:
-        outcome = f'<span class="accepted">{escape(result.review)}</span><br>{outcome}'
+        word = "lost" if result.review == REJECTED else "accepted"
+        outcome = f'<span class="{word}">{escape(result.review)}</span><br>{outcome}'
     if result.note:
         outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
     return (

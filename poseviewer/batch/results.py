@@ -25,7 +25,7 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 LOCK = ".at-work"
-ACCEPTED, MENDED = "accepted", "mended"
+ACCEPTED, MENDED, REJECTED = "accepted", "mended", "rejected"
 STDS = (
     *("depth_std", "sideways_std", "degrees_std", "px_std"),
     *("scale_percent_std", "focal_px_std", "size_percent_std"),
@@ -88,7 +88,7 @@ class JobResult:
     focal_px_std: float | None = None
     size_percent_std: float | None = None
     review: str = ""
-    """What a person said of the pose: ``accepted``, or ``mended`` by hand and then accepted."""
+    """What a person said of the pose: ``accepted``, ``mended`` by hand, or ``rejected``."""
     note: str = ""
     """The person's own words."""
 
@@ -109,7 +109,7 @@ def failed_result(job: Job, reason: str) -> JobResult:
 
 
 def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
-    """Those that failed, then by the probability of the verdict; accepted ones are last."""
+    """Those that failed, then by the probability of the verdict; reviewed ones are last."""
 
     def order(result: JobResult) -> tuple[bool, float, int]:
         unknown = result.failed or result.probability is None

@@ -1,4 +1,4 @@
-"""Open the app on a batch's folder of results: next, previous, accept, mend."""
+"""Open the app on a batch's folder of results: a list of rows, to accept, correct or reject."""
 
 from __future__ import annotations
 

@@ -1,33 +1,38 @@
-"""A review in the real app: its loop and its page's messages."""
+"""A review: each row of a batch is an ordinary document, and nothing of a person's is lost."""
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from poseviewer.app.app import App
-from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
+from poseviewer.app.state import requests as q
+from poseviewer.app.state.commands import Command, Nudge, Undo
+from poseviewer.app.state.hiding import Paint, Stroke
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
+from poseviewer.app.workers.autosaving import Autosaver
+from poseviewer.app.workers.jobs import prepare
+from poseviewer.app.workers.opening import restore
+from poseviewer.app.workers.tasks import Found
 from poseviewer.batch.job import run_job
+from poseviewer.batch.results import load_manifest
 from poseviewer.batch.run import open_batch, save_outcome
-from poseviewer.batch.scene import SceneOptions
+from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.transform import RigidTransform
-from tests.app.running_app import settle
-from tests.app.socket_page import SocketPage
 from tests.scene import make_scene
-from tests.several import make_bop
+
+BRIEFLY = FitSettings(limits=Limits(10, 600.0))
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +44,43 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("a", "b", "c"):
         shutil.copy(scene.photo, folder / f"{name}.png")
     (folder / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
-    settings = FitSettings(limits=Limits(10, 600.0))
-    batch = open_batch(folder / "jobs.csv", folder / "out", settings)
+    batch = open_batch(folder / "jobs.csv", folder / "out", BRIEFLY)
     save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
     return folder / "out"
+
+
+class Review:
+    """A review without its page: what is asked is done at once."""
+
+    def __init__(self, out: Path) -> None:
+        self.reviewer = Reviewer(out)
+        document = self.reviewer.open_first().document
+        list(prepare(document.registration.mesh))
+        self.session = Session(document, saved=document)
+
+    def do(self, *requests: q.Request) -> tuple[str, ...]:
+        """Do them one after the other; gives the warnings of the last one."""
+        warnings: tuple[str, ...] = ()
+        for request in requests:
+            if isinstance(request, Command):
+                self.session = update(self.session, request)
+                assert not self.session.error_message
+                continue
+            assert self.reviewer.takes(request, self.session)
+            task = self.reviewer.task_for(request)
+            for found in task(self.session) if task is not None else ():
+                assert isinstance(found, Found)
+                self.do(*found.requests)
+                warnings = found.warnings
+        return warnings
+
+    @property
+    def at(self) -> int | None:
+        return self.reviewer.row_at(self.session.document)
+
+    @property
+    def words(self) -> list[str]:
+        return [row.result.review for row in self.reviewer.queue.rows]
 
 
 @pytest.fixture
@@ -50,32 +88,107 @@ def out(results: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(results, tmp_path / "out"))
 
 
-@contextmanager
-def reviewing(out: Path) -> Iterator[tuple[App, SocketPage]]:
-    review = Reviewer(out)
-    opened = review.open_first()
-    guarded = serve("127.0.0.1", 0)
-    app = App(guarded.server, opened, out.parent / "state", review)
-    loop = threading.Thread(target=app.run, name="app")
-    loop.start()
-    try:
-        with SocketPage(guarded.url) as page:
-            settle(page)
-            yield app, page
-            assert loop.is_alive()
-    finally:
-        app.stop()
-        loop.join(60.0)
-        guarded.stop()
+@pytest.fixture
+def review(out: Path) -> Review:
+    return Review(out)
 
 
-def rows_of(out: Path) -> list[dict[str, str]]:
-    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+def test_rows_are_opened_in_order_and_those_that_cannot_be_are_named(out: Path) -> None:
+    first = Reviewer(out).open_first()
+    assert "gone.png" in first.warnings[0]
+    review = Review(out)
+    assert review.at == 1
+    review.do(q.StepRow(1))
+    assert review.at == 2
+    review.do(q.OpenRow(3), q.StepRow(-1))
+    assert review.at == 2
+    with pytest.raises(BatchError, match="last of 4 rows"):
+        review.do(q.OpenRow(3), q.StepRow(1))
+    with pytest.raises(BatchError, match="gone"):
+        review.do(q.OpenRow(0))
+    assert review.at == 3
 
 
-def poses_of(out: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in (out / "poses").glob("*.json")}
+def test_verdicts_and_notes_are_kept(review: Review, out: Path) -> None:
+    review.do(q.Decide("accepted"))
+    assert review.at == 2  # it goes on
+    review.do(q.Annotate(2, "blurred"), q.Decide("rejected"))
+    review.do(q.Decide("accepted"), q.Decide(""))  # the last one: there is no further row
+    assert review.at == 3
+    review.reviewer.close()
+    again = Review(out).reviewer.queue
+    said = {row.job.photo: (row.result.review, row.result.note) for row in again.rows}
+    assert sorted(said.values()) == [("", ""), ("", ""), ("accepted", ""), ("rejected", "blurred")]
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "1 accepted and 1 rejected" in report
+
+
+def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path) -> None:
+    path = out / review.reviewer.queue.rows[1].result.pose
+    picture = out / review.reviewer.queue.rows[1].result.picture
+    fitted, drawn = path.read_bytes(), picture.read_bytes()
+    review.do(Nudge("move", 9.0))
+    for leaving in (q.StepRow(1), q.OpenRow(2), q.Decide("rejected")):
+        with pytest.raises(BatchError, match="pose is changed"):
+            review.do(leaving)
+    moved = review.session.document.pose.camera_from_model.translation
+    review.do(q.Decide("accepted"))
+    assert review.at == 2
+    assert review.words[1] == "mended"
+    saved = json.loads(path.read_text())["camera_from_model"]["translation"]
+    assert saved == pytest.approx(moved.tolist(), abs=1e-9)
+    assert path.with_suffix(".fitted.json").read_bytes() == fitted
+    assert picture.read_bytes() != drawn
+    before = review.session.document
+    review.do(Undo())  # stays in the row
+    assert review.session.document is before
+    review.do(Nudge("move", 9.0), q.SavePose())
+    assert review.at == 2
+    assert not review.session.unsaved
+    assert review.words[2] == "mended"
+    review.do(q.OpenRow(1))
+    assert review.session.document.pose.camera_from_model.translation == pytest.approx(moved)
+
+
+def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
+    points = np.array([[40.0, 60.0], [90.0, 60.0]])
+    review.do(Paint(Stroke("brush", points, 9.0, False)))
+    mask = review.session.document.registration.mask
+    assert mask is not None
+    review.do(q.Decide("accepted"))
+    path = out / review.reviewer.queue.rows[1].result.pose
+    saved, notes = mask_beside(path, load_pose(path, 160, 120), 160, 120)
+    assert notes == ()
+    assert saved is not None
+    assert np.array_equal(saved.weights, mask.weights)
+    review.do(q.OpenRow(1))
+    assert review.session.document.registration.mask is not None
+
+
+def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path: Path) -> None:
+    review.do(q.StepRow(1), Nudge("move", 9.0))
+    Autosaver(tmp_path / "state").close(review.session)
+    (path,) = (tmp_path / "state" / "sessions").iterdir()
+    (opened,) = restore(load_autosave(path))
+    assert review.reviewer.row_at(opened.document) == 2
+
+
+def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
+    (out / "review").mkdir()
+    for job in load_manifest(out).jobs:
+        (out / "review" / f"{job.key}.json").write_text("{}")
+    assert any("drop it" in text for text in Reviewer(out).open_first().warnings)
+
+
+def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:
+    review.do(q.Decide("accepted"))
+    content = rows_list(review.reviewer.queue, review.at)
+    assert "4 rows, 1 accepted, 0 rejected" in content
+    assert content.count("poseviewerRow(") == 8  # by pointer and by key
+    assert content.count('class="pv-at"') == 1
+    assert content.count("data:image/jpeg") == 3
+    assert content.count(">failed</b>") == 1
+    assert "● pose changed" in row_text(review.reviewer.queue.rows[2], unsaved=True)
 
 
 def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
@@ -86,119 +199,10 @@ def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
     save_pose(scene.start, PoseRecord(turned))
     row = f"{scene.photo},{scene.model},{scene.start}\n"
     (tmp_path / "jobs.csv").write_text("photo,model,start\n" + row)
-    settings = FitSettings(limits=Limits(10, 600.0), keep_start=True)
-    batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", settings)
+    batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", replace(BRIEFLY, keep_start=True))
     save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
-    with reviewing(tmp_path / "out") as (app, page):
-        page.wait_until(lambda: page.text_with("The start was kept: the search ended"))
-        # What a person searches for is not given back.
-        assert not app.session.document.settings.keep_start
-
-
-@pytest.mark.slow
-def test_accept_mend_and_a_draft_outlive_the_app(out: Path) -> None:
-    before = poses_of(out)
-    with reviewing(out) as (app, page):
-        page.wait_until(lambda: page.text_with("2 of 4"))  # the first, without a photo, is skipped
-        page.key("KeyA")
-        page.wait_until(lambda: page.text_with("3 of 4"))
-        page.wait_until(lambda: page.text_with("1 accepted"))
-        page.key("ArrowRight")
-        page.wait_until(lambda: page.text_with("pose changed"))
-        mended = app.session.document.pose.camera_from_model.translation
-        page.key("KeyA")
-        page.wait_until(lambda: page.text_with("4 of 4"))
-        page.key("ArrowDown")
-        page.wait_until(lambda: page.text_with("pose changed"))
-        draft = app.session.document.pose.camera_from_model.translation
-        page.key("KeyP")
-        page.wait_until(lambda: page.text_with("3 of 4"))
-        page.key("KeyZ")  # undo stays in the row
-        page.key("KeyN")
-        page.wait_until(lambda: page.text_with("4 of 4"))
-        assert app.session.document.pose.camera_from_model.translation == pytest.approx(draft)
-    said = [row["review"] for row in rows_of(out)]
-    assert sorted(said) == ["", "", "accepted", "mended"]
-    row = next(row for row in rows_of(out) if row["review"] == "mended")
-    saved = json.loads((out / row["pose"]).read_text())["camera_from_model"]["translation"]
-    assert saved == pytest.approx(mended.tolist(), abs=1e-9)
-    changed = [name for name, content in poses_of(out).items() if before.get(name) != content]
-    assert sorted(changed) == sorted([Path(row["pose"]).name,
-                                      Path(row["pose"]).stem + ".fitted.json"])  # fmt: skip
-    with reviewing(out) as (app, page):  # as it was left
-        page.wait_until(lambda: page.text_with("2 accepted"))
-        page.wait_until(lambda: page.text_with("pose changed"))
-        assert app.session.document.pose.camera_from_model.translation == pytest.approx(draft)
-
-
-@pytest.mark.slow
-def test_what_is_hidden_is_kept_with_the_row(out: Path) -> None:
-    stroke = {"kind": "stroke", "shape": "brush", "radius": 9.0, "erase": False}
-    with reviewing(out) as (app, page):
-        page.wait_until(lambda: page.text_with("2 of 4"))
-        page.report(**stroke, points=[40.0, 60.0, 90.0, 60.0])
-        page.wait_until(lambda: page.text_with("pose changed"))
-        page.key("KeyN")
-        page.wait_until(lambda: page.text_with("3 of 4"))
-        assert app.session.document.registration.mask is None
-        page.key("KeyP")
-        page.wait_until(lambda: page.text_with("2 of 4"))
-        page.wait_until(lambda: page.text_with("pose changed"))
-        mask = app.session.document.registration.mask
-        assert mask is not None
-        page.key("KeyA")
-        page.wait_until(lambda: page.text_with("1 accepted"))
-    row = next(row for row in rows_of(out) if row["review"] == "mended")
-    path = out / row["pose"]
-    saved, notes = mask_beside(path, load_pose(path, 160, 120), 160, 120)
-    assert notes == ()
-    assert saved is not None
-    assert np.array_equal(saved.weights, mask.weights)
-    assert not list((out / "review").glob("*"))
-
-
-@pytest.fixture
-def image(tmp_path: Path) -> Path:
-    """A batch of a BOP scene's image whose three objects were fitted together, a little."""
-    scene, models = make_bop(tmp_path), tmp_path / "models"
-    settings = FitSettings(limits=Limits(10, 600.0))
-    options = SceneOptions(models, together=True)
-    batch = open_batch(scene, tmp_path / "out", settings, None, options)
-    for job in batch.to_do:
-        run_job(job, batch.plan)
-    save_outcome(batch, [])
-    return tmp_path / "out"
-
-
-@pytest.mark.slow
-def test_an_image_is_shown_with_all_its_objects(image: Path) -> None:
-    before, pictures = poses_of(image), pictures_of(image)
-    with reviewing(image) as (app, page):
-        page.wait_until(lambda: page.text_with("1 of 3"))
-        document = app.session.document
-        assert [one.number for one in document.objects] == [1, 2, 3]
-        assert len(document.registration.others) == 2  # what they hide does not count
-        assert all(one.locked for one in document.others)
-        said = [one.verdict for one in document.objects]
-        assert set(said) <= {"found", "doubtful", "lost"}
-        assert all(page.text_with("pv-objects").count(f"<td>{word}</td>") for word in said)
-        # To hide another is no change of the row's pose.
-        other = document.others[0].number
-        page.report(kind="object", wish="hide", number=other)
-        page.wait_until(lambda: not app.session.document.standing[1:])
-        assert not page.text_with("pose changed")
-        page.report(kind="object", wish="unlock", number=other)
-        page.wait_until(lambda: any("rows of the batch" in text for _, text in page.shown.notices))
-        page.report(kind="object", wish="pick", number=other)
-        page.wait_until(lambda: app.session.document.number == other)
-        page.key("ArrowRight")
-        page.wait_until(lambda: page.text_with("pose changed"))
-        page.key("KeyA")
-        page.wait_until(lambda: page.text_with("1 accepted"))
-    changed = [name for name, content in poses_of(image).items() if before.get(name) != content]
-    assert len(changed) == 2  # the one mended, and beside it the one that was found
-    assert all(pictures_of(image)[name] != content for name, content in pictures.items())
-
-
-def pictures_of(out: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in (out / "pictures").glob("*.jpg")}
+    review = Review(tmp_path / "out")
+    row = review.reviewer.queue.rows[0]
+    assert "The start was kept: the search ended" in row_text(row, unsaved=False)
+    # What a person searches for is not given back.
+    assert not review.session.document.settings.keep_start

@@ -14,7 +14,7 @@ import pytest
 from poseviewer.batch import review
 from poseviewer.batch.job import run_job
 from poseviewer.batch.processes import first_ready
-from poseviewer.batch.results import worst_first
+from poseviewer.batch.results import ACCEPTED, REJECTED, worst_first
 from poseviewer.batch.run import Batch, open_batch, save_outcome
 from poseviewer.batch.scene import SceneOptions
 from poseviewer.errors import PoseViewerError
@@ -120,32 +120,33 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     assert [r.result.row for r in queue.rows] == [
         r.row for r in worst_first([r.result for r in queue.rows])
     ]
-    review.accept(queue, first)
+    review.decide(queue, first, ACCEPTED)
     review.annotate(queue, second, " blurred,\n half <b>hidden ")
     record = load_pose(out / third.result.pose, 160, 120)
     place = record.pose.camera_from_model
     moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
     mended = replace(record, pose=replace(record.pose, camera_from_model=moved), loss=None)
     before = (out / third.result.pose).read_bytes()
-    review.accept_mended(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
+    review.save_corrected(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
     review.save_reviewed(review.load_queue(out))
     again = review.load_queue(out)
-    assert again.accepted == 2
-    assert again.rows[0].job == second.job  # those accepted are last
+    assert again.rows[0].job == second.job  # those reviewed are last
     rows = {row["row"]: row for row in table_of(out)}
     assert [rows[str(r.job.row)]["review"] for r in (first, second, third)] == [
         "accepted", "", "mended"]  # fmt: skip
     assert rows[str(second.job.row)]["note"] == "blurred, half <b>hidden"
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "2 accepted by a person" in page
+    assert "2 accepted and 0 rejected by a person" in page
     assert "<q>blurred, half &lt;b&gt;hidden</q>" in page
     kept = out / third.result.pose.replace(".json", ".fitted.json")
     assert kept.read_bytes() == before
     image = str(int(Path(third.job.photo).stem))
     read = read_bop(out, ConvertOptions(image=image, photo_size=(160, 120)))
     np.testing.assert_allclose(read.pose.camera_from_model.translation, moved.translation)
-    back = review.take_back(again, replace(third, result=again.rows[-1].result))
-    assert back.review == ""
+    mended = replace(third, result=next(r.result for r in again.rows if r.job == third.job))
+    assert review.decide(again, mended, ACCEPTED).review == "mended"
+    assert review.decide(again, mended, REJECTED).review == "rejected"
+    assert review.decide(again, mended, "").review == ""
 
 
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
@@ -155,7 +156,7 @@ def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     # The starts lie in another folder, and so the rows are others: only the same folder is.
     assert {job.photo for job in batch.jobs} == {row.job.photo for row in queue.rows}
     same = replace(batch, manifest=queue.manifest)
-    review.accept(queue, queue.rows[0])  # while the batch is open
+    review.decide(queue, queue.rows[0], ACCEPTED)  # while the batch is open
     save_outcome(same, [])
     assert sum(row["review"] == "accepted" for row in table_of(out)) == 1
 
@@ -167,8 +168,10 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     assert isinstance(record.pose.camera, Perspective)
     other = replace(record.pose, camera=replace(record.pose.camera, fx=400.0))
     with pytest.raises(PoseViewerError, match="not the BOP scene's"):
-        review.accept_mended(queue, row, replace(record, pose=other), np.zeros((2, 2, 3), np.uint8))
-    assert review.load_queue(out).accepted == 0
+        review.save_corrected(
+            queue, row, replace(record, pose=other), np.zeros((2, 2, 3), np.uint8)
+        )
+    assert not any(row.result.review for row in review.load_queue(out).rows)
 
 
 def test_last_starts_from_the_row_above(scene, tmp_path):

@@ -902,6 +902,7 @@ cleanups.push(() => cancelAnimationFrame(timer));
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
 window.poseviewerPart = (index) => send({ kind: "part", index });
+window.poseviewerRow = (index) => send({ kind: "row", index });
 window.poseviewerObject = (wish, number) => send({ kind: "object", wish, number });
 window.poseviewer = {
   setPhoto(width, height) {

@@ -25,15 +25,15 @@ from poseviewer.app.page.panels import (
     JudgePanel,
     OpenPanel,
     PlacePanel,
-    ReviewPanel,
     SavePanel,
     StatusPanel,
     hint_of,
 )
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
+from poseviewer.app.page.rows import RowsPanel
 from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.strip import PhotoStrip
-from poseviewer.app.reviewing import ReviewState
+from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.requests import Answer, Greet, Report, Restore
 from poseviewer.app.state.session import Session
@@ -84,7 +84,9 @@ PAGE_CONFIG = {
 class Page:
     """All that pages show; what is shown is shared by all of them."""
 
-    def __init__(self, server: viser.ViserServer, post: Post, reviewing: bool = False) -> None:
+    def __init__(
+        self, server: viser.ViserServer, post: Post, review: Reviewer | None = None
+    ) -> None:
         self._server = server
         self._post = post
         gui = server.gui
@@ -96,10 +98,10 @@ class Page:
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
         self._preparing = PreparingPanel(gui)
-        self._review = ReviewPanel(controls) if reviewing else None
+        self._rows = None if review is None else RowsPanel(controls, review)
         self._status = StatusPanel(controls)
         self._objects = ObjectsPanel(controls)
-        self._open = OpenPanel(controls, fixed=reviewing)
+        self._open = OpenPanel(controls)
         self._place = PlacePanel(controls)
         self._fit = FitPanel(controls)
         with controls.step(STEPS[3]):
@@ -127,10 +129,10 @@ class Page:
         async def _(client: viser.ClientHandle) -> None:
             post(Greet(client.client_id))
 
-    def show(self, session: Session, where: str, review: ReviewState | None = None) -> None:
+    def show(self, session: Session, where: str) -> None:
         """Bring the page to the session; cheap where nothing has changed."""
-        if self._review is not None and review is not None:
-            self._review.show(review)
+        if self._rows is not None:
+            self._rows.show(session)
         if session is self._shown and not self._late:
             return
         if self._shown is None or session.searching is not self._shown.searching:
@@ -140,7 +142,7 @@ class Page:
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
             self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
-            if self._review is None:
+            if self._rows is None:
                 self._script.show_guide(self._guide.text(session))
             self.scene.show(session)
             self._strip.show(session)

@@ -1,4 +1,4 @@
-"""The folders of the left panel, in the order of the work: open, place, fit, look, save; review.
+"""The folders of the left panel, in the order of the work: open, place, fit, look, save.
 
 Each is made once with the page's controls; ``show`` brings it to the session.
 """
@@ -19,23 +19,13 @@ from poseviewer.app.page.above_steps import MoreObjects, loss_bar
 from poseviewer.app.page.comparisons import MethodsPanel
 from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
-from poseviewer.app.reviewing import ReviewState
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
 from poseviewer.app.state.objects import DropSymmetry, FindSymmetry, symmetry_text
-from poseviewer.app.state.requests import (
-    Annotate,
-    FindWheels,
-    Request,
-    Review,
-    SavePose,
-    ShowHelp,
-    UseLastPose,
-)
+from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp, UseLastPose
 from poseviewer.app.state.session import SearchUpdate, Session
-from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -105,21 +95,20 @@ class StatusPanel:
 
 
 class OpenPanel:
-    """Folder "Open"; where photo and model are ``fixed``, pose files alone."""
+    """Folder "Open"."""
 
-    def __init__(self, controls: Controls, fixed: bool = False) -> None:
+    def __init__(self, controls: Controls) -> None:
         with controls.step(STEPS[0]):
             self._what = controls.gui.add_markdown("")
             self._symmetry = controls.field(
                 controls.gui.add_checkbox(SYMMETRIC, False),
                 lambda on: FindSymmetry() if on else DropSymmetry(),
             )
-            if not fixed:
-                controls.upload("Photo ...", "photo", "photo")
-                controls.upload("Model ...", "model", "cube")
-                controls.upload("Folder ...", None, "folder-open")
+            controls.upload("Photo ...", "photo", "photo")
+            controls.upload("Model ...", "model", "cube")
+            controls.upload("Folder ...", None, "folder-open")
             controls.upload("Pose file ...", "pose", "file-import")
-            self._more = None if fixed else MoreObjects(controls)
+            self._more = MoreObjects(controls)
             controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
@@ -134,8 +123,7 @@ class OpenPanel:
         )
         self._symmetry.show(not registration.whole_symmetry.is_none)
         set_properties(self._what, content=text)
-        if self._more is not None:
-            self._more.show(session)
+        self._more.show(session)
 
 
 class PlacePanel:
@@ -526,31 +514,6 @@ class SavePanel:
         set_properties(self._state, content="  \n".join(filter(None, lines)))
 
 
-class ReviewPanel:
-    """Folder "Review", in a review alone: where in the queue, and what can be said of the row."""
-
-    def __init__(self, controls: Controls) -> None:
-        self._key = ""
-        with controls.gui.add_folder("Review"):
-            self._where = controls.gui.add_markdown("")
-            controls.button("Accept (A)", Review("accept"), "cyan", icon="check")
-            controls.choices("Go", {"Previous (P)": Review("previous"), "Next (N)": Review("next")})
-            self._back = controls.button("Take back", Review("take back"))
-            self._note = controls.gui.add_text("Note", "")
-            controls.field(
-                self._note, lambda note: Annotate(self._key, note) if self._key else None
-            )
-
-    def show(self, state: ReviewState) -> None:
-        """Bring the panel to the row at hand."""
-        set_properties(self._where, content=review_text(state))
-        set_properties(self._back, visible=bool(state.row.result.review))
-        # What is being typed is not written over: only another row brings another note.
-        if self._key != state.row.job.key:
-            self._key = state.row.job.key
-            set_properties(self._note, value=state.row.result.note)
-
-
 def _altered(settings: Any, name: str, value: Any) -> Any:
     """With another value of the field of this name, or of a field of one: ``limits.seconds``."""
     first, _, rest = name.partition(".")
@@ -723,29 +686,3 @@ def sure_text(session: Session) -> str:
         return ""
     unit = session.document.registration.mesh.unit
     return f"\n\n**How sure, if right:** {plain(sure.words(unit))} (standard deviations)."
-
-
-def review_text(state: ReviewState) -> str:
-    """Where in the queue, and what is known of the row (markdown)."""
-    row, queue = state.row, state.queue
-    result = row.result
-    said = result.review or "not accepted"
-    if state.mended and not result.failed:
-        said = f"● pose changed, {said if result.review else 'not accepted yet'}"
-    lines = [
-        f"**{state.place} of {len(queue.rows)}**, {queue.accepted} accepted",
-        f"row {row.job.row}: {plain(said)}",
-    ]
-    if result.failed:
-        lines.append(plain(f"failed: {result.reason}"))
-    elif result.start_unexplained is not None:
-        share = "-" if result.unexplained is None else f"{result.unexplained:.3f}"
-        lines.append(f"unexplained {share}, at the start {result.start_unexplained:.3f}")
-    verdict = getattr(result, "verdict", "")
-    if verdict and not result.review:
-        lines.append(plain(f"verdict: {verdict}"))
-        if result.status == Status.KEPT.value:
-            lines.append(plain(result.reasons.split("\n")[0]))
-    if state.trouble:
-        lines.append(plain(state.trouble))
-    return "  \n".join(lines)

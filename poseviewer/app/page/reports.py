@@ -12,7 +12,16 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.objects import ComparePhoto, LookAt
-from poseviewer.app.state.requests import Report, Request, Review, SavePose, ShowHelp, Unfit
+from poseviewer.app.state.requests import (
+    Decide,
+    OpenRow,
+    Report,
+    Request,
+    SavePose,
+    ShowHelp,
+    StepRow,
+    Unfit,
+)
 from poseviewer.app.state.session import Session
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
@@ -42,7 +51,12 @@ LOOKS = {
     "Digit5": "residual",
     "Digit0": "none",
 }
-REVIEW = {"KeyN": Review("next"), "KeyP": Review("previous"), "KeyA": Review("accept")}
+REVIEW: Mapping[str, Request] = {
+    "KeyN": StepRow(1),
+    "KeyP": StepRow(-1),
+    "KeyA": Decide("accepted"),
+    "KeyX": Decide("rejected"),
+}
 """In a review."""
 PLAIN: Mapping[str, Request] = {
     "KeyY": c.Redo(),
@@ -93,7 +107,7 @@ HELP = """
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
 | **S**, **ctrl S** | save the pose |
 | **Esc** | let go, leave a tool, stop what is looked for, sent or read |
-| **A**, **N**, **P** | in a review: accept, next, previous |
+| **A**, **X**, **N**, **P** | in a review: accept, reject, next, previous |
 """
 
 
@@ -134,6 +148,8 @@ def _request_of(report: Report, session: Session) -> Request | None:
             return c.ChangeLandscape(large=(int(content["first"]), int(content["second"])))
         case "object":
             return OBJECTS[content["wish"]](int(content["number"]))
+        case "row":
+            return OpenRow(int(content["index"]))
         case "photo":
             return PHOTOS[content["wish"]](int(content["index"]))
         case "key":

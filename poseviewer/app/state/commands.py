@@ -21,7 +21,7 @@ from poseviewer.app.state.cameras import (
     with_camera,
     with_projection,
 )
-from poseviewer.app.state.document import Document, SceneObject, SearchEnd
+from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import (
     PIN_REACH,
     ModelDrag,
@@ -379,10 +379,14 @@ class Open(Command, eq=False):
     document: Document
     unsaved: bool = False
     """Whether its pose stands in no file."""
+    is_first: bool = False
+    """Whether undo does not lead back before it."""
 
     def __call__(self, session: Session) -> Session:
+        opened = session.with_document(self.document)
         return replace(
-            session.with_document(self.document),
+            opened,
+            history=History() if self.is_first else opened.history,
             landscapes=(),
             ends=(),
             overlay=None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, dataclass_transform
 
+from poseviewer.batch.results import JobResult
 from poseviewer.files.file_set import Kind
 from poseviewer.files.set_questions import Choosing
 
@@ -94,14 +95,33 @@ class UseLastPose(Request):
     """Start from the pose that was saved last."""
 
 
-class Review(Request):
-    """What is to become of the row under review; ``accept`` goes on to the next one."""
+class OpenRow(Request):
+    """Open a row of the batch that is reviewed."""
 
-    what: Literal["next", "previous", "accept", "take back"]
+    index: int
+
+
+class StepRow(Request):
+    """Open the next row, or with -1 the one before."""
+
+    by: int
+
+
+class Decide(Request):
+    """A person's verdict on the row that is open ("": none); the next row follows."""
+
+    review: Literal["accepted", "rejected", ""]
 
 
 class Annotate(Request):
-    """A note on the row of a key."""
+    """A note on a row."""
 
-    key: str
+    index: int
     note: str
+
+
+class RowSaved(Request, eq=False):
+    """What a person said of a row is in its file."""
+
+    index: int
+    result: JobResult

@@ -57,10 +57,6 @@ class Opened:
     """It is what an earlier session left, unsaved."""
     objects: tuple[AddObject, ...] = ()
     """Further models that the photo shows, still without poses."""
-    row: str = ""
-    """In a review: the key of the row that it is."""
-    found: Document | None = None
-    """In a review: what the row has, without what was being mended."""
 
 
 def open_files(

@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import Command, LayWheels, SetTool
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.commands import LayWheels, SetTool
 from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
 from poseviewer.app.state.objects import UseSymmetry
-from poseviewer.app.state.requests import Answer, Download, Upload
+from poseviewer.app.state.requests import Answer, Download, Request, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
@@ -26,8 +25,6 @@ from poseviewer.app.workers.opening import (
     open_scene,
 )
 from poseviewer.app.workers.worker import Worker
-from poseviewer.batch.results import JobResult
-from poseviewer.batch.review import ReviewRow
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_to_open, sort_set
 from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
@@ -53,23 +50,10 @@ class Exported:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reviewed:
-    """What a person said of a row is kept."""
-
-    row: ReviewRow
-    """As it was."""
-    result: JobResult
-    leave: bool
-    """Whether the next row is wanted."""
-    mended: Document | None = None
-    """What was mended, which is the row's now."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What the session is to be told."""
+    """What the main loop is to do."""
 
-    commands: tuple[Command, ...]
+    requests: tuple[Request, ...]
     warnings: tuple[str, ...] = ()
 
 
@@ -82,7 +66,7 @@ class PageQuestion:
     question: Question
 
 
-Result = Opened | Exported | Found | Reviewed | PageQuestion
+Result = Opened | Exported | Found | PageQuestion
 Task = Callable[[Session], Iterator[Result]]
 """Work on what is open when it begins."""
 

@@ -29,7 +29,7 @@ PLAIN = make_mesh(make_box().vertices, make_box().faces)
 
 def found_in(session):
     (found,) = find_symmetry_of_model(session)
-    return after(session, *found.commands)
+    return after(session, *found.requests)
 
 
 def test_it_is_looked_for_used_and_dropped_and_all_of_it_is_undone():

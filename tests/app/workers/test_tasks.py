@@ -44,7 +44,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     result, error = found
     assert error is None
     assert isinstance(result, Found)
-    assert result.commands == (c.Redo(),)
+    assert result.requests == (c.Redo(),)
     tasks.close()
 
 
