@@ -18,7 +18,7 @@ from typing import Any
 
 from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import make_folder, write_json, write_whole
+from poseviewer.files.writing import lock_file, make_folder, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.pose_covariance import PoseCovariance
 
@@ -133,17 +133,14 @@ def alone_in(folder: Path) -> Iterator[None]:
         BatchError: another one is at work in it.
     """
     with ExitStack() as stack:
-        with suppress(ImportError, OSError):  # Windows, or a disk without locks: as good as it goes
-            import fcntl
-
-            lock = stack.enter_context((folder / LOCK).open("w"))
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+        with suppress(OSError):  # what cannot be written to is said by who writes
+            lock = lock_file(folder / LOCK)
+            if lock is None:
                 raise BatchError(
                     f"{folder}: another batch is at work in it; wait for its end, or name another "
                     "folder for --out. What is done is not done twice."
-                ) from None
+                )
+            stack.enter_context(lock)
         yield
 
 

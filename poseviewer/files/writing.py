@@ -1,13 +1,14 @@
-"""Write a file whole or not at all, make a folder for results, and fingerprint a file."""
+"""Write a file whole or not at all, lock one, make a folder for results, and fingerprint a file."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from poseviewer.errors import PoseFileError, PoseViewerError
 
@@ -58,6 +59,28 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
             f"{path.name}: holds what JSON cannot ({problem}); nothing was written."
         ) from problem
     write_whole(path, (text + "\n").encode(errors="replace"), error)
+
+
+def lock_file(path: Path) -> IO[bytes] | None:
+    """The file ``path``, made where it is missing and locked until it is closed or the process has
+    ended, however it ends; None where another process has locked it. Raises OSError.
+    """
+    file = path.open("ab")
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        file.close()
+        return None
+    except OSError:
+        pass  # a disk without locks: as good as it goes
+    return file
 
 
 def make_folder(

@@ -23,7 +23,7 @@ from poseviewer.app.workers import tasks
 from poseviewer.cli.main import main
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
-from poseviewer.files.state.autosave import load_autosave, save_autosave
+from poseviewer.files.state.autosave import SessionFile, load_autosave
 from poseviewer.files.state.uploads import KEPT
 from poseviewer.geometry.camera import Perspective
 from tests.app.running_app import RunningApp, running_app, settle
@@ -439,7 +439,7 @@ def test_uploads_that_another_app_has_open_stay(running: RunningApp) -> None:
         page.key("ArrowLeft")
         own = page.wait_until(lambda: next(running.state.glob("sessions/*.json"), None))
         kept = load_autosave(own)
-        save_autosave(own.parent, replace(kept, process=1, photo=theirs.resolve()))
+        SessionFile(own.parent).save(replace(kept, photo=theirs.resolve()))
         for _ in range(3):
             page.key("KeyZ")
         for number in range(5):  # until undo no longer reaches that photo

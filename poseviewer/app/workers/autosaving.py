@@ -22,10 +22,9 @@ from poseviewer.files.scene import SceneRecord, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     KeptSet,
+    SessionFile,
     discard,
     left_behind,
-    load_autosave,
-    save_autosave,
 )
 from poseviewer.files.view_set import save_in_set
 from poseviewer.fit.settings import settings_as_json
@@ -46,7 +45,6 @@ class Autosaver:
     """
 
     def __init__(self, state: Path) -> None:
-        self._folder = state / "sessions"
         self._uploads = state / "uploads"
         self._writer: Worker[None] = Worker("autosave")
         self._saved: Document | None = None
@@ -54,10 +52,10 @@ class Autosaver:
         self._next = 0.0
         self._moving = False
         self._trouble = self._adopted = False
-        self._file: Path | None = None
-        """Where it is; of use to the writer alone."""
         self._own: set[Path] = set()
-        self._offer, self._offered = self._find()
+        found = left_behind(state / "sessions")
+        self._offered, self._offer = found or (None, None)
+        self._file = SessionFile(state / "sessions")
 
     def offer(self) -> AutosavedSession | None:
         """What an earlier session left unsaved, until it is taken or refused."""
@@ -104,7 +102,7 @@ class Autosaver:
         )
 
         def write() -> Iterator[None]:
-            self._file = save_autosave(self._folder, kept)
+            self._file.save(kept)
             if self._adopted:
                 self._discard_offered()
             yield
@@ -117,6 +115,7 @@ class Autosaver:
         if not session.unsaved:
             self._writer.start(self._forget)
         self._writer.finish()
+        self._file.close()
 
     def where(self, session: Session) -> str:
         """The pose file's name, as it is shown; its folder is told when it is written."""
@@ -174,8 +173,8 @@ class Autosaver:
         return folder / f"{path.stem}.pose.json"
 
     def _forget(self) -> Iterator[None]:
-        if self._file is not None:
-            discard(self._file)
+        self._file.close()
+        discard(self._file.path)
         yield
 
     def _take_trouble(self) -> str:
@@ -195,14 +194,6 @@ class Autosaver:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
-
-    def _find(self) -> tuple[AutosavedSession | None, Path | None]:
-        for path in left_behind(self._folder):
-            try:
-                return load_autosave(path), path
-            except PoseViewerError:
-                continue  # another crash may have left half a file: nothing to offer
-        return None, None
 
 
 def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> AutosavedSession:
@@ -228,7 +219,6 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         settings=settings_as_json(one.settings),
         unsaved=unsaved,
         saved_at=time.time(),
-        process=os.getpid(),
         mask=one.compared_mask,
         number=one.number,
         name=one.name,

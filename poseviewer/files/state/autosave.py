@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 import logging
-import os
-import re
-import subprocess
-import sys
+import secrets
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -24,13 +21,12 @@ from poseviewer.files.checks import Reading, kind_of
 from poseviewer.files.masks import mask_as_png, mask_from_png
 from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
 from poseviewer.files.view_set import SetChoice
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import lock_file, write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 FORMAT, VERSION = "poseviewer-autosave", 1
-FILE_NAME = re.compile(r"session-([0-9]{1,10})-([0-9a-f]{16})\.json")
 LARGEST_FILE = 500_000_000
 """Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
 EXACT_TOLERANCE = 1e-6
@@ -77,8 +73,6 @@ class AutosavedSession:
     """Whether there is something in it that the user has not saved."""
     saved_at: float
     """Seconds since 1970."""
-    process: int
-    """The process that runs the session."""
     candidates: tuple[Path, ...] = ()
     """Models that version 0.1.0 compared with the photo; no longer written."""
     mask: Mask | None = None
@@ -95,28 +89,41 @@ class AutosavedSession:
     """Where the photo is one of a set."""
 
 
-def save_autosave(folder: Path, session: AutosavedSession) -> Path:
-    """Write a session into ``folder``, whole or not at all, over its process's earlier one.
+class SessionFile:
+    """The file of this process's session in a folder.
 
-    Raises:
-        AutosaveError: the folder cannot be written to, or the session holds what JSON cannot.
+    Beside it lies a file that is locked as long as the process lives: so others can tell whether
+    the session was left behind.
     """
-    mark = _mark(process_start(session.process)) or "0" * 16  # a process may have another's number
-    path = folder / f"session-{session.process}-{mark}.json"
-    try:
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / f"session-{secrets.token_hex(8)}.json"
+        self._lock: IO[bytes] | None = None
+
+    def save(self, session: AutosavedSession) -> None:
+        """Write the session, whole or not at all, over the earlier one.
+
+        Raises:
+            AutosaveError: the folder cannot be written to.
+        """
+        folder = self.path.parent
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._lock = self._lock or lock_file(_lock_path(self.path))
+        except OSError as error:
+            raise AutosaveError(
+                f"{self.path.name}: cannot be written to {folder} ({error.strerror}); check that "
+                "the folder is yours to write to."
+            ) from error
         text = json.dumps(_as_json(session), indent=1, allow_nan=False)
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except (ValueError, TypeError) as error:
-        raise AutosaveError(
-            f"{path.name}: the session holds what JSON cannot ({error}); it was not kept."
-        ) from error
-    except OSError as error:
-        raise AutosaveError(
-            f"{path.name}: cannot be written to {folder} ({error.strerror}); check that the "
-            "folder is yours to write to."
-        ) from error
-    write_whole(path, text.encode(), AutosaveError)
-    return path
+        write_whole(self.path, text.encode(), AutosaveError)
+
+    def close(self) -> None:
+        """Leave the session behind, or nothing where none was saved."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+            _lock_path(self.path).unlink(missing_ok=True)
 
 
 def load_autosave(path: Path) -> AutosavedSession:
@@ -136,21 +143,26 @@ def load_autosave(path: Path) -> AutosavedSession:
         ) from error
 
 
-def left_behind(folder: Path) -> list[Path]:
-    """The sessions in ``folder`` whose processes no longer run, the newest first.
+def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
+    """The newest session in ``folder`` whose process no longer runs, and its file.
 
     Damaged ones are left out, with a line in the log.
     """
-    found: list[tuple[float, Path]] = []
+    newest = None
     for path in sorted(folder.glob("session-*.json")):
-        match = FILE_NAME.fullmatch(path.name)
-        if match is None or match[2] == _mark(process_start(int(match[1]))):
-            continue
         try:
-            found.append((load_autosave(path).saved_at, path))
-        except AutosaveError as error:
+            lock = _lock_path(path)
+            held = lock_file(lock) if lock.exists() else BytesIO()  # version 0.1.0 made none
+            if held is None:
+                continue
+            held.close()
+            session = load_autosave(path)
+        except (AutosaveError, OSError) as error:
             logger.warning("%s", error)
-    return [path for _, path in sorted(found, reverse=True)]
+            continue
+        if newest is None or session.saved_at > newest[1].saved_at:
+            newest = path, session
+    return newest
 
 
 def files_of_sessions(folder: Path) -> frozenset[Path]:
@@ -171,6 +183,7 @@ def discard(path: Path) -> None:
     """
     try:
         path.unlink(missing_ok=True)
+        _lock_path(path).unlink(missing_ok=True)
     except OSError as error:
         raise AutosaveError(
             f"{path.name}: cannot be removed from {path.parent} ({error.strerror}); remove it "
@@ -178,8 +191,8 @@ def discard(path: Path) -> None:
         ) from error
 
 
-def _mark(start: str | None) -> str | None:
-    return None if start is None else hashlib.sha256(start.encode()).hexdigest()[:16]
+def _lock_path(path: Path) -> Path:
+    return path.with_suffix(".lock")
 
 
 def _as_json(session: AutosavedSession) -> dict[str, Any]:
@@ -253,14 +266,10 @@ def _whole(reading: Reading, value: Any, what: str) -> int:
     return int(reading.number(value, what))
 
 
-def _flag(reading: Reading, value: Any, what: str) -> bool:
-    return False if value is None else _truth(reading, value, what)
-
-
 def _others(reading: Reading, value: Any, what: str) -> tuple[AutosavedSession, ...]:
-    if value is not None and not isinstance(value, list):
+    if not isinstance(value, list):
         raise reading.error(f"{what} is {kind_of(value)}", "wanted a list of objects")
-    return tuple(_from_json(reading, reading.object(one, what)) for one in value or ())
+    return tuple(_from_json(reading, reading.object(one, what)) for one in value)
 
 
 def _views(reading: Reading, value: Any, what: str) -> KeptSet | None:
@@ -336,74 +345,13 @@ _CHECKS = {
     "settings": Reading.object,
     "unsaved": _truth,
     "saved_at": Reading.number,
-    "process": _whole,
     "candidates": _paths,
     "mask": _mask,
-    "number": lambda reading, value, what: 1 if value is None else _whole(reading, value, what),
+    "number": _whole,
     "name": _name,
-    "hidden": _flag,
-    "locked": _flag,
+    "hidden": _truth,
+    "locked": _truth,
     "others": _others,
     "views": _views,
 }
 """Of the session's fields, in their order."""
-
-
-def process_start(process: int) -> str | None:
-    """A text that stands for when a process started, or None where there is no such process.
-
-    The same as long as the process lives; a number is given again after a process has ended, and
-    then stands for another text.
-    """
-    if process <= 0:
-        return None
-    if sys.platform.startswith("linux"):
-        return _start_on_linux(process)
-    if sys.platform == "win32":
-        return _start_on_windows(process)
-    return _start_by_ps(process)
-
-
-def _start_on_linux(process: int) -> str | None:
-    """Boot and clock ticks since (proc(5), field 22); a process that only waits to be collected
-    by its parent has ended.
-    """
-    try:
-        line = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-    except OSError:
-        return None
-    # The second field is the program's name in brackets, and may itself hold blanks and brackets.
-    fields = line.rpartition(")")[2].split()
-    return None if fields[0] in "ZX" else f"{boot} {fields[19]}"
-
-
-def _start_by_ps(process: int) -> str | None:
-    found = subprocess.run(
-        ["ps", "-o", "lstart=", "-p", str(process)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"LC_ALL": "C", "TZ": "UTC"},
-    )
-    return found.stdout.strip() or None
-
-
-def _start_on_windows(process: int) -> str | None:
-    import ctypes  # its windll is only there
-
-    query_limited_information, still_active = 0x1000, 259
-    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
-    kernel.OpenProcess.restype = ctypes.c_void_p
-    handle = ctypes.c_void_p(kernel.OpenProcess(query_limited_information, False, process))
-    if not handle:
-        return None
-    try:
-        code, times = ctypes.c_ulong(), (ctypes.c_uint64 * 4)()
-        kernel.GetExitCodeProcess(handle, ctypes.byref(code))
-        if code.value != still_active:
-            return None
-        kernel.GetProcessTimes(handle, *(ctypes.byref(times, 8 * i) for i in range(4)))
-        return str(times[0])
-    finally:
-        kernel.CloseHandle(handle)
