@@ -6,11 +6,10 @@ import hashlib
 import json
 import re
 import shutil
-import stat
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import IO, Literal
@@ -65,16 +64,18 @@ def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Pat
     them) are removed.
 
     Raises:
-        FileSetError: the bytes are not such a set, a zip is damaged, leads out or is too large, or
-            the folder cannot be written to.
+        FileSetError: the bytes are not such a set, a zip is damaged or too large, or the folder
+            cannot be written to.
     """
     files = _unpacked(data)
     fingerprint = hashlib.sha256(data).hexdigest()[:16]
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
 
     def fill(place: Path) -> None:
-        for name, content in files:
-            path = _free(place / safe_path(name))
+        for number, (name, content) in enumerate(files):
+            path = place / safe_path(name)
+            if path.exists():
+                path = path.parent / str(number) / path.name
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.suffix.lower() == ".zip":
                 _unzip(BytesIO(content), display_name(name), path.with_suffix(""))
@@ -196,17 +197,24 @@ def _unzip(file: IO[bytes], name: str, place: Path) -> None:
     """Unpack a zip into the folder ``place``.
 
     Raises:
-        FileSetError: it is damaged or encrypted, too large, or a path or a link leads out of it.
+        FileSetError: it is damaged or encrypted, or too large.
     """
     try:
         with zipfile.ZipFile(file) as archive:
-            entries = list(_entries(archive, name))
+            entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
+            size = sum(entry.file_size for entry in entries)
+            if size > LARGEST_UNPACKED or len(entries) > MOST_FILES:
+                raise FileSetError(
+                    f"{name}: unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} "
+                    "files; unpack it yourself and start poseviewer with the path of what is "
+                    "needed."
+                )
             for entry in entries:
                 path = place / safe_path(entry.filename)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with archive.open(entry) as source, path.open("wb") as target:
                     shutil.copyfileobj(source, target)
-    except (OSError, FileSetError):  # the disk's; a path that leads out
+    except (OSError, FileSetError):
         raise
     except Exception as error:  # a damaged zip raises anything
         words = " ".join(str(error).split())[:80] or type(error).__name__
@@ -216,30 +224,9 @@ def _unzip(file: IO[bytes], name: str, place: Path) -> None:
         ) from error
 
 
-def _entries(archive: zipfile.ZipFile, name: str) -> Iterator[zipfile.ZipInfo]:
-    """The files of a zip that are wanted; what leads out of it is refused before any is written."""
-    size, count = 0, 0
-    for entry in archive.infolist():
-        parts = re.split(r"[/\\]", entry.filename)
-        if LEADS_OUT.search(entry.filename):
-            raise FileSetError(
-                f"{name}: the path {entry.filename[:80]!r} leads out of the zip; nothing was "
-                "unpacked, make it again from inside its folder."
-            )
-        if stat.S_ISLNK(entry.external_attr >> 16):
-            raise FileSetError(
-                f"{name}: {entry.filename[:80]!r} is a link; nothing was unpacked, make the zip "
-                "again with the file itself."
-            )
-        if entry.is_dir() or any(is_of_system(part) for part in parts):
-            continue
-        size, count = size + entry.file_size, count + 1
-        if size > LARGEST_UNPACKED or count > MOST_FILES:
-            raise FileSetError(
-                f"{name}: unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files; "
-                "unpack it yourself and start poseviewer with the path of what is needed."
-            )
-        yield entry
+def _is_wanted(entry: zipfile.ZipInfo) -> bool:
+    parts = re.split(r"[/\\]", entry.filename)
+    return not (entry.is_dir() or any(is_of_system(part) for part in parts if part != ".."))
 
 
 def _kept(
@@ -277,12 +264,6 @@ def _safe_part(part: str) -> str:
     if len(part) > LONGEST_PART:
         part = f"{part[: LONGEST_PART // 2]}{part[-LONGEST_PART // 2 :]}"
     return f"_{part}" if RESERVED.fullmatch(part) else part
-
-
-def _free(path: Path) -> Path:
-    """The path, in a folder of its own where it is taken."""
-    places = (path, *(path.parent / str(number) / path.name for number in range(2, MOST_FILES)))
-    return next(place for place in places if not place.exists())
 
 
 def _remove_old(folder: Path, kept: int, needed: set[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import zipfile
@@ -18,7 +17,6 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.state.uploads import (
-    LARGEST_UNPACKED,
     LARGEST_UPLOAD,
     display_name,
     keep_set,
@@ -108,17 +106,7 @@ def test_the_same_bytes_go_to_the_same_place(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "data",
-    [
-        b"",
-        b"{}",
-        b"PK\x03\x04",
-        b"[]\n",
-        b'[["a", -1]]\n',
-        b"[3]\n1",
-        b'[["a"]]\n',
-        b"[" * 9000,
-        b'[["a", 1e999]]\n',
-    ],
+    [b"", b"PK\x03\x04", b"[]\n", b'[["a", -1]]\n', b'[["a"]]\n', b"[" * 9000],
 )
 def test_what_no_page_of_ours_sends_is_refused(tmp_path: Path, data: bytes) -> None:
     with pytest.raises(FileSetError, match="no set of files; reload the page"):
@@ -139,40 +127,24 @@ def test_a_zip_is_unpacked_beside_the_others(tmp_path: Path) -> None:
     assert below(place) == ["My Car/car/a.obj", "My Car/car/maps/wood.png", "photo.jpg"]
 
 
-LEADING_OUT = (
-    "../x.obj",
-    "a/../../x.obj",
-    "/etc/x.obj",
-    "C:\\x.obj",
-    "..\\x.obj",
-    "\\x.obj",
-    "c:x",
-)
-
-
-@pytest.mark.parametrize("name", LEADING_OUT)
-def test_a_zip_that_leads_out_is_refused_whole(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["../x.obj", "/etc/x.obj", "C:\\x.obj", "..\\..\\x.obj"])
+def test_nothing_of_a_zip_is_written_outside(tmp_path: Path, name: str) -> None:
     folder = tmp_path / "a" / "uploads"
-    with pytest.raises(
-        FileSetError, match=r"^bad\.zip: the path .* leads out of the zip"
-    ) as caught:
-        keep(folder, {"bad.zip": zipped({"fine.obj": TRIANGLE, name: b"1"})})
-    assert "\n" not in str(caught.value)
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
-    assert list(folder.iterdir()) == []
+    place = keep(folder, {"odd.zip": zipped({name: TRIANGLE})})
+    (path,) = (p for p in tmp_path.rglob("*") if p.is_file())
+    assert place / "odd" in path.parents
+    assert path.suffix == ".obj"
 
 
-def test_a_link_in_a_zip_is_refused(tmp_path: Path) -> None:
+def test_a_link_in_a_zip_is_not_followed(tmp_path: Path) -> None:
     entry = zipfile.ZipInfo("wood.png")
     entry.external_attr = (stat.S_IFLNK | 0o777) << 16
     held = BytesIO()
     with zipfile.ZipFile(held, "w") as archive:
         archive.writestr(entry, "/etc/passwd")
-    with pytest.raises(
-        FileSetError, match=r"^bad\.zip: 'wood\.png' is a link; nothing was unpacked"
-    ):
-        keep(tmp_path, {"bad.zip": held.getvalue()})
-    assert list(tmp_path.iterdir()) == []
+    path = keep(tmp_path, {"odd.zip": held.getvalue()}) / "odd" / "wood.png"
+    assert not path.is_symlink()
+    assert path.read_text() == "/etc/passwd"
 
 
 def test_zips_that_unpack_to_too_much_are_refused(
@@ -185,7 +157,6 @@ def test_zips_that_unpack_to_too_much_are_refused(
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
         keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
     assert list(tmp_path.iterdir()) == []
-    assert LARGEST_UNPACKED > LARGEST_UPLOAD
 
 
 def test_a_zip_that_says_less_than_it_holds_is_refused(tmp_path: Path) -> None:
@@ -205,14 +176,6 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: float) ->
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_encrypted_zip_is_refused(tmp_path: Path) -> None:
-    data = bytearray(zipped({"a.obj": TRIANGLE}))
-    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        data[data.index(signature) + flags] |= 1
-    with pytest.raises(FileSetError, match=r"^b\.zip: .* without a password"):
-        keep(tmp_path, {"b.zip": bytes(data)})
-
-
 def test_why_a_page_sends_nothing() -> None:
     assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
     assert why_unfit("trip", 10**9, 1000).startswith("trip (1,000 files): 1,000,000,000 bytes; up")
@@ -221,12 +184,6 @@ def test_why_a_page_sends_nothing() -> None:
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
     assert why_not_sent("b.ply", "cut off").startswith("b.ply: the upload was cut off; nothing")
     assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
-
-
-def test_more_files_than_a_page_sends_are_refused(tmp_path: Path) -> None:
-    names = [[f"{i}.txt", 0] for i in range(MOST_FILES + 1)]
-    with pytest.raises(FileSetError, match="more than 10,000 files"):
-        keep_set(tmp_path, json.dumps(names).encode() + b"\n")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
@@ -277,10 +234,4 @@ def test_names_to_show_are_short_and_plain(name: str) -> None:
     assert 1 <= len(shown) <= 80
     assert shown.isprintable()
     assert not set(shown) & set("/\\")
-    assert display_name(shown) == shown
-
-
-def test_names_to_show_keep_what_a_user_knows() -> None:
-    assert display_name("C:\\my files\\car 1.obj") == "car 1.obj"
-    assert display_name("../модель 車.obj") == "модель 車.obj"
-    assert display_name("x" * 500 + ".obj").endswith("xxx.obj")
+    assert display_name("C:\\my files\\модель 車 1.obj") == "модель 車 1.obj"
