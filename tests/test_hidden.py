@@ -218,8 +218,9 @@ def test_a_mask_that_comes_with_its_pose_is_no_photo(scene, mask, tmp_path):
     save_pose(pose, record)
     for kind in (None, "pose"):
         found = sort_set([scene.photo, mask, pose] if kind is None else [mask, pose], kind)
-        assert mask not in (*found.photos, *found.pictures, *found.leftovers)
-        assert found.poses == (pose,)
+        assert found.pose == pose
+        assert found.photo == (scene.photo if kind is None else None)
+        assert not found.unused
 
 
 def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):

@@ -39,7 +39,6 @@ from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
-    PageQuestion,
     Result,
     Tasks,
     find_symmetry_of_model,
@@ -161,8 +160,6 @@ class App:
             case r.Upload():
                 self._tasks.add_upload(request)
                 self._page.working(f"Reading {request.name[:60]} ...", STOPPED_BY)
-            case r.Answer():
-                self._tasks.add_answer(request)
             case r.Unfit():
                 self._page.show_error_to(request.client, request.why)
             case r.SavePose():
@@ -258,8 +255,6 @@ class App:
                 for request in result.requests:
                     self._handle(request)
                 self._page.tell_all(result.warnings)
-            case PageQuestion():
-                self._page.ask(result)
             case Exported():
                 self._page.send(result)
 

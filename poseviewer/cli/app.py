@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +26,7 @@ from poseviewer.fit.settings import FitSettings
 
 if TYPE_CHECKING:
     from poseviewer.app.workers.opening import Opened
-    from poseviewer.files.set_questions import Chosen, Question
+    from poseviewer.files.file_set import FileSet
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -48,47 +46,21 @@ def _is_set(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() == ".zip"
 
 
-def _chosen_of(path: Path, model: Path | None) -> tuple[list[Path], list[Path], Chosen]:
-    """What of a folder or a zip is to be opened: where its models (or the one that is named) lie,
-    where those of further objects do, and the rest, with a photo or a set of photos.
+def _files_of(path: Path) -> tuple[FileSet, list[Path]]:
+    """What a folder or a zip holds, and where its models lie with all that they name.
 
     Raises:
-        PoseViewerError: it holds no photo or no model, or cannot be read.
+        PoseViewerError: it cannot be read, or there are two of what there can be one of.
     """
     from poseviewer.files.file_set import files_below, sort_set
-    from poseviewer.files.set_questions import choose
     from poseviewer.files.state.folder import state_folder
     from poseviewer.files.state.uploads import gathered, keep_zip
 
     uploads = state_folder() / "uploads"
-    choosing = choose(sort_set(files_below(path if path.is_dir() else keep_zip(uploads, path))))
-    answer = None
-    while True:
-        try:
-            answer = _answer(path, choosing.send(answer))
-        except StopIteration as end:
-            chosen: Chosen = end.value
-            break
-    found = () if chosen.model is None else (chosen.model, *chosen.others)
-    models = [gathered(uploads, one) for one in found] if model is None else [model]
-    is_there = chosen.photo is not None or chosen.views is not None
-    if not (is_there and models):
-        what = "model" if is_there else "photo"
-        raise SettingsError(f"{path}: no {what} was found in it; name PHOTO and MODEL")
-    return models, [gathered(uploads, one) for one in chosen.objects], chosen
-
-
-def _answer(path: Path, question: Question) -> str:
-    """What the user says at the terminal."""
-    if not sys.stdin.isatty():
-        raise SettingsError(f"{path}: {question.text} Name PHOTO and MODEL")
-    say(f"{path}: {question.text}")
-    for number, text in enumerate(question.options, 1):
-        say(f"{number:5}  {text}")
-    while True:
-        answer = input("Number: ").strip()
-        if answer.isdecimal() and 1 <= int(answer) <= len(question.options):
-            return question.options[int(answer) - 1]
+    files = sort_set(files_below(path if path.is_dir() else keep_zip(uploads, path)))
+    for note in files.notes:
+        say(f"{path}: {note}")
+    return files, [gathered(uploads, model) for model in files.models]
 
 
 SAID_BY_SET = ("last", "mask", "calibration")
@@ -106,11 +78,17 @@ def _opening_set(options: Namespace) -> Callable[[], Opened]:
     if not options.views.exists():
         raise SettingsError(f"{options.views}: no such file or folder; check the path")
 
+    return _open_set_later(options.views, model, pose, options)
+
+
+def _open_set_later(
+    views: Path, model: Path, pose: Path | None, options: Namespace
+) -> Callable[[], Opened]:
     def open_first() -> Opened:
         from poseviewer.app.workers.opening import open_set
 
         given = choice_of(options), options.view, options.scale, options.without or ()
-        return open_set(options.views, model, pose, *given)
+        return open_set(views, model, pose, *given)
 
     return open_first
 
@@ -133,22 +111,30 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
     if options.last and pose is not None:
         raise SettingsError("--pose and --last are two starts; leave one of them out")
-    calibration, place = calibration_of(options), None
+    calibration = calibration_of(options)
     objects: list[Path] = []
     if photo is not None and _is_set(photo):
-        (model, *_), objects, chosen = _chosen_of(photo, model)
-        if chosen.views is not None:
+        folder, (files, models) = photo, _files_of(photo)
+        models = models if model is None else [model]
+        model, objects = next(iter(models), None), models[1:]
+        photo, pose = files.photo or files.scene or files.views, pose or files.pose
+        scene = files.scene is not None
+        if photo is None or (model is None and not scene):
+            what = "photo" if photo is None else "model"
+            raise SettingsError(f"{folder}: no {what} was found in it; name PHOTO and MODEL")
+        if files.views is not None and model is not None:
             refuse_beside(options, "a set of photos", SAID_BY_SET)
-            of_set, chosen_model = replace(chosen, pose=pose or chosen.pose), model
-            return lambda: _open_chosen_set(of_set, chosen_model, options.without or ())
-        photo, pose, place = chosen.photo, pose or chosen.pose, chosen.place
-        calibration = calibration or chosen.calibration
+            return _open_set_later(files.views, model, pose, options)
+        if calibration is None and files.camera is not None:
+            from poseviewer.files.cameras import Calibration
+
+            calibration = Calibration(files.camera)
     for path in filter(None, (photo, model, pose, options.mask)):
         if not path.is_file():  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
 
     def open_first() -> Opened:
-        from poseviewer.app.workers.opening import open_files, open_scene, placed
+        from poseviewer.app.workers.opening import open_files, open_scene
         from poseviewer.files.demo import demo_case
         from poseviewer.files.state.folder import last_pose
 
@@ -159,16 +145,9 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
             return open_files(case.photo, case.model, case.start)
         start = last_pose() if options.last else pose
         hidden = options.mask, options.without or ()
-        found = open_files(photo, model, start, calibration, *hidden, objects)
-        return found if place is None or start is not None else placed(found, place)
+        return open_files(photo, model, start, calibration, *hidden, objects)
 
     return open_first
-
-
-def _open_chosen_set(chosen: Chosen, model: Path, without: Sequence[str]) -> Opened:
-    from poseviewer.app.workers.opening import open_chosen_set
-
-    return open_chosen_set(chosen, model, without)
 
 
 def run(options: Namespace) -> int:

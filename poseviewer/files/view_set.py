@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -12,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.errors import PhotoFileError
 from poseviewer.files.cameras import lens_of
-from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of, read_json
+from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -83,43 +82,6 @@ class _Shot:
     """As taken, 0x0 px where the size is not said; or what is to be read for the photo's size."""
     lens: Lens | None = None
     mask: Path | None = None
-
-
-def is_view_set_file(path: Path) -> bool:
-    """Whether a file is JSON that says that it is a set of photos of our own."""
-    try:
-        data = read_json(path)
-    except PoseFileError:
-        return False
-    return isinstance(data, dict) and data.get("format") == FORMAT
-
-
-def photos_of_frames(path: Path) -> dict[Path, str]:
-    """The photos that a ``transforms.json`` names and that are there, and what it calls each; none
-    where it is no such file.
-    """
-    try:
-        data = read_json(path) if path.suffix.lower() == ".json" else None
-    except PoseFileError:
-        data = None
-    frames = data.get("frames") if isinstance(data, dict) else None
-    names = [
-        frame["file_path"]
-        for frame in (frames if isinstance(frames, list) else ())
-        if isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
-    ]
-    found = {Path(os.path.normpath(_of_frame(path, name))): name for name in names}
-    return {photo: name for photo, name in found.items() if is_there(photo)}
-
-
-def says_world(cameras: Path) -> bool:
-    """Whether a BOP scene's file says of each image how its camera stands in the scene's world.
-
-    Raises:
-        PoseFileError: it is damaged.
-    """
-    entries = load_scene_file(cameras).values()
-    return all(isinstance(one, dict) and all(name in one for name in WORLD) for one in entries)
 
 
 def load_view_set(path: str | Path, choice: SetChoice | None = None) -> ViewSet:

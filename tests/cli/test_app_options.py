@@ -74,22 +74,14 @@ def test_a_folder_with_a_set_of_photos_opens_it(tmp_path: Path, served: list[Ope
     assert main(["app", str(tmp_path)]) == 2
 
 
-def test_what_a_folder_does_not_say_is_asked_in_the_terminal(
-    scene: Scene,
-    served: list[Opened],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_a_folder_of_two_photos_opens_nothing(
+    scene: Scene, served: list[Opened], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = scene.photo.parent
     Image.new("RGB", (30, 20)).save(folder / "q.png")
-    assert main(["app", str(folder)]) == 2  # nobody is there to say
-    assert "2 photos. Which one is to be opened? Name PHOTO and MODEL" in capsys.readouterr().err
-    answers = iter(["", "4", "2"])
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("builtins.input", lambda _: next(answers))
-    assert main(["app", str(folder)]) == 0
-    assert "    2  q.png\n" in capsys.readouterr().out
-    assert [one.document.registration.photo.name for one in served] == ["q.png"]
+    assert main(["app", str(folder)]) == 2
+    assert "2 photos: p.png, q.png; wanted one" in capsys.readouterr().err
+    assert not served
 
 
 def test_a_folder_without_a_model_takes_one_by_name(

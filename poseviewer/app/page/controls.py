@@ -127,8 +127,7 @@ class Controls:
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 file = take_upload(handle)
-                client = event.client.client_id
-                self.post(Upload(kind, file.name, file.content, client, becomes))
+                self.post(Upload(kind, file.name, file.content, becomes))
 
 
 def show_at_hand(choices: Any, label: str | None) -> None:

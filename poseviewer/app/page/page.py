@@ -5,7 +5,7 @@ Where the panels lie, and the theme, is each page's own, by its script's report.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,9 @@ from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
-from poseviewer.app.state.requests import Answer, Greet, Report, Restore
+from poseviewer.app.state.requests import Greet, Report, Restore
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Exported, PageQuestion
+from poseviewer.app.workers.tasks import Exported
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -62,8 +62,6 @@ PLACES = (
 """The buttons that place the maps; the page remembers the choice."""
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
-MOST_BUTTONS = 6
-"""Answers that are buttons; of more there is a list."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": STEPS,
@@ -236,35 +234,6 @@ class Page:
             @close.on_click
             async def _(_: viser.GuiEvent) -> None:
                 modal.close()
-
-    def ask(self, asked: PageQuestion) -> None:
-        """Ask a page what its files do not say; the page may have gone by now."""
-        handle = self._server.get_clients().get(asked.client)
-        if handle is None:
-            return
-        gui, question = handle.gui, asked.question
-        modal = gui.add_modal("What is what?")
-
-        def button(label: str, answer: Callable[[], str] | None, **looks: Any) -> None:
-            pressed = gui.add_button(label, **looks)
-
-            @pressed.on_click
-            async def _(_: viser.GuiEvent) -> None:
-                modal.close()
-                if answer is not None:
-                    self._post(Answer(asked.choosing, answer(), asked.client))
-
-        with modal:
-            gui.add_markdown(plain(question.text))
-            *options, none = question.options
-            if len(options) <= MOST_BUTTONS:
-                for option in options:
-                    button(option, lambda option=option: option, color="cyan")
-            else:
-                listed = gui.add_dropdown("Of these", tuple(options))
-                button("Open it", lambda: listed.value, color="cyan")
-            button(none[:1].upper() + none[1:], lambda: none, color="gray")
-            button("Close", None, color="gray", hint="open nothing of what came")
 
     def greet(self, client: int, offer: AutosavedSession | None) -> None:
         """Offer a page that has just connected what an earlier session left."""

@@ -7,7 +7,6 @@ from typing import Any, Literal, dataclass_transform
 
 from poseviewer.batch.results import JobResult
 from poseviewer.files.file_set import Kind
-from poseviewer.files.set_questions import Choosing
 
 Becomes = Literal["at hand", "object"]
 """What models that come are: the one at hand, or objects beside it."""
@@ -32,16 +31,7 @@ class Upload(Request, eq=False):
     name: str
     data: bytes
     """See ``files.state.uploads.pack``."""
-    client: int
     becomes: Becomes = "at hand"
-
-
-class Answer(Request, eq=False):
-    """What a user says of files that say nothing themselves."""
-
-    choosing: Choosing
-    answer: str
-    client: int
 
 
 class Unfit(Request):

@@ -12,8 +12,9 @@ from poseviewer.app.state.commands import put
 from poseviewer.app.state.document import Document, Marks, SceneObject, SearchEnd
 from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.photo_set import OwnOfPhoto, PhotoSet
-from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.errors import PoseFileError, PoseViewerError, QuickStartError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.file_set import FileSet
 from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.photo import (
     load_calibrated_photo,
@@ -24,7 +25,6 @@ from poseviewer.files.photo import (
 )
 from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.scene import load_scene
-from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession, KeptSet
 from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.fit.registration import LoadedModel, Registration
@@ -40,7 +40,7 @@ from poseviewer.starts.registration import (
     load_scene_registrations,
     registered,
 )
-from poseviewer.starts.view_set import StartInSet, known_scale, start_in_set
+from poseviewer.starts.view_set import known_scale, start_in_set
 
 T = TypeVar("T", bound=SceneObject)
 
@@ -77,7 +77,10 @@ def open_files(
         registration = load_registration(photo, model, pose, calibration, mask, without)
     else:
         registration = _without_pose(load_calibrated_photo(photo, calibration), model)
-        registration = _hidden(registration, mask, without)
+        hidden = (
+            load_mask(mask, registration.photo.width, registration.photo.height) if mask else None
+        )
+        registration = replace(registration, mask=hidden, mesh=registration.mesh.without(without))
     document = Document(registration, registration.start, photo_path=photo, model_path=model)
     added, notes = open_objects(objects)
     return Opened(document, (*registration.warnings, *notes), objects=added)
@@ -91,19 +94,14 @@ def open_set(
     view: str | None = None,
     scale: float | None = None,
     without: Sequence[str] = (),
-    place: RigidTransform | None = None,
 ) -> Opened:
-    """The photos of a set and a model, with a start pose in one of them from a file, else at a
-    ``place`` in the photo ``view`` (camera from model), else seen from a corner in the first;
-    ``view`` and ``scale`` as of ``start_in_set``.
+    """The photos of a set and a model, with a start pose in one of them from a file, else seen from
+    a corner in the first; ``view`` and ``scale`` as of ``start_in_set``.
     """
     views, loaded = load_view_set(path, choice), load_model(model)
     loaded = replace(loaded, mesh=loaded.mesh.without(without))
     if pose is not None:
         start = start_in_set(views, loaded, pose, view, scale)
-    elif place is not None:
-        own = next((one for one in views.views if one.name == view), views.views[0])
-        start = start_in_set(views, loaded, Pose(own.camera, place), own.name, scale)
     else:
         camera = views.views[0].camera
         guess = look_from("three-quarter", loaded.mesh, loaded.keypoints, camera)
@@ -120,61 +118,48 @@ def open_set(
         start.scale,
         start.free_size,
     )
-    document = _in_set(photos, loaded, start, model)
-    if pose is None and place is None:
-        guess = replace(document.registration, start_is_guess=True)
-        document = replace(document, registration=guess)
+    large = views.views[start.index]
+    of_model = registered(large.photo, loaded, start.pose, (), own[start.index].mask)
+    of_model = replace(of_model, start_is_guess=pose is None)
+    document = Document(of_model, start.pose, model_path=model, photo_path=large.path, views=photos)
     of_photos = (f"{one.name}: {note}" for one in views.views for note in one.photo.notes)
     warnings = (*of_photos, *document.registration.warnings, *start.notes)
     return Opened(document, tuple(dict.fromkeys(warnings)))
 
 
-def open_chosen_set(chosen: Chosen, model: Path, without: Sequence[str] = ()) -> Opened:
-    """The set of photos that was chosen of files, and its model, wherever that lies; ``without``:
-    parts of it that are left out.
+def open_file_set(now: Document, files: FileSet, models: Sequence[Path]) -> Opened:
+    """Files that came together, on what is at hand; ``models``: where the models lie with all that
+    they name. The first becomes the model, the others are further objects.
+
+    Raises:
+        QuickStartError: a set of photos without a model.
     """
-    assert chosen.views is not None  # it was chosen
-    at = None if chosen.pose is not None or chosen.photo is None else chosen.photo.name
-    opened = open_set(
-        *(chosen.views, model, chosen.pose, chosen.choice, at),
-        without=without,
-        place=chosen.place,
-    )
-    return replace(opened, warnings=(*opened.warnings, *chosen.notes))
-
-
-def _in_set(photos: PhotoSet, model: LoadedModel, start: StartInSet, path: Path) -> Document:
-    """A model in a set at a start."""
-    view = photos.views.views[start.index]
-    own = registered(view.photo, model, start.pose, (), photos.own[start.index].mask)
-    return Document(own, start.pose, model_path=path, photo_path=view.path, views=photos)
-
-
-def open_chosen(
-    now: Document, chosen: Chosen, models: Sequence[Path], objects: Sequence[Path] = ()
-) -> Opened:
-    """What was chosen of a set of files, on what is at hand; ``models``: where the chosen model,
-    and the others beside it, lie with all that they name; ``objects``: where further objects do.
-    """
-    document, warnings = now, list(chosen.notes)
-    photo, pose_alone = chosen.photo, False
-    if photo is None and chosen.calibration is not None:
-        photo = now.photo_path
+    if files.scene is not None:
+        return open_scene(files.scene)
+    if files.views is not None:
+        model = models[0] if models else now.model_path
+        if model is None:
+            raise QuickStartError(
+                f"{files.views.name}: a set of photos without a model; drop both together."
+            )
+        opened = open_set(files.views, model, files.pose)
+        return replace(opened, warnings=(*opened.warnings, *files.notes))
+    document, warnings, pose_alone = now, list(files.notes), False
+    photo = now.photo_path if files.photo is None and files.camera is not None else files.photo
     if photo is not None:
-        opened = open_photo(document, photo, chosen.calibration)
+        calibration = None if files.camera is None else Calibration(files.camera)
+        opened = open_photo(document, photo, calibration)
         document, warnings = opened.document, [*warnings, *opened.warnings]
-    if chosen.model is not None:
-        known = chosen.model.path == now.model_path
+    if models:
+        known = files.models[0].path == now.model_path
         opened = (completed if known else open_model)(document, models[0])
         document, warnings = opened.document, [*warnings, *opened.warnings]
-    if chosen.place is not None:
-        document = placed(Opened(document, ()), chosen.place).document
-    if chosen.pose is not None:
-        (opened,) = open_pose(document, chosen.pose)
+    if files.pose is not None:
+        (opened,) = open_pose(document, files.pose)
         pose_alone = opened.pose_alone and document is now
         document, warnings = opened.document, [*warnings, *opened.warnings]
-    added, notes = open_objects(objects)
-    return Opened(document, (*warnings, *notes), pose_alone, objects=added)
+    objects, notes = open_objects(models[1:])
+    return Opened(document, (*warnings, *notes), pose_alone, objects=objects)
 
 
 def open_objects(paths: Sequence[Path]) -> tuple[tuple[AddObject, ...], tuple[str, ...]]:
@@ -205,13 +190,6 @@ def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
     notes = (note for one in registrations for note in one.warnings)
     warnings = tuple(dict.fromkeys((*scene.warnings, *notes)))
     return Opened(Document.of(objects[0], scene.photo, tuple(objects[1:])), warnings)
-
-
-def placed(opened: Opened, place: RigidTransform) -> Opened:
-    """The same with the start where a scene has it, camera from model."""
-    document = opened.document
-    pose = Pose(document.pose.camera, place)
-    return replace(opened, document=document.started_from(pose))
 
 
 def by_method(opened: Opened, method: Method) -> Opened:
@@ -427,11 +405,6 @@ def _restored_set(kept: AutosavedSession, views: KeptSet, model: Path) -> Opened
     )
     document = _restored(document, kept, view.photo)
     return replace(opened, document=document, restored=True)
-
-
-def _hidden(own: Registration, mask: Path | None, without: Sequence[str]) -> Registration:
-    found = load_mask(mask, own.photo.width, own.photo.height) if mask else None
-    return replace(own, mask=found, mesh=own.mesh.without(without))
 
 
 def _require_there(path: Path | None, name: str) -> Path:

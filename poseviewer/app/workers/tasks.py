@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,21 +13,18 @@ from numpy.typing import NDArray
 from poseviewer.app.state.commands import LayWheels, SetTool
 from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
 from poseviewer.app.state.objects import UseSymmetry
-from poseviewer.app.state.requests import Answer, Download, Request, Upload
+from poseviewer.app.state.requests import Download, Request, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     Opened,
-    open_chosen,
-    open_chosen_set,
+    open_file_set,
     open_objects,
     open_pose,
-    open_scene,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
-from poseviewer.files.file_set import FileSet, ModelFiles, files_below, nothing_to_open, sort_set
-from poseviewer.files.set_questions import Choosing, Chosen, Question, choose
+from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
@@ -57,16 +54,7 @@ class Found:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PageQuestion:
-    """What files do not say, for the page that sent them."""
-
-    client: int
-    choosing: Choosing
-    question: Question
-
-
-Result = Opened | Exported | Found | PageQuestion
+Result = Opened | Exported | Found
 Task = Callable[[Session], Iterator[Result]]
 """Work on what is open when it begins."""
 
@@ -88,8 +76,7 @@ class Tasks:
             self._waiting.append((task, draws, size))
 
     def add_upload(self, upload: Upload) -> None:
-        """Keep uploaded files, and open them on what is open by then; what they do not say is
-        asked.
+        """Keep uploaded files, and open them on what is open by then.
 
         Raises:
             FileSetError: those that wait are as much as is held at a time.
@@ -101,69 +88,23 @@ class Tasks:
                 "end, then drop it again."
             )
 
-        def run(session: Session) -> Iterator[Opened | PageQuestion | Found]:
-            root = keep_set(self._uploads, upload.data, in_use=self._in_use(session))
+        def run(now: Session) -> Iterator[Opened | Found]:
+            # Other apps may have the same state folder.
+            in_use = now.paths | files_of_sessions(self._state / "sessions")
+            root = keep_set(self._uploads, upload.data, in_use=in_use)
             beside = upload.becomes != "at hand"
-            found = sort_set(
-                files_below(root), upload.kind, None if beside else session.document.model_path
-            )
-            if found.is_empty or (beside and not found.models):
-                raise nothing_to_open(found, upload.kind)
-            if upload.becomes == "at hand":
-                placed = _placed(session, found) if upload.kind is None else ""
-                return self._choose(choose(found, placed), None, upload.client, session)
-            return self._add(found.models, session)
+            at_hand = None if beside else now.document.model_path
+            files = sort_set(files_below(root), upload.kind, at_hand)
+            models = [gathered(self._uploads, model, in_use=in_use) for model in files.models]
+            if not beside:
+                yield open_file_set(now.document, files, models)
+                return
+            if not models:
+                raise FileSetError(f"{display_name(upload.name)}: holds no model; choose one.")
+            objects, notes = open_objects(models)
+            yield Found(objects, (*notes, *files.notes))
 
         self.add(run, size=len(upload.data))
-
-    def add_answer(self, given: Answer) -> None:
-        """Go on with what was asked."""
-        self.add(lambda now: self._choose(given.choosing, given.answer, given.client, now))
-
-    def _in_use(self, session: Session) -> frozenset[Path]:
-        """What is to stay: other apps may have the same state folder."""
-        return session.paths | files_of_sessions(self._state / "sessions")
-
-    def _choose(
-        self, choosing: Choosing, answer: str | None, client: int, session: Session
-    ) -> Iterator[Opened | PageQuestion | Found]:
-        try:
-            question = choosing.send(answer)
-        except StopIteration as end:
-            chosen: Chosen = end.value
-            if chosen.scene is not None:
-                yield open_scene(chosen.scene)
-                return
-            if chosen.views is not None:
-                yield self._open_views(chosen, chosen.views, session)
-                return
-            models = () if chosen.model is None else (chosen.model, *chosen.others)
-            paths = [
-                gathered(self._uploads, model, in_use=self._in_use(session)) for model in models
-            ]
-            further = [
-                gathered(self._uploads, m, in_use=self._in_use(session)) for m in chosen.objects
-            ]
-            opened = open_chosen(session.document, chosen, paths, further)
-            if opened.document is not session.document:
-                yield opened
-            else:  # the user wanted none of it, or further objects
-                yield Found(opened.objects, opened.warnings)
-        else:
-            yield PageQuestion(client, choosing, question)
-
-    def _open_views(self, chosen: Chosen, views: Path, session: Session) -> Opened:
-        """A set of photos with the model that came along, or the one at hand."""
-        model = session.document.model_path
-        if chosen.model is not None:
-            model = gathered(self._uploads, chosen.model, in_use=session.paths)
-        if model is None:
-            raise QuickStartError(f"{views.name}: a set of photos without a model; drop both.")
-        return open_chosen_set(chosen, model)
-
-    def _add(self, models: Sequence[ModelFiles], session: Session) -> Iterator[Found]:
-        in_use = self._in_use(session)
-        yield Found(*open_objects([gathered(self._uploads, m, in_use=in_use) for m in models]))
 
     def add_last_pose(self) -> None:
         """Open the pose that was saved last, as a start on what is open by then."""
@@ -203,15 +144,6 @@ class Tasks:
         """End the thread."""
         self._waiting.clear()
         self._worker.close()
-
-
-def _placed(session: Session, found: FileSet) -> str:
-    """What the model at hand is called, where someone has put it in its place and no files of it
-    have come.
-    """
-    document = session.document
-    is_its = any(model.path == document.model_path for model in found.models)
-    return "" if document.awaits_place or is_its else document.label
 
 
 def find_symmetry_of_model(session: Session) -> Iterator[Found]:

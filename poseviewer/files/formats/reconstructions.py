@@ -150,15 +150,6 @@ def _camera_of(
     return colmap_camera(reading, row)
 
 
-def colmap_photos(path: Path) -> list[str]:
-    """The names of the photos in the model of the folder ``path``, from its folder of photos.
-
-    Raises:
-        PoseFileError: it is no such model.
-    """
-    return [" ".join(words[9:]) for words in image_rows(Reading(model_file(path, "images")))]
-
-
 def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []

@@ -18,7 +18,7 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export, record_of
 from poseviewer.app.workers.opening import (
     Opened,
-    open_chosen,
+    open_file_set,
     open_files,
     open_objects,
     open_photo,
@@ -26,12 +26,10 @@ from poseviewer.app.workers.opening import (
     restore,
 )
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.file_set import model_files
+from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
 from poseviewer.files.pose import PoseRecord, RecordedVerdict, save_pose
-from poseviewer.files.set_questions import Chosen
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
-from poseviewer.geometry.transform import RigidTransform
 from tests.scene import Scene
 from tests.textured import write_obj
 
@@ -52,7 +50,7 @@ def kept_of(opened: Opened) -> AutosavedSession:
     paths = opened.document.photo_path, opened.document.model_path
     return AutosavedSession(
         paths[0], photo.name, photo.sha256, paths[1], registration.mesh_name,
-        registration.mesh_sha256, record, PoseRecord(registration.start), {}, True, 0.0, 1,
+        registration.mesh_sha256, record, PoseRecord(registration.start), {}, True, 0.0,
     )  # fmt: skip
 
 
@@ -190,7 +188,7 @@ def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
 
 def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:
     before = open_files(scene.photo, scene.model, scene.start).document
-    opened = open_chosen(before, Chosen(calibration=calibration), [])
+    opened = open_file_set(before, FileSet(camera=calibration.path), [])
     registration = opened.document.registration
     assert registration.photo.undistortion is not None
     assert registration.mesh is before.registration.mesh
@@ -199,11 +197,15 @@ def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Cali
     np.testing.assert_allclose(moved, 0.0, atol=1e-6)
 
 
-def test_a_scene_s_pose_is_the_start(scene: Scene, calibration: Calibration) -> None:
-    before = open_files(scene.photo, scene.model, scene.start).document
-    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.1, 9.0])
-    chosen = Chosen(scene.photo, calibration, model_files(scene.model, []), place=place)
-    document = open_chosen(before, chosen, [scene.model]).document
-    assert document.pose.camera_from_model is place
-    assert document.registration.start is document.pose
-    assert document.pose.camera == document.registration.photo.camera
+def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> None:
+    before = open_files(scene.photo, scene.model, None).document
+    files = sort_set([scene.photo, scene.model, scene.start, scene.photo.with_name("notes.txt")])
+    opened = open_file_set(before, files, [scene.model])
+    assert not opened.document.awaits_place
+    assert opened.warnings[0] == "Not used: notes.txt."
+    assert not opened.objects
+    models = [scene.model] * 2
+    opened = open_file_set(
+        before, FileSet(models=tuple(model_files(m, []) for m in models)), models
+    )
+    assert [one.path for one in opened.objects] == [scene.model]

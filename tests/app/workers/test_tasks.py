@@ -51,12 +51,12 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("poseviewer.app.workers.tasks.LARGEST_UPLOAD", 100)
     tasks = Tasks(lambda: None, tmp_path)
-    tasks.add_upload(Upload("photo", "large.png", bytes(150), 1))  # one alone is bounded before
+    tasks.add_upload(Upload("photo", "large.png", bytes(150)))  # one alone is bounded before
     with pytest.raises(FileSetError, match=r"small.png: other uploads are still being read"):
-        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
+        tasks.add_upload(Upload("photo", "small.png", bytes(10)))
     tasks.drop()
     for _ in range(10):
-        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
+        tasks.add_upload(Upload("photo", "small.png", bytes(10)))
     with pytest.raises(FileSetError, match="other uploads"):
-        tasks.add_upload(Upload("photo", "small.png", bytes(10), 1))
+        tasks.add_upload(Upload("photo", "small.png", bytes(10)))
     tasks.close()

@@ -19,17 +19,15 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import record_of
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker
-from poseviewer.app.workers.opening import open_chosen_set, open_pose, open_set, restore
+from poseviewer.app.workers.opening import open_pose, open_set, restore
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.errors import PoseViewerError, SettingsError
-from poseviewer.files.file_set import files_below, sort_set
-from poseviewer.files.set_questions import ALL_PHOTOS, choose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.app.state.documents import after
 from tests.app.state.sets import set_of
-from tests.view_sets import MESH, NAMES, TRUTH, write_bop, write_colmap, write_views
+from tests.view_sets import MESH, TRUTH, write_views
 
 STROKE = Stroke("brush", np.array([[300.0, 20.0], [310.0, 30.0]]), 8.0)
 
@@ -210,31 +208,3 @@ def test_masks_of_all_photos_are_saved_with_the_pose_and_opened_again(
     case = load_views(*files[:2], path)
     assert [one.mask is None for one in case.registration.registrations] == [False, False, True]
     saver.close(painted)
-
-
-def test_photos_of_a_scene_that_was_dropped_open_as_a_set(tmp_path: Path):
-    """BOP says where the model is, COLMAP not; which photos they are is kept with the session."""
-    write_views(tmp_path)
-    (tmp_path / "set.json").unlink()
-    model = (tmp_path / "m.ply").rename(tmp_path / "obj_000005.ply")
-    for cameras in (write_bop(tmp_path, with_world=False), write_colmap(tmp_path / "sparse")):
-        files = [path for path in files_below(cameras) if path.suffix != ".ply"]
-        if cameras.name == "sparse":
-            files += [tmp_path / name for name in NAMES]
-        choosing = choose(sort_set([*files, model]))
-        choosing.send(None)
-        with pytest.raises(StopIteration) as end:
-            choosing.send(ALL_PHOTOS.format("3 photos"))
-        document = open_chosen_set(end.value.value, model).document
-        views = document.views
-        assert views is not None
-        assert len(views.views.views) == 3
-        assert document.awaits_place == (cameras.name == "sparse")
-        if not document.awaits_place:
-            for own, its in zip(views.poses, TRUTH, strict=True):
-                assert pose_error(MESH, own, its).percent < 0.01
-        Autosaver(tmp_path / cameras.name).close(Session(document))
-        (path,) = (tmp_path / cameras.name / "sessions").iterdir()
-        again = next(iter(restore(load_autosave(path)))).document.views
-        assert again is not None
-        assert again.choice == views.choice
