@@ -15,21 +15,14 @@ import numpy as np
 import pytest
 
 import poseviewer
-from poseviewer.bench.workload import subdivide
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.pyramid.simplified import simplify
-from poseviewer.render.software import renderer as software
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.render.types import Moments, PhotoAttributes
 from poseviewer.starts.registration import Start, StartInputs, load_model
 from tests.several import make_three
 
@@ -66,14 +59,6 @@ def test_importing_costs_nothing_until_a_name_is_asked_for():
         "assert 'matplotlib' not in sys.modules and 'viser' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_every_public_name_is_there_and_no_other():
-    for name in poseviewer.__all__:
-        assert getattr(poseviewer, name).__doc__
-        assert name in dir(poseviewer)
-    with pytest.raises(AttributeError, match="lode"):
-        poseviewer.lode  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_path):
@@ -113,47 +98,11 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert np.array_equal(steps[-1].parameters, found.progress.parameters)
 
 
-@pytest.mark.slow
-def test_what_is_prepared_is_what_a_search_begins_with(scene, monkeypatch):
-    """A model of so many triangles that its coarse levels have fewer."""
-    simplified: list[int] = []
-
-    def counting(mesh: Mesh, faces: int) -> Mesh:
-        simplified.append(faces)
-        return simplify(mesh, faces)
-
-    monkeypatch.setattr(software, "simplify", counting)
-    mesh = subdivide(load_model(scene.model).mesh, 20_000)
-    model = replace(load_model(scene.model), mesh=mesh)
-    case = poseviewer.load(scene.photo, model, scene.start)
-    case.prepare()
-    assert simplified
-    made = len(simplified)
-    case.fit(evaluations=900)
-    assert len(simplified) == made
-
-
 def test_a_pose_is_a_start_too(scene):
     first = poseviewer.load(scene.photo, scene.model, scene.start)
     again = poseviewer.load(scene.photo, scene.model, first.start.pose)
     assert again.start.pose is first.start.pose
     assert again.start.loss == first.start.loss
-
-
-def test_a_start_is_weighed_only_when_its_loss_is_asked_for(scene, tmp_path):
-    class Counting(SoftwareRenderer):
-        weighed = 0
-
-        def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-            self.weighed += 1
-            return super().moments(pose, photo)
-
-    renderer = Counting(load_model(scene.model).mesh)
-    case = poseviewer.load(scene.photo, scene.model, scene.start, renderer=renderer)
-    case.start.draw(tmp_path / "start.png")
-    assert renderer.weighed == 0
-    assert case.start.loss == pose_loss(case.problem, renderer, case.problem.start)
-    assert renderer.weighed == 2
 
 
 def interrupting(after: int) -> tuple[list[FitProgress], Callable[[FitProgress], None]]:

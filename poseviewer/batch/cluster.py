@@ -7,7 +7,7 @@ a worker dies, Dask gives its jobs to others; those whose results were written a
 from __future__ import annotations
 
 import logging
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from poseviewer.batch.job import BatchPlan, run_job
@@ -19,13 +19,37 @@ CONNECT_SECONDS = 10.0
 
 
 def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterator[JobResult]:
-    """The results of the jobs as they come, in no order. A scheduler that goes away and comes back
-    soon is given what it had not done.
+    """Yield the results of the jobs as they come, in no order.
+
+    Raises:
+        BatchError: Dask is not installed, or the scheduler does not answer or goes away.
     """
-    left = list(jobs)
-    while left:
-        with _connected(address) as client:
-            left = yield from _results(client, left, plan)
+    with _connected(address) as client:
+        from distributed import (  # pyright: ignore[reportMissingImports] - an extra
+            CancelledError,
+            KilledWorker,
+            as_completed,
+        )
+
+        submitted = _submit(client, jobs, plan)
+        try:
+            for future in as_completed(list(submitted), loop=client.loop):
+                try:
+                    yield future.result()
+                except KilledWorker:
+                    yield failed_result(
+                        submitted[future],
+                        "every worker that fitted it died; is there memory enough for the photo "
+                        "and the model?",
+                    )
+                except (CancelledError, OSError):  # a closed connection is an OSError
+                    raise BatchError(
+                        f"{address}: the Dask scheduler went away. What is done is kept: start it "
+                        "again, and run the batch again to go on."
+                    ) from None
+        finally:
+            if running := [future for future in submitted if not future.done()]:
+                client.cancel(running)
 
 
 def _connected(address: str) -> Any:
@@ -54,36 +78,6 @@ def _connected(address: str) -> Any:
             f"{address}: no Dask scheduler answers there ({reason}); start one with "
             "`dask scheduler`, or check the address (tcp://HOST:8786). What is done is kept."
         ) from None
-
-
-def _results(
-    client: Any, jobs: Sequence[Job], plan: BatchPlan
-) -> Generator[JobResult, None, list[Job]]:
-    """The results of the jobs; those that the scheduler went away with are given back."""
-    from distributed import (  # pyright: ignore[reportMissingImports] - an extra
-        CancelledError,
-        KilledWorker,
-        as_completed,
-    )
-    from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
-
-    submitted, lost = _submit(client, jobs, plan), list[Job]()
-    try:
-        for future in as_completed(list(submitted), loop=client.loop):
-            try:
-                yield future.result()
-            except KilledWorker:
-                yield failed_result(
-                    submitted[future],
-                    "every worker that fitted it died; is there memory enough for the photo "
-                    "and the model?",
-                )
-            except (CancelledError, CommClosedError):
-                lost.append(submitted[future])
-    finally:
-        if running := [future for future in submitted if not future.done()]:
-            client.cancel(running)
-    return lost
 
 
 def _submit(client: Any, jobs: Sequence[Job], plan: BatchPlan) -> dict[Any, Job]:

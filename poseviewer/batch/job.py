@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -113,7 +113,6 @@ def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bo
         objects.append(ObjectRecord(str(number), path, PoseRecord(one.start, of_photo, of_model)))
     scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
     case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
-
     return case.fit(watch=_ending(stopped))
 
 
@@ -206,41 +205,28 @@ def _keep(
     """Write the pose, the picture and, last, the result; of an object that stands wholly behind
     others the start.
     """
-    pose, drawn = result_files(job)
+    named, files = (job.row, job.photo, job.model, job.start), result_files(job)
     if isinstance(fitted, PoseRecord):
-        record = fitted
-        named = (job.row, job.photo, job.model, job.start)
-        result = JobResult(*named, HIDDEN, pose=pose, picture=drawn, verdict="lost",
-                           probability=0.0, reasons=HIDDEN)  # fmt: skip
-        return _write(job, plan, result, lambda path: save_pose(path, record), picture)
-    progress = fitted.progress
-    assert progress is not None  # it was searched for
-    verdict = progress.verdict
-    result = JobResult(
-        job.row,
-        job.photo,
-        job.model,
-        job.start,
-        progress.status.value,
-        loss=progress.loss,
-        start_loss=progress.start_loss,
-        unexplained=progress.unexplained,
-        start_unexplained=progress.start_unexplained,
-        evaluations=progress.evaluations,
-        seconds=round(progress.seconds, 3),
-        pose=pose,
-        picture=drawn,
-        verdict=verdict.word if verdict else "",
-        probability=round(verdict.probability, 4) if verdict else None,
-        reasons="\n".join(verdict.reasons) if verdict else "",
-    )
-    result = replace(result, **standard_deviations(fitted.covariance))
-    return _write(job, plan, result, fitted.save, picture)
-
-
-def _write(
-    job: Job, plan: BatchPlan, result: JobResult, save: Callable[[Path], None], picture: Picture
-) -> JobResult:
+        result = JobResult(*named, HIDDEN, verdict="lost", probability=0.0, reasons=HIDDEN)
+        save = partial(save_pose, record=fitted)
+    else:
+        progress, save = fitted.progress, fitted.save
+        assert progress is not None  # it was searched for
+        result = JobResult(
+            *named,
+            progress.status.value,
+            loss=progress.loss,
+            start_loss=progress.start_loss,
+            unexplained=progress.unexplained,
+            start_unexplained=progress.start_unexplained,
+            evaluations=progress.evaluations,
+            seconds=round(progress.seconds, 3),
+            **standard_deviations(fitted.covariance),
+        )
+        if (verdict := progress.verdict) is not None:
+            certain, reasons = round(verdict.probability, 4), "\n".join(verdict.reasons)
+            result = replace(result, verdict=verdict.word, probability=certain, reasons=reasons)
+    result = replace(result, pose=files[0], picture=files[1])
     try:
         save(plan.folder / result.pose)
         save_image(plan.folder / result.picture, picture)

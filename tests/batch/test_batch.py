@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -19,10 +18,7 @@ import pytest
 
 from poseviewer.batch.results import (
     STDS,
-    JobResult,
     alone_in,
-    save_table,
-    standard_deviations,
 )
 from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.batch.table import load_jobs
@@ -31,11 +27,10 @@ from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.view_sets import MESH, TRUTH, write_views
+from tests.view_sets import write_views
 
 QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "150")
@@ -252,26 +247,6 @@ def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
-def test_a_full_disk_is_one_sentence_and_loses_nothing(scene, tmp_path):
-    """A limit on the size of files, which the system refuses as it does on a full disk."""
-    table, out = write_table(scene, tmp_path, 2), tmp_path / "out"
-    line = command("batch", table, "--out", out, "--processes", 1, "--quiet", *QUICK)
-
-    def no_room() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-
-    full = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=no_room)
-    assert full.returncode == 2
-    assert full.stderr.startswith("poseviewer: "), full.stderr
-    assert full.stderr.count("\n") == 1, full.stderr
-    assert "cannot be written" in full.stderr
-    assert kept(out) == {}
-    assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
-    assert len(kept(out)) == 2
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("one_process")
 def test_a_broken_result_is_done_again(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
     assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
@@ -315,13 +290,6 @@ def test_a_table_of_a_spreadsheet_is_read(tmp_path):
     assert job.path(job.photo) == tmp_path / "a b.jpg"
 
 
-def test_other_settings_are_another_job(tmp_path):
-    table = tmp_path / "jobs.csv"
-    table.write_text("photo,model,start\na,b,c\n", encoding="utf-8")
-    keys = {load_jobs(table, FitSettings(seed=seed))[0].key for seed in (0, 0, 1)}
-    assert len(keys) == 2
-
-
 def test_a_missing_table_and_a_wrong_folder_are_said(scene, tmp_path, capsys):
     with pytest.raises(BatchError, match="no such file"):
         load_jobs(tmp_path / "no.csv", FitSettings())
@@ -351,19 +319,3 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     assert found["verdict"]
     assert float(found["unexplained"]) < float(found["start_unexplained"])
     assert "with a set of photos" in refused["reason"]
-
-
-@pytest.mark.parametrize(
-    ("seventh", "column", "wanted"),
-    [("log_size", "size_percent_std", 3.0), ("log_focal", "focal_px_std", 0.03 * 600.0)],
-)
-def test_the_seventh_number_has_a_column(tmp_path: Path, seventh, column, wanted):
-    sure = PoseCovariance(TRUTH[0], MESH.centre, np.diag([1e-4] * 6 + [9e-4]), seventh=seventh)
-    found = standard_deviations(sure)
-    assert found[column] == pytest.approx(wanted)
-    assert [name for name in STDS if found[name] is None] == [
-        name for name in STDS[4:] if name != column
-    ]
-    save_table(tmp_path, [JobResult(1, "a.png", "m.ply", "s.json", "Converged.", **found)])
-    (row,) = read_results(tmp_path)
-    assert float(row[column]) == found[column]

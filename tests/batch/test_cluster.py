@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.api import load
 from poseviewer.cli import main as cli
 from poseviewer.files.pose import load_pose
 from tests.batch.test_batch import LONG, command, kept, read_results, wait_until, write_table
@@ -25,58 +24,32 @@ needs_dask = pytest.mark.skipif(
 
 
 class Cluster:
-    """A scheduler and two workers of one thread, each a process."""
+    """A scheduler, which comes first, and two workers of one thread, each a process."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.processes: list[subprocess.Popen] = []
-        """The scheduler first."""
-
-    @property
-    def address(self) -> str:
-        return json.loads((self._folder / "scheduler.json").read_text())["address"]
-
-    def start(self, port: int = 0) -> None:
-        """Anew, after ``kill``; ``port`` 0: any free one."""
-        file = self._folder / "scheduler.json"
-        file.unlink(missing_ok=True)
-        where = ("--scheduler-file", file)
-        self._start("dask_scheduler", "--port", port, "--no-dashboard", *where)
+        file = folder / "scheduler.json"
+        at = ("--scheduler-file", file, "--no-dashboard")
+        self.processes = [_started(folder, "dask_scheduler", "--port", 0, *at)]
         wait_until(file.exists)
         for _ in range(2):
-            self._start("dask_worker", "--nthreads", 1, "--no-nanny", "--no-dashboard", *where)
-
-    def kill(self) -> None:
-        """All of it, as a crash would."""
-        for process in self.processes:
-            process.kill()
-            process.wait()
-        self.processes.clear()
-
-    def _start(self, name: str, *arguments: object) -> None:
-        line = [sys.executable, "-m", f"distributed.cli.{name}", *map(str, arguments)]
-        path = os.pathsep.join([str(Path.cwd()), *sys.path])
-        env = {**os.environ, "PYTHONPATH": path}
-        self.processes.append(
-            subprocess.Popen(line, cwd=self._folder, env=env, stderr=subprocess.DEVNULL)
-        )
+            worker = _started(folder, "dask_worker", "--nthreads", 1, "--no-nanny", *at)
+            self.processes.append(worker)
+        self.address = json.loads(file.read_text())["address"]
 
 
-@pytest.fixture(scope="module")
-def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
-    yield cluster
-    cluster.kill()
+def _started(folder: Path, name: str, *arguments: object) -> subprocess.Popen:
+    line = [sys.executable, "-m", f"distributed.cli.{name}", *map(str, arguments)]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
+    return subprocess.Popen(line, cwd=folder, env=env, stderr=subprocess.DEVNULL)
 
 
 @pytest.fixture
-def cluster(started: Cluster) -> Cluster:
-    """One for all tests, with all its processes, or made anew: tests kill some of them."""
-    if any(process.poll() is not None for process in started.processes):
-        started.kill()
-    if not started.processes:
-        started.start()
-    return started
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield cluster
+    for process in cluster.processes:
+        process.kill()
+        process.wait()
 
 
 @needs_dask
@@ -97,9 +70,6 @@ def test_a_series_starts_each_row_where_the_one_above_ended(scene, tmp_path, clu
     assert losses == [record.loss for record in ends["here"]]
     # The pixels that are compared lie about the start, so from another one the loss is another.
     assert losses[0] != losses[1]
-    for above, loss in zip(ends["here"], losses[1:], strict=False):
-        again = load(table.parent / "photo0.png", scene.model, above.pose)
-        assert again.fit(evaluations=300).loss == pytest.approx(loss, abs=1e-6)
 
 
 @needs_dask
@@ -126,26 +96,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 @needs_dask
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away_and_comes_back_is_given_the_rest(scene, tmp_path, cluster):
-    table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
-    line = command("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet",
-                   "--evaluations", 400)  # fmt: skip
-    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as batch:
-        wait_until(lambda: len(kept(out)) >= 2)
-        cluster.kill()
-        before = kept(out)
-        cluster.start(int(cluster.address.rpartition(":")[2]))
-        _, complaints = batch.communicate(timeout=300)
-        assert (batch.returncode, complaints) == (0, "")
-    assert 2 <= len(before) < 6
-    assert before.items() <= kept(out).items()
-    assert [row["reason"] for row in read_results(out)] == [""] * 6
-
-
-@needs_dask
-@pytest.mark.slow
-def test_a_scheduler_that_goes_away_for_good_is_said(scene, tmp_path, cluster, capsys, monkeypatch):
-    monkeypatch.setattr("poseviewer.batch.cluster.CONNECT_SECONDS", 0.5)
+def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
 
     def end() -> None:
@@ -158,7 +109,7 @@ def test_a_scheduler_that_goes_away_for_good_is_said(scene, tmp_path, cluster, c
                      "--evaluations", "400", "--quiet"]) == 2  # fmt: skip
     ending.join()
     printed = capsys.readouterr().err
-    assert "no Dask scheduler answers there" in printed.splitlines()[-1]
+    assert "the Dask scheduler went away" in printed.splitlines()[-1]
     assert kept(out)
 
 

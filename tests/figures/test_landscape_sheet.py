@@ -5,15 +5,13 @@ from __future__ import annotations
 from itertools import combinations
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.figures.landscape_sheet import make_landscape_sheet, readable
+from poseviewer.figures.landscape_sheet import make_landscape_sheet
 from poseviewer.figures.save import save_figure
 from poseviewer.fit.landscape import Slice
-from poseviewer.geometry.charts import NAMES as NAMES_ON_THE_PAGE
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
 
@@ -50,13 +48,6 @@ def test_every_pair_has_a_map_with_both_marks(count, maps):
         assert _place(least) == pytest.approx([first + 0.05, second - 0.1])
 
 
-def test_names_stand_along_the_left_and_lower_sides_only():
-    figure = make_landscape_sheet(make_slices(4), NAMES[:4], np.zeros(4))
-    axes = maps_of(figure)
-    assert [a.get_ylabel() for a in axes if a.get_ylabel()] == [readable(n) for n in NAMES[1:4]]
-    assert [a.get_xlabel() for a in axes if a.get_xlabel()] == [readable(n) for n in NAMES[:3]]
-
-
 def test_a_shared_scale_gives_one_loss_one_colour():
     slices = make_slices(3)
     bright = Slice(1, 2, slices[2].first_values, slices[2].second_values, slices[2].losses + 0.4)
@@ -91,30 +82,9 @@ def test_sheets_are_saved_and_are_deterministic(tmp_path):
     assert min(picture.shape[:2]) > 500
 
 
-def test_no_state_of_matplotlib_is_touched():
-    before = dict(mpl.rcParams)
-    make_landscape_sheet(make_slices(3), NAMES[:3], np.zeros(3))
-    assert dict(mpl.rcParams) == before
-
-
 def test_files_that_cannot_be_written_are_said(tmp_path):
     figure = make_landscape_sheet(make_slices(3), NAMES[:3], np.zeros(3))
     with pytest.raises(SettingsError, match=r"use \.png"):
         save_figure(tmp_path / "a.jpeg2000", figure)
     with pytest.raises(SettingsError, match="check that the folder exists"):
         save_figure(tmp_path / "no" / "a.png", figure)
-
-
-def test_names_become_symbols():
-    assert readable("mu_x") == r"$\mu_{x}$"
-    assert readable("unheard_of") == "unheard of"
-
-
-def test_the_page_and_the_sheet_use_the_same_words():
-    assert readable("rotation_x") == "tilt"
-    for name, (short, _) in NAMES_ON_THE_PAGE.items():
-        symbol = {"mu": "μ", "delta": "δ", "psi": "ψ"}.get(name.rpartition("_")[0])
-        if symbol is None:
-            assert readable(name) == short
-        else:
-            assert (short, "$" in readable(name)) == (symbol + name[-1], True)

@@ -64,12 +64,6 @@ def test_the_old_file_is_replaced_and_nothing_else_stays(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 
 
-@pytest.mark.parametrize("kind", ["png", "npz"])
-def test_a_missing_folder_is_said(tmp_path, kind):
-    with pytest.raises(SettingsError, match="check that the folder exists"):
-        make_maps().save(tmp_path / "no" / f"a.{kind}")
-
-
 def test_a_kind_that_there_is_none_of_is_said(tmp_path):
     with pytest.raises(SettingsError, match=r"a\.xlsx: .*\.npz or \.csv"):
         make_maps().save(Path(tmp_path / "a.xlsx"))

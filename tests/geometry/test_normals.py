@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poseviewer.geometry.normals import (
-    corner_angles,
     crease_normals,
     face_normals_and_areas,
     find_adjacency,
-    weld,
     winding_to_flip,
 )
 
@@ -92,16 +90,6 @@ def test_surfaces_that_are_no_manifolds_come_to_an_end() -> None:
     assert np.isfinite(normals).all()
 
 
-def test_a_long_chain_of_faces_is_followed_to_its_end() -> None:
-    count = 5000
-    x = np.arange(count // 2 + 1, dtype=float)
-    vertices = np.concatenate([np.stack([x, 0 * x, 0 * x], 1), np.stack([x, 0 * x + 1, 0 * x], 1)])
-    a, b = np.arange(count // 2), np.arange(count // 2) + len(x)
-    faces = np.concatenate([np.stack([a, a + 1, b], 1), np.stack([a + 1, b + 1, b], 1)])
-    which = np.arange(count) % 3 == 0
-    assert np.array_equal(winding_to_flip(vertices, turned(faces, which)), which)
-
-
 def test_a_cube_keeps_sharp_edges() -> None:
     cube = trimesh.creation.box()
     source, faces, normals = crease_normals(cube.vertices, cube.faces)
@@ -132,18 +120,6 @@ def test_normals_and_areas_of_one_triangle() -> None:
     normals, areas = face_normals_and_areas(vertices, np.array([[0, 1, 2], [0, 1, 3]]))
     np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 0]])
     np.testing.assert_allclose(areas, [3.0, 0.0])
-
-
-def test_angles_of_triangles_sum_to_half_a_turn() -> None:
-    vertices = np.random.default_rng(2).normal(size=(60, 3))
-    angles = corner_angles(vertices, np.arange(60).reshape(-1, 3))
-    np.testing.assert_allclose(angles.sum(axis=1), math.pi)
-
-
-def test_weld_knows_equal_places() -> None:
-    vertices = np.array([[0.0, 0, 1], [-0.0, 0, 1], [0, 0, 2], [0, 0, 1]])
-    places = weld(vertices)
-    assert places[0] == places[1] == places[3] != places[2]
 
 
 @pytest.mark.parametrize("function", [winding_to_flip, crease_normals])

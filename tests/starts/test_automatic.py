@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from poseviewer.starts.automatic import (
     ViewOptions,
     outermost_points,
     propose,
-    squares_over,
 )
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
@@ -111,13 +109,6 @@ def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
         api.load(scene.photo, scene.model, "auto", box=box)
 
 
-def test_box_without_auto_is_refused(scene: Scene, capsys):
-    code = cli.main(["fit", str(scene.photo), str(scene.model), "--pose", str(scene.start),
-                     "--box", "1,2,30,40", "--out", "never.json"])  # fmt: skip
-    assert code == 2
-    assert "--box without --start auto" in capsys.readouterr().err
-
-
 def test_without_a_box_the_whole_photo_is_searched(scene: Scene):
     options = ViewOptions(views=300, rounds=(Round(6, 20, 0.12, 40.0),))
     asked = wanted(scene, None, options=options)
@@ -127,33 +118,6 @@ def test_without_a_box_the_whole_photo_is_searched(scene: Scene):
     # On black ground the place is told, whatever the view.
     assert abs(first.centre[0] - truth.centre[0]) < 0.3 * truth.width
     assert abs(first.centre[1] - truth.centre[1]) < 0.3 * truth.height
-
-
-def test_candidate_boxes_cover_the_photo():
-    boxes = squares_over(640.0, 480.0)
-    for share in (0.25, 0.85):
-        some = [box for box in boxes if box.width == share * 480.0]
-        assert min(box.left for box in some) == 0.0
-        assert max(box.right for box in some) == pytest.approx(640.0)
-        assert max(box.bottom for box in some) == pytest.approx(480.0)
-
-
-@pytest.mark.slow
-def test_a_table_takes_auto_with_a_box(scene: Scene, tmp_path: Path):
-    box = " ".join(map(str, box_about(scene)))
-    table = tmp_path / "jobs.csv"
-    table.write_text(
-        f"photo,model,start,box\n{scene.photo},{scene.model},auto,{box}\n"
-        f"{scene.photo},{scene.model},auto,a b\n"
-    )
-    out = tmp_path / "out"
-    assert cli.main(["batch", str(table), "--out", str(out), "--processes", "1", "--quiet",
-                     "--evaluations", "40"]) == 2  # fmt: skip
-    with (out / "results.csv").open(newline="") as file:
-        first, second = csv.DictReader(file)
-    assert first["reason"] == ""
-    assert (out / first["pose"]).is_file()
-    assert "the box 'a b' is not four whole numbers" in second["reason"]
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,13 @@ from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.real_cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.marks import load_wheels
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.registration import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, find_wheels, start_from_wheels
-from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.wheel_pose import Ellipse, Wheels, ellipse_through, wheel_rims
 from tests.measure.auto_start import careless_box
 from tests.scene import Scene
 
@@ -57,13 +53,6 @@ def test_pairs_lead_into_the_search(scene: Scene, tmp_path: Path, capsys, more):
     assert pose_error(load_mesh(scene.model), found, truth).percent < 4.0
 
 
-def test_parallel_pairs_find_the_scale(scene: Scene, tmp_path: Path):
-    path, out = write_pairs(scene, tmp_path, 8), tmp_path / "out.json"
-    more = ("--pairs", path, "--projection", "parallel")
-    assert fit(scene.photo, scene.model, out, *more) == 0
-    assert isinstance(load_pose(out, *SIZE).pose.camera, Parallel)
-
-
 @pytest.mark.parametrize(
     ("more", "words"),
     [
@@ -96,35 +85,14 @@ def test_one_start_is_wanted(scene: Scene, tmp_path: Path, capsys):
         assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("projection", ["perspective", "parallel"])
-def test_the_demos_wheels_place_it(projection: str):
-    case = demo_case(projection)
+def test_wheels_laid_by_eye_place_the_demo():
+    case = demo_case()
     photo, mesh = load_photo(case.photo), load_mesh(case.model)
-    keypoints = load_keypoints(case.model, mesh)
-    assert keypoints is not None
+    material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
+    start = start_from_wheels(material, load_wheels(WHEELS), StartCamera())
     truth = load_pose(case.truth, photo.width, photo.height).pose
-    wheels = seen_wheels(truth, keypoints)
-    known = StartCamera(parallel=projection == "parallel")
-    start = start_from_wheels(StartInputs(photo, mesh, keypoints), wheels, known)
-    wanted = Parallel if known.parallel else Perspective
-    assert isinstance(start.pose.camera, wanted)
     assert pose_error(mesh, start.pose, truth).percent < 4.0
     assert "start from two wheels of radius 0.3" in start.notes[0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("projection", ["perspective", "parallel"])
-def test_the_demos_wheels_are_found_in_a_rectangle(projection: str):
-    case = demo_case(projection)
-    photo = load_photo(case.photo)
-    keypoints = load_keypoints(case.model, load_mesh(case.model))
-    assert keypoints is not None
-    truth = load_pose(case.truth, photo.width, photo.height).pose
-    side = visible_side(keypoints, truth)
-    wanted = truth.project([side.front_wheel, side.rear_wheel])
-    best = find_wheel_pairs(photo.grey(), Rectangle(140, 220, 670, 330))[0]
-    for wheel, centre in zip((best.left, best.right), wanted, strict=True):
-        assert np.hypot(wheel.cx - centre[0], wheel.cy - centre[1]) < 1.5
 
 
 @pytest.mark.slow
@@ -162,18 +130,3 @@ def test_where_no_wheels_are_that_is_said(rectangle, words: str):
     grey = np.tile(np.linspace(0.2, 0.9, 400, dtype=np.float32), (200, 1))
     with pytest.raises(QuickStartError, match=words):
         find_wheel_pairs(grey, rectangle)
-
-
-def seen_wheels(truth, keypoints) -> Wheels:
-    """The ellipses that the tyres have at the true pose, to a pixel and a degree."""
-    rims = wheel_rims(truth, visible_side(keypoints, truth), 0.31)
-    rear, front = (rounded(ellipse_through(rim)) for rim in rims)
-    return Wheels(rear, front)
-
-
-def rounded(ellipse: Ellipse) -> Ellipse:
-    degrees = round(math.degrees(ellipse.angle))
-    parameters = [round(v) for v in (ellipse.cx, ellipse.cy, ellipse.a, ellipse.b)]
-    return Ellipse(
-        parameters[0], parameters[1], parameters[2], parameters[3], math.radians(degrees)
-    )

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.starts.wheels import edge_field, find_ellipses
+from poseviewer.starts.wheels import find_ellipses
 from poseviewer.vehicle.wheel_pose import Ellipse
 
 WIDTH, HEIGHT = 400, 200
@@ -77,28 +77,3 @@ def is_near(one: Ellipse, other: Ellipse) -> bool:
 def test_there_is_none_in_texture():
     noise = np.random.default_rng(1).normal(0.5, 0.2, (HEIGHT, WIDTH))
     assert find_ellipses(np.asarray(noise, np.float32)) == []
-
-
-def test_the_field_is_clear_at_edges_alone_and_turns_twice_as_fast_as_their_slope():
-    grey = picture(WHEEL, levels=(0.9,), noise=0.0)
-    field = edge_field(grey)
-    assert np.abs(field).max() < 1.0
-    outline = WHEEL.outline(4)  # its ends
-    for point, angle in zip(outline, WHEEL.angle + np.radians([0, 90, 180, 270]), strict=True):
-        column, row = np.floor(point).astype(int)
-        value = complex(field[row, column])
-        assert abs(value) > 0.9
-        assert np.cos(np.angle(value) - 2.0 * angle) > 0.95
-
-
-@pytest.mark.parametrize("shape", [(700, 16), (16, 700), (16, 16)])
-def test_narrow_pictures_are_no_great_work(shape, monkeypatch: pytest.MonkeyPatch):
-    sizes = []
-    grey = np.random.default_rng(2).uniform(0.0, 1.0, shape).astype(np.float32)
-    field_of = edge_field
-    monkeypatch.setattr(
-        "poseviewer.starts.wheels.edge_field",
-        lambda picture: sizes.append(picture.size) or field_of(picture),
-    )
-    find_ellipses(grey)
-    assert max(sizes) <= max(256 * 256, grey.size)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.renderer import SoftwareRenderer
@@ -136,11 +134,6 @@ def test_a_model_is_framed_by_a_rectangle(camera):
     )
 
 
-def test_an_unknown_side_is_refused():
-    with pytest.raises(SettingsError, match="below"):
-        look_from("below", CAR_MESH, None, Parallel(1.0, 5.0, 5.0, 10, 10))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("name", MESHES)
@@ -173,14 +166,6 @@ def test_a_surface_point_is_what_the_renderer_sees_there(name, parallel, seed):
             # Another face, then, at the same depth: an edge that both share.
             own = pose.camera_from_model.apply(corners)[:, 2]
             assert own.min() - 1e-5 <= depth <= own.max() + 1e-5
-
-
-@CAMERAS
-def test_beside_the_model_there_is_no_surface_point(camera):
-    mesh = MESHES["bumpy"]
-    pose = look_from("front", mesh, None, camera)
-    for corner in itertools.product((0.5, camera.width - 0.5), (0.5, camera.height - 0.5)):
-        assert surface_point(mesh, pose, corner) is None
 
 
 def test_a_surface_behind_the_camera_is_not_seen():
