@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.registration import Start, StartInputs, load_model
+from poseviewer.starts.registration import load_model
 from tests.several import make_three
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -77,15 +76,6 @@ def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_pat
     assert ours.loss == theirs.loss
 
 
-def test_one_model_and_renderer_serve_many_photos(scene):
-    model = load_model(scene.model)
-    first = poseviewer.load(scene.photo, model, scene.start)
-    second = poseviewer.load(scene.photo, model, scene.truth, renderer=first.renderer)
-    assert second.renderer is first.renderer
-    assert second.registration.mesh is model.mesh
-    assert second.start.loss < first.start.loss
-
-
 def test_a_search_is_the_fit_as_it_goes(scene):
     case = poseviewer.load(scene.photo, scene.model, scene.start, limits=Limits(200))
     steps = list(case.search())
@@ -98,56 +88,24 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     assert np.array_equal(steps[-1].parameters, found.progress.parameters)
 
 
-def test_a_pose_is_a_start_too(scene):
-    first = poseviewer.load(scene.photo, scene.model, scene.start)
-    again = poseviewer.load(scene.photo, scene.model, first.start.pose)
-    assert again.start.pose is first.start.pose
-    assert again.start.loss == first.start.loss
-
-
-def interrupting(after: int) -> tuple[list[FitProgress], Callable[[FitProgress], None]]:
-    """What was seen, and what watches a search and presses Ctrl-C after so many evaluations."""
-    seen: list[FitProgress] = []
+def test_an_interrupted_search_keeps_the_best_pose_or_ends(scene):
+    """Ctrl-C once the second population has been asked for."""
+    losses: list[float] = []
 
     def watch(progress: FitProgress) -> None:
-        seen.append(progress)
-        if len(seen) == after:
+        losses.append(progress.loss)
+        if len(losses) == 80:
             raise KeyboardInterrupt
 
-    return seen, watch
-
-
-def test_whoever_watches_may_end_the_search(scene):
-    seen, watch = interrupting(5)
-    case = poseviewer.load(scene.photo, scene.model, scene.start)
-    with pytest.raises(KeyboardInterrupt):
-        case.fit(watch=watch)
-    assert len(seen) == 5
-    assert all(progress.status is Status.RUNNING for progress in seen)
-
-
-def test_an_interrupted_search_keeps_the_best_pose(scene):
-    seen, watch = interrupting(80)  # the second population has been asked for
     case = poseviewer.load(scene.photo, scene.model, scene.start)
     found = case.fit(watch=watch, interruptible=True)
     assert found.stopped
-    assert found.loss == seen[-1].loss < case.start.loss
+    assert found.loss == losses[-1] < case.start.loss
     assert found.verdict is not None
-
-
-def test_a_start_is_found_by_whatever_is_given_to_find_it(scene):
-    truth = load_pose(scene.truth, 160, 120).pose
-    photos: list[str] = []
-
-    def find(material: StartInputs) -> Start:
-        photos.append(material.photo.name)
-        return Start(truth, ("found by hand.",))
-
-    case = poseviewer.load(scene.photo, scene.model, find)
-    assert photos == [scene.photo.name]
-    assert "found by hand." in case.notes
-    rotation = case.start.pose.camera_from_model.rotation
-    np.testing.assert_allclose(rotation, truth.camera_from_model.rotation, atol=1e-12)
+    losses.clear()
+    with pytest.raises(KeyboardInterrupt):
+        case.fit(watch=watch)
+    assert len(losses) == 80
 
 
 def test_the_lines_of_the_docs_start_from_point_pairs(tmp_path, monkeypatch):

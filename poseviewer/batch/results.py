@@ -149,12 +149,8 @@ def load_result(folder: Path, key: str) -> JobResult | None:
     to be done, or a file that it left is gone.
     """
     try:
-        data = dict(json.loads((folder / ROWS / f"{key}.json").read_bytes()))
-        values: dict[str, Any] = {name: str(data.get(name, "")) for name in ("review", "note")}
-        values |= {name: data.get(name) for name in ("unexplained", "start_unexplained", *STDS)}
-        values |= {f.name: data[f.name] for f in fields(JobResult) if f.name not in values}
-        found = JobResult(**values)
-    except (OSError, ValueError, KeyError, TypeError):
+        found = JobResult(**json.loads((folder / ROWS / f"{key}.json").read_bytes()))
+    except (OSError, ValueError, TypeError):
         return None
     return found if all((folder / n).is_file() for n in (found.pose, found.picture)) else None
 
