@@ -52,7 +52,7 @@ def measure(folder: Path, data: Path, options: argparse.Namespace) -> None:
         printed = io.StringIO()
         quick = ["--quick"] if options.quick else []
         with redirect_stdout(printed):
-            _run("bench", "--markdown", "--json", folder / "bench.json", *quick)
+            _run("bench", "--json", folder / "bench.json", *quick)
         text = printed.getvalue().split("\nrows: ")[0]
         page.write_text(text.strip() + "\n", encoding="utf-8")
     for method in ("default", "paper"):

@@ -1,1 +1,0 @@
-"""Speed: evaluations, fits, maps, on each path."""
