@@ -80,15 +80,18 @@ def make_bumpy(subdivisions=4) -> Mesh:
 
 
 def make_painted() -> Mesh:
-    """A bumpy shape whose faces have one colour, several, a texture, or a texture and several."""
+    """A bumpy shape whose faces have one colour, several, or a texture and one colour."""
     mesh, random = make_bumpy(3), np.random.default_rng(6)
+    face_texture, corners = random.integers(-1, 1, len(mesh.faces)), mesh.faces.ravel()
+    colours = np.where(mesh.vertices[:, 2:] > 0.0, [0.8, 0.6, 0.7], mesh.colours)[mesh.faces]
+    colours[face_texture >= 0] = colours[face_texture >= 0, :1]
     return make_mesh(
-        mesh.vertices,
-        mesh.faces,
-        mesh.normals,
-        np.where(mesh.vertices[:, 2:] > 0.0, [0.8, 0.6, 0.7], mesh.colours),
-        uvs=mesh.vertices[:, :2] * 1.7,
-        face_texture=random.integers(-1, 1, len(mesh.faces)),
+        mesh.vertices[corners],
+        np.arange(len(corners)).reshape(-1, 3),
+        mesh.normals[corners],
+        colours.reshape(-1, 3),
+        uvs=mesh.vertices[corners, :2] * 1.7,
+        face_texture=face_texture,
         textures=(make_waves(48, 64),),
     )
 

@@ -12,7 +12,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl.renderer import OpenGLRenderer
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
-from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup
+from tests.meshes import make_box, make_bumpy, make_painted, make_soup
 from tests.opengl import require_opengl
 
 WIDTH, HEIGHT = 320, 240
@@ -22,24 +22,6 @@ POSES = 40
 @pytest.fixture(autouse=True, scope="module")
 def _opengl():
     require_opengl()
-
-
-def make_textured() -> Mesh:
-    """A bumpy shape with two textures and faces without, at many scales of the texture."""
-    mesh = make_bumpy(3)
-    random = np.random.default_rng(5)
-    textures = tuple(
-        random.integers(0, 256, (h, w, 3), dtype=np.uint8) for w, h in [(300, 200), (64, 64)]
-    )
-    return make_mesh(
-        mesh.vertices,
-        mesh.faces,
-        mesh.normals,
-        mesh.colours,
-        uvs=mesh.vertices[:, :2] * 1.7,
-        face_texture=random.integers(-1, 2, len(mesh.faces)),
-        textures=textures,
-    )
 
 
 def make_poses(mesh: Mesh, seed: int) -> list[Pose]:
@@ -72,8 +54,8 @@ def angles_deg(a: AttributeImage, b: AttributeImage, where: np.ndarray) -> np.nd
 @pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
 @pytest.mark.parametrize(
     "mesh",
-    [make_box(), make_bumpy(), make_soup(3), make_textured(), make_painted()],
-    ids=["sharp", "smooth", "soup", "textured", "painted"],
+    [make_box(), make_bumpy(), make_soup(3), make_painted()],
+    ids=["sharp", "smooth", "soup", "painted"],
 )
 def test_software_matches_opengl(mesh, two_sided):
     opengl, software = OpenGLRenderer(mesh, two_sided), SoftwareRenderer(mesh, two_sided)

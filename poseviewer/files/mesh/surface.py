@@ -73,6 +73,7 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) 
         _turn_to_normals(surface)
     if not len(surface.normals):
         _compute_normals(surface)
+    _tint_textures_evenly(surface)
     used, faces = np.unique(surface.faces, return_inverse=True)
     surface.copy_vertices(used, faces.reshape(-1, 3), surface.normals[used])
     return Mesh(
@@ -206,6 +207,22 @@ def _turn_to_normals(surface: _Surface) -> None:
     surface.faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
     normals = np.concatenate([normals, np.repeat(face_normals[which], 3, axis=0)])
     surface.copy_vertices(source, surface.faces, normals)
+
+
+def _tint_textures_evenly(surface: _Surface) -> None:
+    """Give each textured face one colour to multiply its texture by, the mean of its corners'."""
+    colours = surface.colours[surface.faces]
+    varies = np.any(colours != colours[:, :1], axis=(1, 2))
+    which, count = np.flatnonzero(varies & (surface.face_texture >= 0)), len(surface.vertices)
+    if not len(which):
+        return
+    source = np.concatenate([np.arange(count), surface.faces[which].ravel()])
+    surface.faces = surface.faces.copy()
+    surface.faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
+    surface.copy_vertices(source, surface.faces, surface.normals[source])
+    surface.colours[count:] = np.repeat(colours[which].mean(axis=1), 3, axis=0)
+    note = "Textured triangles with different colours at their corners, shown in the mean of these:"
+    surface.notes.append(f"{note} {len(which):,}.")
 
 
 def _compute_normals(surface: _Surface) -> None:

@@ -42,7 +42,6 @@ PARAMETERS = (
     "photo_width",
     "stride",
     "channels",
-    "kind",
     "attributes",
     "terms",
     "record",

@@ -19,8 +19,7 @@ struct Params {
     photo_width: u32,
     stride: u32, // numbers for each pixel of the photo: F, weight, and label, edges (2) if has_edges
     channels: u32, // of F
-    kind: u32, // of M: 0 (g, g n), 1 (k, k n) of each colour k, 2 (R, G, B, g n), with grey g
-    attributes: u32, // how many M has, but the one that is 1 on the model
+    attributes: u32, // of M, but the one that is 1 on the model: 4, or 6 if has_edges
     terms: u32,
     record: u32, // numbers that a group gives
     has_edges: u32,
@@ -61,10 +60,10 @@ const TILE = vec2<i32>(16, 8);
 const PIXELS = 128u;
 const RIM = 52u;
 const SPAN = 18u; // columns of a tile with its rim
-const SLOTS = 17u; // F (3), M (12), 1, weight
+const SLOTS = 11u; // F (3), M (6), 1, weight
 const FIRST = 3u;
-const ONE = 15u;
-const WEIGHT = 16u;
+const ONE = 9u;
+const WEIGHT = 10u;
 const ANY_CLASS = 255u;
 const COUNT = 254u; // pixels, not weights
 const SHOWN = 128u;
@@ -317,18 +316,12 @@ fn shaded(pose: u32, face: u32, column: i32, row: i32) -> Surface {
     let total = w.x + w.y + w.z;
     let shares = w / total;
     let texture = faces[5u * face + 3u];
-    let colours = array(of_corner(face, 0u, 6u), of_corner(face, 1u, 6u), of_corner(face, 2u, 6u));
-    var paints = shares;
-    if texture >= 0 && any((colours[1] != colours[0]) | (colours[2] != colours[0])) {
-        let inside = max(exact * sign(exact.x + exact.y + exact.z), vec3<f32>(0.0));
-        paints = inside / max(inside.x + inside.y + inside.z, 1e-30);
-    }
     var seen: Surface;
     var uv: vec2<f32>;
     for (var k = 0u; k < 3u; k++) {
         seen.normal += shares[k] * of_corner(face, k, 3u);
-        seen.colour += paints[k] * colours[k];
-        uv += paints[k] * of_corner(face, k, 8u).yz;
+        seen.colour += shares[k] * of_corner(face, k, 6u);
+        uv += shares[k] * of_corner(face, k, 8u).yz;
     }
     let side = -sign(total) / sqrt(max(dot(seen.normal, seen.normal), 1e-30));
     seen.normal *= side; // to the side that is seen
@@ -355,7 +348,7 @@ var<workgroup> shown: array<vec4<f32>, 180>; // normal and grey of a tile with i
 var<workgroup> covered: array<f32, 180>;
 var<workgroup> values: array<f32, SLOTS * PIXELS>;
 var<workgroup> labels: array<u32, PIXELS>;
-var<workgroup> origin: array<f32, 12>;
+var<workgroup> origin: array<f32, 6>;
 var<workgroup> told: array<u32, PIXELS>; // a pixel that counts; SHOWN: none here; NOTHING is shown
 
 fn show(place: u32, id: u32, seen: Surface) {
@@ -365,12 +358,9 @@ fn show(place: u32, id: u32, seen: Surface) {
 
 fn model_value(seen: Surface, index: u32) -> f32 {
     let grey = dot(GREY, seen.colour);
-    if params.kind == 0u {
+    // (g, g n), or (R, G, B, g n), with grey g
+    if params.has_edges == 0u {
         return select(grey, grey * seen.normal[max(index, 1u) - 1u], index > 0u);
-    }
-    if params.kind == 1u {
-        let k = seen.colour[index / 4u];
-        return select(k, k * seen.normal[max(index % 4u, 1u) - 1u], index % 4u > 0u);
     }
     return select(seen.colour[min(index, 2u)], grey * seen.normal[max(index, 3u) - 3u], index > 2u);
 }
@@ -404,7 +394,7 @@ fn shade(
     let p = &poses[pose];
     let tiles = (vec2<i32>((*p).width, (*p).height) + TILE - 1) / TILE;
     let place = (local.y + 1u) * SPAN + local.x + 1u;
-    var found = array<f32, 3>(0.0, 0.0, 0.0);
+    var found = array<f32, 2>(0.0, 0.0);
     var has_origin = false;
     for (var tile = i32(group.x); tile < tiles.x * tiles.y; tile += i32(groups.x)) {
         let first = vec2<i32>((*p).left, (*p).top) + TILE * vec2<i32>(tile % tiles.x, tile / tiles.x);
@@ -481,7 +471,7 @@ fn shade(
             labels[lane] = u32(photo[pixel + params.channels + 1u]);
         }
         workgroupBarrier();
-        for (var k = 0u; k < 3u; k++) {
+        for (var k = 0u; k < 2u; k++) {
             let term = k * PIXELS + lane;
             if term < params.terms {
                 let one = terms[3u * term];
@@ -508,7 +498,7 @@ fn shade(
     if lane < params.attributes {
         sums[record + lane] = select(0.0, origin[lane], has_origin);
     }
-    for (var k = 0u; k < 3u; k++) {
+    for (var k = 0u; k < 2u; k++) {
         let term = k * PIXELS + lane;
         if term < params.terms {
             sums[record + params.attributes + term] = found[k];

@@ -100,7 +100,7 @@ POSE = np.dtype(
     ]
 )
 """The shader's ``Pose``; the box is left, top, width, height."""
-ONE, ATTRIBUTE = 15, 3
+ONE, ATTRIBUTE = 9, 3
 """Slots of a pixel's values in the shader, from 0 on F: the 1 on the model, and M."""
 ANY_CLASS, COUNT = 255, 254
 """In the place of a term's class: all pixels; the number of pixels, whatever they weigh."""
@@ -178,7 +178,7 @@ class GpuRenderer(SoftwareRenderer):
         if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in on_level):
             raise ValueError("the pose's camera and the photo differ in size")
         device, found = self.device, {}
-        if not device.lost and len(self._surface.faces):
+        if not device.lost and not photo.colour_reflectance:
             try:
                 found = self._on_device(on_level, photo)
             except device.errors as error:
@@ -209,7 +209,6 @@ class GpuRenderer(SoftwareRenderer):
             "photo_width": photo.weights.shape[1],
             "stride": photo.channels.shape[2] + (1 if photo.structure is None else 4),
             "channels": photo.channels.shape[2],
-            "kind": sums.kind,
             "attributes": sums.attributes,
             "terms": len(sums.terms),
             "record": sums.attributes + len(sums.terms) + 2,
@@ -251,13 +250,14 @@ class GpuRenderer(SoftwareRenderer):
         return boxes
 
     def _uploaded(self, device: Device) -> _Model:
-        surface, (texels, table) = self._surface, self._textures
-        areas = self._texel_areas[surface.order].astype(np.float32).view(np.int32)
-        faces = np.column_stack([surface.faces, surface.face_texture, areas])
-        low, high = self.mesh.bounds
+        mesh, order, (texels, table) = self.mesh, self._surface.order, self._textures
+        areas = self._texel_areas[order].astype(np.float32).view(np.int32)
+        faces = np.column_stack([mesh.faces[order], mesh.face_texture[order], areas])
+        corners = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
+        low, high = mesh.bounds
         return _Model(
             device,
-            device.upload(np.column_stack([surface.vertices.T, surface.vertex_data])),
+            device.upload(np.column_stack(corners).astype(np.float32)),
             device.upload(faces.astype(np.int32)),
             device.upload(texels.astype(np.float32)),
             device.upload(table.astype(np.uint32)),
@@ -304,10 +304,8 @@ class Sums:
     """Which sums over the pixels the GPU gives, and the moments from them."""
 
     photo: PhotoAttributes
-    kind: int
-    """Of the attributes, as the shader numbers them."""
     attributes: int
-    """Of the model, but the last one that is 1 on it."""
+    """Number of the model's attributes, but the last one that is 1 on it: 4, with a structure 6."""
     terms: NDArray[np.uint32]
     """(t, 3): two slots of a pixel's values whose product is summed, and of which class; first the
     number of pixels, then products of 1, M and F, then by class those of 1 and M.
@@ -318,8 +316,7 @@ class Sums:
     @classmethod
     def of(cls, photo: PhotoAttributes) -> Sums:
         """Those that a photo needs."""
-        kind = 1 if photo.colour_reflectance else 0 if photo.structure is None else 2
-        attributes, channels = (4, 12, 6)[kind], photo.channels.shape[2]
+        attributes, channels = 4 if photo.structure is None else 6, photo.channels.shape[2]
         slots = [ONE, *(ATTRIBUTE + k for k in range(attributes)), *range(channels)]
         of_model = 1 + attributes
         pairs = [
@@ -331,7 +328,7 @@ class Sums:
         if photo.structure is not None:
             classes = range(len(photo.structure.shares))
             terms += [(ONE, slot, one) for one in classes for slot in slots[:of_model]]
-        return cls(photo, kind, attributes, np.array(terms, np.uint32), np.array(pairs).T)
+        return cls(photo, attributes, np.array(terms, np.uint32), np.array(pairs).T)
 
     def moments(self, raw: NDArray[np.float32], rotations: FloatArray) -> list[Moments]:
         """Of each pose, from what its workgroups summed up (poses, groups, record), normals turned
@@ -418,10 +415,9 @@ class Sums:
 
     def _turn(self, rotations: FloatArray) -> FloatArray:
         """(poses, m + 1, m + 1): turns the normals among the attributes."""
-        turn = np.tile(np.eye(self.attributes + 1), (len(rotations), 1, 1))
-        first, step = (3, 6) if self.kind == 2 else (1, 4)
-        for at in range(first, self.attributes, step):
-            turn[:, at : at + 3, at : at + 3] = rotations
+        m = self.attributes
+        turn = np.tile(np.eye(m + 1), (len(rotations), 1, 1))
+        turn[:, m - 3 : m, m - 3 : m] = rotations
         return turn
 
 

@@ -99,7 +99,6 @@ class _Blank(SoftwareRenderer):
 
     def _rasterise(self, pose: Pose) -> Box:
         self._make_picture(pose.camera.width, pose.camera.height)
-        self._camera = np.zeros(17)
         return (0, 0, 0, 0)
 
 

@@ -48,9 +48,9 @@ SMALL = 64 * SUBPIXELS
 OFF_SCREEN = np.int32(-(1 << 31))
 """The place of a vertex behind the near plane or beyond the guard band."""
 NO_FACE = np.int32(-1)
-PLAIN, GRADED, MAPPED, BOTH = 0, 1, 2, 3
+PLAIN, GRADED, MAPPED = 0, 1, 2
 """Where a face has its reflectance from: one colour, colours at its corners, a texture and one
-colour, a texture and colours at its corners. Negative they stand where there is no colour yet."""
+colour. Negative they stand where there is no colour yet."""
 COLUMN_OF, ROW_OF, GREY, PLANE, PAINT = 12, 13, 15, 16, 12
 """The entries of a face's plane that are the pixel which its first three are of, and its grey
 reflectance; how many entries there are, and how many of its paint."""

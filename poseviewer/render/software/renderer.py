@@ -16,6 +16,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.mesh import Mesh, kept_lately
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
@@ -78,7 +79,7 @@ class SoftwareRenderer:
             box,
             self._ids,
             self._of_faces,
-            (self._of_model, self._camera, self._textures),
+            self._of_textures,
             pose.camera_from_model.rotation,
             self._of_row(0),
             reflectance,
@@ -104,7 +105,8 @@ class SoftwareRenderer:
         return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """The joint moments, added up in the kernel: no picture of the attributes is made.
+        """The joint moments, added up in the kernel: no picture of the attributes is made, but for
+        ``colour_reflectance``.
 
         Raises:
             ValueError: the pose's camera has another picture size than the photo.
@@ -112,6 +114,8 @@ class SoftwareRenderer:
         pose = level_pose(pose, photo.factor)
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
+        if photo.colour_reflectance:
+            return moments_of_images(self.render(pose), photo)
         if photo.structure is not None:
             return self._structure_moments(pose, photo, photo.structure)
         box = self._rasterise(pose)
@@ -123,7 +127,7 @@ class SoftwareRenderer:
             box,
             self._ids,
             self._of_faces,
-            (self._of_model, self._camera, self._textures),
+            self._of_textures,
             (photo.planar, photo.weights),
             photo.origin,
             photo.model_channels,
@@ -144,7 +148,7 @@ class SoftwareRenderer:
             box,
             self._ids,
             self._of_faces,
-            (self._of_model, self._camera, self._textures),
+            self._of_textures,
             (photo.planar, structure.labels, photo.weights),
             fixed.edges,
             pose.camera_from_model.rotation,
@@ -213,7 +217,7 @@ class SoftwareRenderer:
             rasterise.make_chunk(),
         )
         self._of_faces = planes, colours, bool(varied.any()), paints, levels
-        self._of_model = surface.vertices, surface.faces, surface.vertex_data, surface.face_texture
+        self._of_textures = surface.colours, surface.face_texture, *self._textures
         self._make_picture(0, 0)
 
     def _make_picture(self, width: int, height: int) -> None:
@@ -231,8 +235,8 @@ class SoftwareRenderer:
 
     def _of_row(self, channels: int) -> tuple[NDArray[np.float32], ...]:
         """The workspace of ``shade``, with n ``channels`` of a photo."""
-        if len(self._run) < channels + 14:
-            self._run = np.empty((channels + 14, self._run.shape[1]), np.float32)
+        if len(self._run) < channels + 6:
+            self._run = np.empty((channels + 6, self._run.shape[1]), np.float32)
         return self._normals, self._run, self._paint
 
     def _structure_workspace(self, photo: PhotoAttributes) -> tuple[Any, ...]:
@@ -255,11 +259,10 @@ class SoftwareRenderer:
         camera = pose.camera
         if self._size != (camera.width, camera.height):
             self._make_picture(camera.width, camera.height)
-        self._camera = camera_numbers(pose, self._surface.centre, self._near)
         self._drawn = rasterise.rasterise(
             self._drawn,
             (self._surface.vertices, self._surface.faces, self._surface.normals),
-            self._camera,
+            camera_numbers(pose, self._surface.centre, self._near),
             self.two_sided,
             camera.width,
             self._workspace,

@@ -1,13 +1,13 @@
 """The attributes of what each pixel shows, row by row. Arrays in, arrays out, without the GIL.
 
 What of a face is linear in the picture stands in its plane and its paint, see ``rasterise``; so a
-pixel needs no corners, but where both a texture and colours at the corners tell the reflectance.
+pixel needs no corners.
 
 Arguments that kernels share: ``of_faces`` is (planes, colours (F + 1, 3), whether any reflectance
-varies within a face, paints, levels of the faces' textures); ``of_model`` is (surface, camera,
-textures): the surface (vertices (3, V), faces (F, 3), vertex data (V, 8) float32: normal, RGB, UV,
-and texture of each face (F,)), the textures as ``flatten_textures`` gives them; ``workspace`` is
-for a row of pixels: (3, width), (n + 14, width) and (3, width) float32.
+varies within a face, paints, levels of the faces' textures); ``textures`` is (tints (F + 1, 3) that
+a face's texture is multiplied by, the texture of each face (F,), texels and table as
+``flatten_textures`` gives them); ``workspace`` is for a row of pixels: (3, width), (n + 6, width)
+and (3, width) float32.
 """
 
 from __future__ import annotations
@@ -56,86 +56,12 @@ def _sample(texels, offset, width, height, u, v):
 
 
 @_jit
-def _project(vertices, camera, index):
-    """(X, Y, W) of a vertex, u = X / W, v = Y / W."""
-    a, b, c = vertices[0, index], vertices[1, index], vertices[2, index]
-    x = camera[0] * a + camera[1] * b + camera[2] * c + camera[9]
-    y = camera[3] * a + camera[4] * b + camera[5] * c + camera[10]
-    z = camera[6] * a + camera[7] * b + camera[8] * c + camera[11]
-    w = z if camera[16] > 0.0 else 1.0
-    return camera[12] * x + camera[14] * w, camera[13] * y + camera[15] * w, w
-
-
-@_jit
-def _edge(one, two):
-    """(p, q, r): the edge through two corners is ``p + q u + r v``, 0 on it."""
-    (xa, ya, wa), (xb, yb, wb) = one, two
-    return xa * yb - xb * ya, wb * ya - wa * yb, wa * xb - wb * xa
-
-
-@_jit
-def _set_up(face, level, surface, camera, textures):
-    """What all pixels of a face share: corners, edges, and offset, width, height of its texture.
-
-    With homogeneous corners and ``x_i = X_i - u W_i``, ``y_i = Y_i - v W_i`` the shares of a point
-    are ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic, linear in u and v (Olano and Greer, *Triangle scan
-    conversion using 2D homogeneous coordinates*, 1997), also where the face reaches behind the
-    camera.
-    """
-    (vertices, faces, _, face_texture), (_, table) = surface, textures
-    f = np.uint32(face)
-    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-    one, two = _project(vertices, camera, a), _project(vertices, camera, b)
-    three = _project(vertices, camera, c)
-    edges = _edge(two, three), _edge(three, one), _edge(one, two)
-    offset, width, height = table[face_texture[f], level]
-    return (a, b, c), edges, (offset, width, height)
-
-
-@_jit
-def _shares(u, v, edges):
-    """The point of a face at (u, v): three shares that sum to 1."""
-    (pa, qa, ra), (pb, qb, rb), (pc, qc, rc) = edges
-    la, lb, lc = pa + qa * u + ra * v, pb + qb * u + rb * v, pc + qc * u + rc * v
-    side = 1.0 if la + lb + lc > 0.0 else -1.0
-    # Snapping may put the pixel centre just outside the exact triangle: stay on it.
-    la, lb, lc = max(side * la, 0.0), max(side * lb, 0.0), max(side * lc, 0.0)
-    total = la + lb + lc
-    if total == 0.0:  # seen exactly edge-on; snapping alone made it visible
-        return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    return la / total, lb / total, lc / total
-
-
-@_jit
-def _reflectance(u, v, vertex_data, texels, corners, edges, texture):
-    """RGB at (u, v) of a face that is set up: vertex colour times the texture's."""
-    la, lb, lc = _shares(u, v, edges)
-    a, b, c = vertex_data[corners[0]], vertex_data[corners[1]], vertex_data[corners[2]]
-    red = la * a[3] + lb * b[3] + lc * c[3]
-    green = la * a[4] + lb * b[4] + lc * c[4]
-    blue = la * a[5] + lb * b[5] + lc * c[5]
-    offset, width, height = texture
-    s, t = la * a[6] + lb * b[6] + lc * c[6], la * a[7] + lb * b[7] + lc * c[7]
-    r, g, b_ = _sample(texels, offset, width, height, s, t)
-    return red * r, green * g, blue * b_
-
-
-@_jit
-def _textured(face, level, u, v, of_model):
+def _textured(face, level, u, v, textures):
     """RGB of a MAPPED face at a point of its texture."""
-    (_, faces, vertex_data, face_texture), _, (texels, table) = of_model
+    tints, face_texture, texels, table = textures
     offset, width, height = table[face_texture[face], level]
     r, g, b = _sample(texels, offset, width, height, u, v)
-    colour = vertex_data[np.uint32(faces[face, 0])]
-    return r * colour[3], g * colour[4], b * colour[5]
-
-
-@_jit
-def _of_both(face, level, column, row, of_model):
-    """RGB of a face of the kind BOTH at a pixel."""
-    surface, camera, textures = of_model
-    corners, edges, texture = _set_up(face, level, surface, camera, textures)
-    return _reflectance(column + 0.5, row + 0.5, surface[2], textures[0], corners, edges, texture)
+    return r * tints[face, 0], g * tints[face, 1], b * tints[face, 2]
 
 
 @_jit
@@ -155,7 +81,7 @@ def span(ids, row, left, right):
 
 
 @_jit
-def shade(box, ids, of_faces, of_model, rotation, workspace, reflectance, normals):
+def shade(box, ids, of_faces, textures, rotation, workspace, reflectance, normals):
     """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures,
     normals turned by ``rotation`` (3, 3).
     """
@@ -165,7 +91,7 @@ def shade(box, ids, of_faces, of_model, rotation, workspace, reflectance, normal
     for row in range(top, bottom):
         begin, end = span(ids, row, left, right)
         faces = ids[row, begin:end]
-        fill_row(row, begin, faces, of_faces, of_model, 3, workspace, 0)
+        fill_row(row, begin, faces, of_faces, textures, 3, workspace, 0)
         for k in range(end - begin):
             if faces[k] < 0:
                 continue
@@ -176,15 +102,15 @@ def shade(box, ids, of_faces, of_model, rotation, workspace, reflectance, normal
                 normals[row, begin + k, axis] = scale * (
                     rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
                 )
-                reflectance[row, begin + k, axis] = run[4 * axis, k]
+                reflectance[row, begin + k, axis] = run[axis, k]
 
 
 @_jit
-def fill_row(row, first, faces, of_faces, of_model, count, workspace, at):
+def fill_row(row, first, faces, of_faces, textures, count, workspace, at):
     """Normals (of any length, in the model's frame) and reflectance of a row's pixels.
 
-    The grey reflectance stands in row ``at`` of ``run``, or R, G and B (``count`` 3) in rows
-    ``at``, ``at`` + 4 and ``at`` + 8.
+    The grey reflectance stands in row ``at`` of ``run``, or R, G and B (``count`` 3) in three rows
+    from ``at`` on.
     """
     planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
     normals, run, _ = workspace
@@ -200,15 +126,15 @@ def fill_row(row, first, faces, of_faces, of_model, count, workspace, at):
         grey[k] = planes[face, GREY]
     if count == 3:
         for colour in range(3):
-            out = run[at + 4 * colour]
+            out = run[at + colour]
             for k in range(size):
                 out[k] = colours[np.uint64(faces[k] if faces[k] >= 0 else none), colour]
     if varies:
-        _fill_varied(row, first, faces, of_faces, of_model, count, workspace, at)
+        _fill_varied(row, first, faces, of_faces, textures, count, workspace, at)
 
 
 @_jit
-def _fill_varied(row, first, faces, of_faces, of_model, count, workspace, at):
+def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
     """The reflectance of those of a row's pixels where it varies within the face: they have the
     face's kind there, negative.
     """
@@ -232,9 +158,7 @@ def _fill_varied(row, first, faces, of_faces, of_model, count, workspace, at):
         y[k] = (paints[face, 1] + du * paints[face, 5] + dv * paints[face, 9]) / w
         z[k] = (paints[face, 2] + du * paints[face, 6] + dv * paints[face, 10]) / w
         if kinds[k] == _MAPPED:
-            x[k], y[k], z[k] = _textured(face, levels[face], x[k], y[k], of_model)
-        elif kinds[k] < _MAPPED:
-            x[k], y[k], z[k] = _of_both(face, levels[face], first + k, row, of_model)
+            x[k], y[k], z[k] = _textured(face, levels[face], x[k], y[k], textures)
         x[k], y[k], z[k] = _bounded(x[k]), _bounded(y[k]), _bounded(z[k])
     for k in range(size):
         if kinds[k] >= _ZERO:
@@ -242,11 +166,11 @@ def _fill_varied(row, first, faces, of_faces, of_model, count, workspace, at):
         if count == 1:
             kinds[k] = _RED * x[k] + _GREEN * y[k] + _BLUE * z[k]
         else:
-            kinds[k], run[at + 4, k], run[at + 8, k] = x[k], y[k], z[k]
+            kinds[k], run[at + 1, k], run[at + 2, k] = x[k], y[k], z[k]
 
 
 @_jit
-def fill_planes(box, ids, of_faces, of_model, workspace, spans, out):
+def fill_planes(box, ids, of_faces, textures, workspace, spans, out):
     """Attributes of all visible pixels inside ``box`` as planes, normals in the model's frame.
 
     ``out`` (8, height + 2, width + 2): unit normals, grey reflectance, 1 where the model is, and R,
@@ -263,7 +187,7 @@ def fill_planes(box, ids, of_faces, of_model, workspace, spans, out):
         spans[row, 0], spans[row, 1] = begin, end
         if begin < end:
             faces = ids[row, begin:end]
-            fill_row(row, begin, faces, of_faces, of_model, 3, workspace, 0)
+            fill_row(row, begin, faces, of_faces, textures, 3, workspace, 0)
             _write_planes(row + 1, begin + 1, faces, nx, ny, nz, run, out)
 
 
@@ -277,10 +201,10 @@ def _write_planes(row, begin, faces, x, y, z, run, out):
         scale = np.float32(1.0) / math.sqrt(max(square, TINY))
         nx[p], ny[p], nz[p] = scale * x[p], scale * y[p], scale * z[p]
         covered[p] = np.float32(1.0) if faces[p] >= 0 else none
-    r, g, b = run[0], run[4], run[8]
+    r, g, b = run[0], run[1], run[2]
     for p in range(size):
         grey[p] = _RED * r[p] + _GREEN * g[p] + _BLUE * b[p] if faces[p] >= 0 else none
     for colour in range(3):
-        channel, value = out[5 + colour, row, begin:end], run[4 * colour]
+        channel, value = out[5 + colour, row, begin:end], run[colour]
         for p in range(size):
             channel[p] = value[p] if faces[p] >= 0 else none

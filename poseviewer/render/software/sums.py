@@ -21,7 +21,6 @@ from poseviewer.render.software.shade import TINY, fill_planes, fill_row, span
 
 GREY, COVERAGE, RED, PLANES = 3, 4, 5, 8  # planes; 0 to 2 are the normal
 EDGE_PLANES = 5  # edges are found in the first five
-COLOURED = 13  # attributes, where each colour has shades of its own
 
 _jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
@@ -30,17 +29,17 @@ _jit_fast: Any = kernel(fastmath=True)
 
 
 @_jit
-def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace, region, rotation):
+def moments(box, ids, of_faces, textures, photo, photo_origin, model, workspace, region, rotation):
     """The moments of photo and model: pixels, their weight, mean (n + m,) and covariance.
 
     Args:
         box: outside it the rasteriser found nothing.
         ids: the face of each pixel.
         of_faces: see ``shade``.
-        of_model: see ``shade``.
+        textures: see ``shade``.
         photo: F (n, height, width) and weights (height, width).
         photo_origin: (n,), subtracted from F.
-        model: m, 4 (of the grey) or 12, or 1 more: the last attribute is then 1 on the model.
+        model: m, 4 or 5: the last attribute is then 1 on the model.
         workspace: that of ``shade``, and for the weights (width,) float64.
         region: (whether P is the whole of it, and if so the ``PhotoSums``).
         rotation: (3, 3), turns normals into the camera's frame.
@@ -51,7 +50,7 @@ def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace,
     for i in range(n):  # a slice's size is looked at first, which takes long to compile
         origin[i] = photo_origin[i]
     pixels, weight = _accumulate(
-        box, ids, of_faces, of_model, photo, origin, model, workspace, first, second
+        box, ids, of_faces, textures, photo, origin, model, workspace, first, second
     )
     is_whole, region_weight, region_first, region_second = region
     if is_whole:
@@ -64,7 +63,7 @@ def moments(box, ids, of_faces, of_model, photo, photo_origin, model, workspace,
 
 
 @_jit
-def _accumulate(box, ids, of_faces, of_model, photo, origin, model, workspace, first, second):
+def _accumulate(box, ids, of_faces, textures, photo, origin, model, workspace, first, second):
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
 
     x = (F, M) - ``origin``; products of F with F are left out where P is not the model's.
@@ -76,8 +75,7 @@ def _accumulate(box, ids, of_faces, of_model, photo, origin, model, workspace, f
     normals, run, _ = of_row
     planar, weights = photo
     n = planar.shape[0]
-    count, whole = (1 if model < 12 else 3), model in (5, 13)
-    at_model = 1 + n
+    whole, at_model = model == 5, 1 + n
     left, top, right, bottom = box
     pixels, total = 0, 0.0
     for row in range(top, bottom):
@@ -90,16 +88,16 @@ def _accumulate(box, ids, of_faces, of_model, photo, origin, model, workspace, f
         )
         if seen == 0:
             continue
-        fill_row(row, begin, faces, of_faces, of_model, count, of_row, at_model)
-        _fill_products(end - begin, count, normals, run, at_model)
+        fill_row(row, begin, faces, of_faces, textures, 1, of_row, at_model)
+        _fill_products(end - begin, normals, run, at_model)
         if pixels == 0:
-            _find_means(end - begin, weight, n, count, run, origin)
-        _centre(end - begin, n, count, run, origin)
-        _add_row(end - begin, n, count, whole, weighted, run, first, second)
+            _find_means(end - begin, weight, n, run, origin)
+        _centre(end - begin, n, run, origin)
+        _add_row(end - begin, n, whole, weighted, run, first, second)
         pixels += seen
         total += weight
     if whole:  # sums with the attribute that is 1 on the model are those without it
-        last = n + 4 * count
+        last = n + 4
         for i in range(last):
             second[last, i] += first[i]
         first[last] += total
@@ -133,30 +131,28 @@ def _gather_photo(faces, weights, planar, row, first, origin, run):
 
 
 @_jit_sums
-def _fill_products(size, count, normals, run, at_model):
+def _fill_products(size, normals, run, at_model):
     """One over the normals' lengths, and reflectance times unit normals less their origin."""
-    scale = run[at_model + 4 * count, :size]
+    scale = run[at_model + 4, :size]
     x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
     for p in range(size):
         square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
         scale[p] = np.float32(1.0) / math.sqrt(max(square, TINY))
-    for colour in range(count):
-        at = at_model + 4 * colour
-        k = run[at, :size]
-        kx, ky, kz = run[at + 1, :size], run[at + 2, :size], run[at + 3, :size]
-        for p in range(size):
-            kx[p] = k[p] * (scale[p] * x[p])
-            ky[p] = k[p] * (scale[p] * y[p])
-            kz[p] = k[p] * (scale[p] * z[p])
+    k, kx = run[at_model, :size], run[at_model + 1, :size]
+    ky, kz = run[at_model + 2, :size], run[at_model + 3, :size]
+    for p in range(size):
+        kx[p] = k[p] * (scale[p] * x[p])
+        ky[p] = k[p] * (scale[p] * y[p])
+        kz[p] = k[p] * (scale[p] * z[p])
 
 
 @_jit_sums
-def _find_means(size, weight, n, count, run, origin):
+def _find_means(size, weight, n, run, origin):
     """The model attributes' means over a row: sums about them keep their digits where the
     attributes hardly vary.
     """
     used = run[0, :size]
-    for j in range(n, n + 4 * count):
+    for j in range(n, n + 4):
         row, total = run[1 + j, :size], np.float32(0.0)
         for p in range(size):
             total += used[p] * row[p]
@@ -164,19 +160,19 @@ def _find_means(size, weight, n, count, run, origin):
 
 
 @_jit_sums
-def _centre(size, n, count, run, origin):
+def _centre(size, n, run, origin):
     """Take model attributes about their origin."""
-    for j in range(n, n + 4 * count):
+    for j in range(n, n + 4):
         row, mean = run[1 + j, :size], np.float32(origin[j])
         for p in range(size):
             row[p] -= mean
 
 
 @_jit_sums
-def _add_row(length, n, count, whole, weighted, run, first, second):
+def _add_row(length, n, whole, weighted, run, first, second):
     """Add the sums over a row of pixels, in float64: near-singular covariances need the digits."""
     weights, weighted = run[0, :length], weighted[:length]
-    for i in range(n + 4 * count):
+    for i in range(n + 4):
         row, mine = run[1 + i, :length], 0.0
         for p in range(length):
             weighted[p] = np.float64(weights[p]) * np.float64(row[p])
@@ -210,12 +206,12 @@ def _from_sums(n, weight, first, second, origin, rotation):
         for j in range(i + 1):
             second[i, j] = second[j, i] = second[i, j] / weight - mean[i] * mean[j]
     mean += origin
-    for at in range(n + 1, size - 2, 4):
-        _turn(rotation, mean[at : at + 3])
-        for i in range(size):
-            _turn(rotation, second[at : at + 3, i])
-        for i in range(size):
-            _turn(rotation, second[i, at : at + 3])
+    at = n + 1
+    _turn(rotation, mean[at : at + 3])
+    for i in range(size):
+        _turn(rotation, second[at : at + 3, i])
+    for i in range(size):
+        _turn(rotation, second[i, at : at + 3])
     for i in range(size):
         for j in range(i):
             second[i, j] = second[j, i]
@@ -244,7 +240,7 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
 
 
 @_jit
-def structure_sums(box, ids, of_faces, of_model, photo, target, rotation, noise, taps, workspace):
+def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise, taps, workspace):
     """Sums where classes and edges are compared: how many pixels count, and the sums over P of
     ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
 
@@ -257,7 +253,7 @@ def structure_sums(box, ids, of_faces, of_model, photo, target, rotation, noise,
     """
     of_row, (spans, planes), (run, joint, second), (rows, across) = workspace
     channels, labels, weights = photo
-    fill_planes(box, ids, of_faces, of_model, of_row, spans, planes)
+    fill_planes(box, ids, of_faces, textures, of_row, spans, planes)
     pixels = _class_sums(spans, planes, weights, channels, labels, rotation, run, joint, second)
     dot, square = _edge_sums(spans, planes, noise, taps, weights, target, rows, across)
     return pixels, dot, square
@@ -267,13 +263,12 @@ def structure_sums(box, ids, of_faces, of_model, photo, target, rotation, noise,
 def _class_sums(spans, planes, weights, photo, labels, rotation, run, joint, second):
     """Sums of ``F M^T`` (n + classes, m) and ``M M^T`` (m, m); returns how many pixels count.
 
-    F is the ``photo`` (n, height, width), and the memberships in the classes. M (13,) is
-    ``(k, k n)`` of each colour k, or (7,) the three colours and ``g n`` of their grey g; last the 1
-    of a pixel that the model covers. The normal n is turned by ``rotation`` (3, 3). ``run``
+    F is the ``photo`` (n, height, width), and the memberships in the classes. M (7,) is the three
+    colours and ``g n`` of their grey g; last the 1 of a pixel that the model covers. The normal n
+    is turned by ``rotation`` (3, 3). ``run``
     (n + m + 1, width) float64 is the workspace for a row.
     """
     channels, size = photo.shape[0], second.shape[0]
-    first, step = (1, 4) if size == COLOURED else (3, size)  # where the shades of a colour are
     joint[:], second[:] = 0.0, 0.0
     pixels = 0
     for row in range(spans.shape[0]):
@@ -286,14 +281,12 @@ def _class_sums(spans, planes, weights, photo, labels, rotation, run, joint, sec
     for i in range(size):
         for j in range(i):
             second[j, i] = second[i, j]
-    for at in range(first, size - 1, step):
-        for i in range(joint.shape[0]):
-            _turn(rotation, joint[i, at : at + 3])
-        for i in range(size):
-            _turn(rotation, second[i, at : at + 3])
-    for at in range(first, size - 1, step):
-        for i in range(size):
-            _turn(rotation, second[at : at + 3, i])
+    for i in range(joint.shape[0]):
+        _turn(rotation, joint[i, 3:6])
+    for i in range(size):
+        _turn(rotation, second[i, 3:6])
+    for i in range(size):
+        _turn(rotation, second[3:6, i])
     return pixels
 
 
@@ -308,19 +301,14 @@ def _fill_row(row, begin, end, planes, weights, photo, attributes, run):
         counts = (weight[p] > np.float32(0.0)) & (covered[p] > np.float32(0.0))
         ones[p] = np.float64(weight[p]) if counts else 0.0
         pixels += 1 if counts else 0
-    coloured = attributes == COLOURED
-    for channel in range(3):
-        colour = planes[RED + channel, row + 1, begin + 1 : end + 1]
-        k = run[4 * channel if coloured else channel, :size]
+    grey = planes[GREY, row + 1, begin + 1 : end + 1]
+    for k in range(3):
+        colour, out = planes[RED + k, row + 1, begin + 1 : end + 1], run[k, :size]
         for p in range(size):
-            k[p] = np.float64(colour[p])
-    for block in range(3 if coloured else 1):
-        shade = planes[RED + block if coloured else GREY, row + 1, begin + 1 : end + 1]
-        for axis in range(3):
-            normal = planes[axis, row + 1, begin + 1 : end + 1]
-            lit = run[(4 * block + 1 if coloured else 3) + axis, :size]
-            for p in range(size):
-                lit[p] = np.float64(shade[p]) * np.float64(normal[p])
+            out[p] = np.float64(colour[p])
+        normal, lit = planes[k, row + 1, begin + 1 : end + 1], run[3 + k, :size]
+        for p in range(size):
+            lit[p] = np.float64(grey[p]) * np.float64(normal[p])
     for channel in range(photo.shape[0]):
         value, seen = run[attributes + channel, :size], photo[channel, row, begin:end]
         for p in range(size):

@@ -26,8 +26,6 @@ class Surface:
     """(3, V) about ``centre``."""
     faces: NDArray[np.int32]
     """(F, 3) indices into ``vertices``."""
-    vertex_data: NDArray[np.float32]
-    """(V, 8): normal, RGB, UV."""
     face_texture: NDArray[np.int32]
     """(F,): index of the texture, -1 for none."""
     normals: NDArray[np.float32]
@@ -49,10 +47,9 @@ def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
     order = np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
     corners, texture = mesh.faces[order], np.ascontiguousarray(mesh.face_texture[order])
     used, faces = _in_order_of_use(corners, len(mesh.vertices))
-    data = np.concatenate([mesh.normals, mesh.colours, mesh.uvs], axis=1)
     colours, uvs = mesh.colours[corners], mesh.uvs[corners]
-    graded, mapped = np.any(colours != colours[:, :1], axis=(1, 2)), texture >= 0
-    kinds = (GRADED * graded + MAPPED * mapped).astype(np.uint8)
+    graded = np.any(colours != colours[:, :1], axis=(1, 2))
+    kinds = np.where(texture >= 0, MAPPED, GRADED * graded).astype(np.uint8)
     paint = np.zeros((len(kinds) + 1 if kinds.any() else 1, 3, 4), np.float32)
     graded, mapped = np.flatnonzero(kinds == GRADED), np.flatnonzero(kinds == MAPPED)
     paint[graded, :, :3], paint[mapped, :, :2] = colours[graded], uvs[mapped]
@@ -64,7 +61,6 @@ def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
         mesh.centre,
         np.ascontiguousarray((mesh.vertices[used] - mesh.centre).astype(np.float32).T),
         faces,
-        data[used].astype(np.float32),
         texture,
         normals,
         np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
@@ -83,7 +79,6 @@ def part_of(surface: Surface, kept: NDArray[np.bool_]) -> Surface:
         surface.centre,
         np.ascontiguousarray(surface.vertices[:, used]),
         faces.reshape(-1, 3).astype(np.int32),
-        surface.vertex_data[used],
         surface.face_texture[kept],
         surface.normals[kept_and_none],
         surface.colours[kept_and_none],

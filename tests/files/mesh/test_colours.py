@@ -163,3 +163,19 @@ def test_material_colours_of_a_glb_are_display_encoded(tmp_path: Path) -> None:
     mesh = load_mesh(tmp_path / "box.glb")
     assert mesh.has_reflectance
     np.testing.assert_allclose(mesh.colours, np.tile([0.5, 0.0, 1.0], (24, 1)), atol=0.005)
+
+
+def test_a_textured_face_has_one_colour_that_of_its_corners_on_average(tmp_path: Path) -> None:
+    write_texture(tmp_path / "a picture.png")
+    names = ("s", "t", "red", "green", "blue")
+    columns = "".join(
+        f"property {'float' if k < 2 else 'uchar'} {n}\n" for k, n in enumerate(names)
+    )
+    rows = "".join(f"{x} {y} {z} {x} {y} {round(90 * y)} 0 255\n" for x, y, z in QUAD)
+    text = QUAD_PLY.format(vertex=columns, face="") + rows + "4 0 1 2 3\n"
+    (tmp_path / "quad.ply").write_text(text)
+    mesh = load_mesh(tmp_path / "quad.ply")
+    for face, red in zip(mesh.faces, (30, 60), strict=True):
+        np.testing.assert_allclose(255.0 * mesh.colours[face], [[red, 0, 255]] * 3, rtol=1e-5)
+        np.testing.assert_array_equal(mesh.uvs[face], mesh.vertices[face, :2])
+    assert "shown in the mean of these: 2." in mesh.notes[0]

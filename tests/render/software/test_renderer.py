@@ -60,12 +60,8 @@ def test_fast_path_to_moments_matches_the_plain_one(name, parallel, seed):
     pose = random_pose(random, parallel)
     n = random.choice([1, 3])
     weights = random.uniform(size=(72, 96)) * (random.uniform(size=(72, 96)) > 0.2)
-    photo = make_photo(
-        random.uniform(size=(72, 96, n)),
-        weights,
-        clipped=bool(random.integers(2)),
-        colour_reflectance=bool(random.integers(2)),
-    )
+    channels = random.uniform(size=(72, 96, n))
+    photo = make_photo(channels, weights, clipped=bool(random.integers(2)))
     renderer = RENDERERS[name]
     plain = moments_of_images(renderer.render(pose), photo)
     fast = renderer.moments(pose, photo)
