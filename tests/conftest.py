@@ -19,9 +19,6 @@ from tests.scene import Scene, make_scene
 settings.register_profile("seeded", derandomize=True, deadline=None)
 settings.load_profile("seeded")
 
-# To look for a GPU takes each process a third of a second; tests that want one, `tests/gpu.py`.
-os.environ.setdefault("POSEVIEWER_ADAPTER", "none")
-
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 

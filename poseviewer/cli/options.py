@@ -84,7 +84,7 @@ COMPARED = {
     "region": (f"--region {RECTANGLE}", "in px", rectangle),
     "mask": ("--mask MASK.png", "weights: white counts", Path),
     "without": ("--without PART", "a part to leave out (of a scene: ID:PART); again for more", str),
-    "renderer": ("--renderer",),
+    "renderer": ("--renderer", "(software); gpu is experimental"),
 }
 """Fields of ``FitSettings``, and the options that every command has for them."""
 REPEATED = ("without",)

@@ -66,7 +66,7 @@ class FitSettings:
     without: tuple[str, ...] | None = None
     """Names of the model's parts that are left out as it is loaded: neither compared nor drawn."""
     renderer: RendererName = "auto"
-    """``auto``: ``gpu`` where there is one and its extra is installed, else ``software``."""
+    """``auto`` is ``software``; ``gpu`` is experimental: it was never timed on a real GPU."""
     options: RestartOptions = field(default_factory=RestartOptions)
     """Of the restarted simplex; in files it is called ``rules``."""
     limits: Limits = field(default_factory=Limits)

@@ -67,11 +67,6 @@ class RendererPool:
             self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
             self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
 
-    @property
-    def is_batched(self) -> bool:
-        """Whether it takes many poses together, on a GPU."""
-        return self._together is not None
-
     def map(
         self,
         function: Callable[[Any, Item], Result],

@@ -70,8 +70,7 @@ STRIDE = 0.5
 PHOTO_PX = 160.0
 """Longer side of the photo on the level that the squares are tried on."""
 VIEWS_A_SQUARE = 16
-VIEWS_ON_GPU = 100_000
-"""Of all squares together, where a GPU judges many at once."""
+"""Views tried in each square."""
 MOST_SQUARES, LARGEST_OVERLAP = 3, 0.3
 """Squares that are searched, and their largest intersection over union."""
 
@@ -105,9 +104,6 @@ class ViewOptions:
     side_px: float = 40.0
     """Side of the rectangle, made square, on the coarsest level."""
     rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 80, 0.08, 60.0))
-    views_everywhere: int | None = None
-    """Without a rectangle, tried over the whole photo; None: ``VIEWS_A_SQUARE`` in each square, or
-    ``VIEWS_ON_GPU``."""
     proposals: int = 5
     distance: float = 0.1
     """Proposals are no nearer to one another: mean distance of the model's corners in the photo, as
@@ -371,10 +367,7 @@ def _likeliest_squares(
         return registration_loss(own.moments(pose, level.photo))
 
     with RendererPool(level.renderer, begin=begin) as pool:
-        most = query.options.views_everywhere
-        if most is None:
-            most = VIEWS_ON_GPU if pool.is_batched else VIEWS_A_SQUARE * len(squares)
-        views = (query.views(square, max(most // len(squares), 1)).poses for square in squares)
+        views = (query.views(square, VIEWS_A_SQUARE).poses for square in squares)
         losses = [min(pool.map(score, poses)) for poses in views]
     ordered = (squares[i] for i in np.argsort(losses, kind="stable"))
     return non_maximum_suppression(

@@ -26,7 +26,7 @@ from poseviewer.fit.landscape import landscape
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.gpu.device import ADAPTER_VARIABLE, has_gpu
+from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_unavailable_reason
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.registration import load_registration
@@ -326,7 +326,7 @@ def test_a_fit_on_the_gpu_ends_as_without_it(tmp_path, monkeypatch, capfd):
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
     monkeypatch.delenv(ADAPTER_VARIABLE)
     capfd.readouterr()
-    if not has_gpu():
+    if gpu_unavailable_reason():
         assert run(*command, "--renderer", "gpu", "--quiet") == 2
         assert capfd.readouterr().err.count("\n") == 1
 

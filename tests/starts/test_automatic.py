@@ -17,8 +17,6 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.gpu.renderer import GpuRenderer
-from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.starts.automatic import (
     Round,
     StartQuery,
@@ -29,7 +27,6 @@ from poseviewer.starts.automatic import (
 from poseviewer.starts.registration import load_model
 from poseviewer.starts.views import box_of
 from poseviewer.vehicle.chart import visible_side
-from tests.gpu import require_gpu
 from tests.measure.auto_start import careless_box, is_right, run_trials
 from tests.scene import Scene
 
@@ -118,24 +115,3 @@ def test_without_a_box_the_whole_photo_is_searched(scene: Scene):
     # On black ground the place is told, whatever the view.
     assert abs(first.centre[0] - truth.centre[0]) < 0.3 * truth.width
     assert abs(first.centre[1] - truth.centre[1]) < 0.3 * truth.height
-
-
-@pytest.mark.slow
-def test_a_search_over_the_whole_photo_runs_on_the_gpu(scene: Scene, monkeypatch):
-    """Of the 100,000 views that a real GPU tries, as many as the processor can stand in for."""
-    require_gpu(monkeypatch)
-    sizes: list[int] = []
-    judge = GpuRenderer.moments_at
-
-    def counted(self, poses, photo):
-        sizes.append(len(poses))
-        return judge(self, poses, photo)
-
-    monkeypatch.setattr(GpuRenderer, "moments_at", counted)
-    options = ViewOptions(views=60, views_everywhere=100, rounds=(Round(4, 4, 0.12, 40.0),))
-    query = wanted(scene, None, options=options)
-    found = propose(query, GpuRenderer(query.mesh)).found
-    assert sum(sizes) > 100
-    assert max(sizes) > 10
-    by_software = propose(query, SoftwareRenderer(query.mesh)).found
-    assert [one.loss for one in found] == pytest.approx([one.loss for one in by_software], abs=0.01)

@@ -35,7 +35,6 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, kept_lately
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.pool import processors
-from poseviewer.render.renderers import compiled_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
 from poseviewer.starts.view_set import SetRegistration, is_seen, require_several
@@ -168,9 +167,11 @@ def renderer_of(mesh: Mesh) -> SoftwareRenderer:
     """The renderer of a model, made where there is none; from any thread. Whoever draws in a thread
     of its own clones it.
     """
+    from poseviewer.render.software.renderer import SoftwareRenderer
+
     made = _made_for(mesh)
     if not made:
-        made.append(compiled_renderer(mesh))
+        made.append(SoftwareRenderer(mesh))
     return made[0]
 
 

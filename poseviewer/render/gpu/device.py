@@ -19,10 +19,9 @@ from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.structure import BLUR_TAPS
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
-"""The environment variable that says which adapter will do: ``none``; or ``software``, one that is
-the processor itself, for tests and for the benchmark, if there is no GPU. Unset: a GPU."""
-REAL = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU")
-KINDS = (*REAL, "Unknown", "CPU")
+"""The environment variable by whose value ``software`` an adapter will do that is the processor
+itself, for tests, where there is no GPU."""
+KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
 """Of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
 ADVICE = "use --renderer software, or leave --renderer out"
@@ -61,24 +60,11 @@ def gpu_unavailable_reason() -> str | None:
     return None
 
 
-def has_gpu() -> bool:
-    """Whether there is a real one, and what reaches it is installed."""
-    return gpu_unavailable_reason() is None and gpu_device().is_real
-
-
-def gpu_adapter_name() -> str | None:
-    """Of the GPU, or of the processor that stands for one; None where there is none."""
-    if gpu_unavailable_reason():
-        return None
-    device = gpu_device()
-    return device.name + ", the processor itself: not a GPU's times" * device.is_software
-
-
 @lru_cache(maxsize=2)
-def _device(wanted: str) -> Device | str:
+def _device(software: bool) -> Device | str:
     """The device, or why there is none: an error that is kept would keep the frames it passed."""
     try:
-        return Device(find_adapter(wanted))
+        return Device(find_adapter(software))
     except RendererUnavailableError as error:
         return str(error)
 
@@ -90,22 +76,18 @@ def gpu_device() -> Device:
         RendererUnavailableError: there is no GPU, or no wgpu; the message says what to do.
     """
     with _making:
-        found = _device(os.environ.get(ADAPTER_VARIABLE, ""))
+        found = _device(os.environ.get(ADAPTER_VARIABLE) == "software")
     if isinstance(found, str):
         raise RendererUnavailableError(found)
     return found
 
 
-def find_adapter(wanted: str) -> Any:
-    """The best adapter of those that are ``wanted``, see ``ADAPTER_VARIABLE``.
+def find_adapter(software: bool) -> Any:
+    """Find the best adapter; with ``software``, one that is the processor itself will do.
 
     Raises:
         RendererUnavailableError: there is none, or no wgpu; the message says what to do.
     """
-    if wanted not in ("", "software"):
-        raise RendererUnavailableError(
-            f"{ADAPTER_VARIABLE} is {wanted!r}: no GPU is looked for; unset it, or {ADVICE}."
-        )
     # Mesa's choice of a device looks for a display, and complains where there is none.
     os.environ.setdefault("NODEVICE_SELECT", "1")
     try:
@@ -128,7 +110,7 @@ def find_adapter(wanted: str) -> Any:
             f"{ADVICE}."
         )
     best = min(adapters, key=lambda one: KINDS.index(one.info["adapter_type"]))
-    if best.info["adapter_type"] == "CPU" and wanted != "software":
+    if best.info["adapter_type"] == "CPU" and not software:
         raise RendererUnavailableError(
             f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
             f"software renderer is much faster; {ADVICE}."
@@ -145,7 +127,6 @@ class Device:
 
         self.name: str = adapter.info["device"]
         self.is_software: bool = adapter.info["adapter_type"] == "CPU"
-        self.is_real: bool = adapter.info["adapter_type"] in REAL
         self.lost = False
         """Set where it failed once: then it is left alone."""
         self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
