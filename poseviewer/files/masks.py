@@ -49,13 +49,6 @@ def mask_from_png(data: bytes) -> Mask:
     return Mask.of(pixels * np.float32(1.0 / (65535 if pixels.dtype == np.uint16 else 255)))
 
 
-def is_same_mask(one: Mask | None, other: Mask | None) -> bool:
-    """Whether two say the same of every pixel."""
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one.weights, other.weights)
-
-
 def mask_path(pose_file: str | Path) -> Path:
     """Where the mask of a pose file lies: ``car.mask.png`` beside ``car.pose.json``."""
     path = Path(pose_file)
