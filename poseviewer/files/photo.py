@@ -32,10 +32,8 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """By Pillow's names; its readers of others take what lengths a file claims to have for true."""
 MAX_MEGAPIXELS = 100.0
-LARGEST_PIXEL, LARGEST_REST = 16, 100_000_000
-"""Bytes of a pixel of four 32-bit floats, and of all else in a photo's file: previews, maps."""
 LARGEST_FILE = 2_000_000_000
-"""Bytes: 100 megapixels of such pixels have 1.6e9."""
+"""Bytes: 100 megapixels of four 32-bit floats have 1.6e9."""
 HEIC_START = 12
 """Bytes, which say the kind of file."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
@@ -54,8 +52,8 @@ def load_photo(path: str | Path) -> Photo:
     """The photo in a JPEG, PNG, TIFF, WebP, BMP or, with its extra, HEIC file: grey or RGB, 8 or
     16 bits, upright.
 
-    Transparency is left out. The header is looked at first, so that a file that would unpack to
-    more than 100 megapixels is refused before it is decoded.
+    Transparency is left out. A file that would unpack to more than 100 megapixels is refused before
+    it is decoded.
 
     Raises:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
@@ -66,7 +64,7 @@ def load_photo(path: str | Path) -> Photo:
 
 
 def _photo_in(reading: Reading) -> Photo:
-    data = _load_picture(reading)
+    data = reading.load_bytes()
     if _is_heic(data):
         pixels, focal = _decode_heic(reading, data)
     else:
@@ -93,7 +91,7 @@ def is_stored_turned(path: str | Path) -> bool:
     """
     reading = _reading(path)
     with reading.naming_errors():
-        return _inspect(reading, _load_picture(reading))[0] != 1
+        return _inspect(reading, reading.load_bytes())[0] != 1
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -139,20 +137,6 @@ def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
 
 def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
-
-
-def _load_picture(reading: Reading) -> bytes:
-    """The file's bytes; not read where the first of them are of no picture, or its size is none
-    that a photo can have.
-    """
-    with reading.open() as file:
-        if not _is_heic(file.read(HEIC_START)):
-            file.seek(0)
-            with _naming_picture_errors(reading), Image.open(file, formats=FORMATS) as image:
-                _refuse_size(reading, *image.size)
-                most = LARGEST_REST + LARGEST_PIXEL * image.width * image.height
-                reading = replace(reading, largest=min(reading.largest, most))
-    return reading.load_bytes()
 
 
 def _is_heic(data: bytes) -> bool:

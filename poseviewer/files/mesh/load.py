@@ -18,13 +18,10 @@ from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import (
-    MAX_PARTS,
     Part,
     load_textures,
     no_faces,
     noted,
-    refuse_if_huge,
-    refuse_many_words,
     texture_from_image,
     texture_side,
 )
@@ -39,19 +36,9 @@ Read = tuple[list[Part], list[str]]
 
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 for each face of the largest model; the reader takes a small multiple of it."""
-STL_HEADER, STL_TRIANGLE = 84, 50
-"""Bytes of a binary STL file: before the triangles, and for each."""
-STL_SHORTEST_FACET = 60
-"""Bytes of a facet in a text STL file, at the least."""
 GLTF = (".glb", ".gltf")
-GLB_START, GLB_CHUNK = 12, 8
-"""Bytes of the headers of a GLB file and of each of its chunks; the first chunk is JSON."""
-GLB_HEADER = GLB_START + GLB_CHUNK
-GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-GLTF_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-"""Bytes of a number, by OpenGL's numbers of types."""
-GLTF_TRIANGLES = 4
-"""glTF's mode for a list of triangles; strips and fans have nearly a face for each corner."""
+GLB_HEADER = 20
+"""Bytes before the JSON of a GLB file."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
@@ -89,7 +76,6 @@ def _read_3ds(path: Path) -> Read:
     scene = assimp_py.import_file(str(path), flags)
     parts: list[Part] = []
     notes: list[str] = []
-    shown = 0
     names = [_picture_3ds(material) for material in scene.materials]
     textures = load_textures(path.parent, filter(None, names), notes)
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
@@ -99,9 +85,6 @@ def _read_3ds(path: Path) -> Read:
         node, matrix = stack.pop()
         stack += [(child, matrix @ np.asarray(child.transformation)) for child in node.children]
         for mesh in (scene.meshes[index] for index in node.mesh_indices):
-            shown += len(mesh.indices) // 3
-            refuse_if_huge(path.name, shown)  # nodes may show one mesh again and again
-            refuse_if_huge(path.name, len(parts), "parts", MAX_PARTS)
             material = scene.materials[mesh.material_index]
             texture = textures.get(_picture_3ds(material) or "")
             parts.append(_assimp_part(node.name, mesh, material, texture).moved(matrix))
@@ -124,36 +107,12 @@ def _assimp_part(name: str, mesh: Any, material: Any, texture: NDArray | None) -
     return Part(name, vertices, faces, None, colours, uvs, texture)
 
 
-def _read_stl(path: Path) -> Read:
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(STL_HEADER)
-        file.seek(max(0, size - 1024))
-        tail = file.read()
-    count = struct.unpack("<I", head[80:84])[0] if len(head) == STL_HEADER else 0
-    if size != STL_HEADER + STL_TRIANGLE * count or len(head) < STL_HEADER:
-        if not head.lstrip().lower().startswith(b"solid"):
-            raise MeshFileError(
-                f"{path.name}: {size:,} bytes are not the {count:,} triangles that an STL header "
-                "would promise here; it is cut short or not an STL file, export it again."
-            )
-        if b"endsolid" not in tail.lower():
-            raise MeshFileError(
-                f"{path.name}: the text ends without 'endsolid'; it is cut short, export it again."
-            )
-        refuse_many_words(path, STL_SHORTEST_FACET, {b"endfacet": "faces"})
-    else:
-        refuse_if_huge(path.name, count)
-    return _read_scene(path)
-
-
 def _read_gltf(path: Path) -> Read:
     header = gltf_header(path)
     if not isinstance(header, dict):
         raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
     for name in _missing_files(path, header, "buffers"):
         raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
-    _refuse_huge_gltf(path.name, header)
     compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
     if used := compressed & set(header.get("extensionsRequired", [])):
         raise MeshFileError(
@@ -175,24 +134,15 @@ def gltf_header(path: Path) -> Any:
         MeshFileError, ValueError: it is not one, or cut short.
     """
     with path.open("rb") as file:
+        head = file.read(GLB_HEADER)
         if path.suffix.lower() == ".gltf":
-            return json.loads(file.read())
-        head, size = file.read(GLB_HEADER), path.stat().st_size
+            return json.loads(head + file.read())
         if len(head) < GLB_HEADER or head[:4] != b"glTF":
             raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
-        (length,) = struct.unpack("<I", head[8:12])
-        at, need = GLB_START, length
-        while at + GLB_CHUNK <= size:  # of every chunk, its length
-            file.seek(at)
-            at += GLB_CHUNK + struct.unpack("<I", file.read(4))[0]
-            need = max(need, at)
-        if need > size:
-            raise MeshFileError(
-                f"{path.name}: {size:,} bytes of {need:,}; it is cut short, "
-                "copy or export it again."
-            )
-        file.seek(GLB_HEADER)
-        return json.loads(file.read(struct.unpack("<I", head[12:16])[0]))
+        whole, text = struct.unpack("<8xII4x", head)
+        if whole > path.stat().st_size:
+            raise MeshFileError(f"{path.name}: is cut short; copy or export it again.")
+        return json.loads(file.read(text))
 
 
 def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
@@ -200,49 +150,6 @@ def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
     names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
     named = [name for name in names if not name.startswith("data:")]
     return [name[:80] for name in named if find_named(path.parent, name) is None]
-
-
-def _refuse_huge_gltf(name: str, header: dict[str, Any]) -> None:
-    """Tables may lie over each other in the file, and those without bytes in it are made of zeros;
-    a mesh counts as often as nodes show it: all of these make much of little.
-    """
-    tables, nodes = header.get("accessors", []), header.get("nodes", [])
-    faces, vertices, parts = [], [], 0
-    for mesh in header.get("meshes", []):
-        faces.append(0)
-        vertices.append(0)
-        for primitive in mesh.get("primitives", []):
-            at = primitive.get("attributes", {}).get("POSITION")
-            points = 0 if at is None else tables[at]["count"]
-            corners = tables[primitive["indices"]]["count"] if "indices" in primitive else points
-            triangles = primitive.get("mode", GLTF_TRIANGLES) == GLTF_TRIANGLES
-            faces[-1] += corners // 3 if triangles else corners
-            vertices[-1] += points
-            parts += 1
-    shown = [node["mesh"] for node in nodes if "mesh" in node]
-    refuse_if_huge(name, sum(faces[mesh] for mesh in shown))
-    refuse_if_huge(name, max(sum(vertices), sum(vertices[mesh] for mesh in shown)), "vertices")
-    refuse_if_huge(name, max(len(nodes), parts), "parts", MAX_PARTS)
-    refuse_if_huge(name, max((a["count"] for a in tables), default=0) // 3, "triples of numbers")
-    empty = sum(a["count"] for a in tables if "bufferView" not in a)
-    refuse_if_huge(name, empty // 3, "triples of zeros")
-    if sum(_bytes_of_table(name, header, table) for table in tables) > LARGEST_FILE:
-        raise MeshFileError(f"{name}: its tables make much of little; export it again.")
-
-
-def _bytes_of_table(name: str, header: dict[str, Any], table: dict[str, Any]) -> int:
-    """What a table takes in memory; it is refused where it ends behind the bytes that it names."""
-    row = GLTF_COLUMNS[table["type"]] * GLTF_SIZES[table["componentType"]]
-    count = table["count"]
-    if "bufferView" in table and count:
-        view = header["bufferViews"][table["bufferView"]]
-        end = table.get("byteOffset", 0) + (count - 1) * view.get("byteStride", row) + row
-        if end > view["byteLength"]:
-            raise MeshFileError(
-                f"{name}: a table of {count:,} rows needs {end:,} bytes and has "
-                f"{view['byteLength']:,}; it is damaged, export it again."
-            )
-    return row * count
 
 
 def _read_scene(path: Path, linear: bool = False) -> Read:
@@ -357,7 +264,7 @@ def linear_from_srgb(colours: NDArray) -> NDArray:
 READERS: dict[str, Callable[[Path], Read]] = {
     ".obj": read_obj,
     ".ply": read_ply,
-    ".stl": _read_stl,
+    ".stl": _read_scene,
     ".off": read_off,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,

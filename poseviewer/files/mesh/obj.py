@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.parts import (
-    MAX_FACES,
-    MAX_PARTS,
     Part,
     colours_from_numbers,
     fan_corners,
@@ -25,12 +23,8 @@ from poseviewer.files.mesh.parts import (
     material_text,
     no_faces,
     numbers_from_text,
-    refuse_if_huge,
-    refuse_many_words,
     split_by,
 )
-
-SHORTEST_FACE = len("f 1 2 3\n")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,15 +55,13 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     Raises:
         MeshFileError: a line that makes no sense, an index that is out of range.
     """
-    refuse_many_words(path, SHORTEST_FACE, {b"\nf ": "faces", b"\nv ": "vertices"})
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
-    _refuse_many_corners(path.name, lines.f)
     vertices, colours = _read_vertices(path.name, lines.v)
     uvs = read_table(path.name, "vt", lines.vt, 2)
     normals = read_table(path.name, "vn", lines.vn, 3)
     notes: list[str] = []
     counts, corners = _read_faces(path.name, lines.f)
-    triangles = fan_corners(path.name, counts)
+    triangles = fan_corners(counts)
     _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
     if len(counts) and counts[-1] < 3:
         raise MeshFileError(
@@ -80,7 +72,6 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
     materials = _read_materials(path, lines.libraries, notes)
     which, keys = _part_of_face(lines)
-    refuse_if_huge(path.name, len(keys), "parts", MAX_PARTS)
     of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     parts = []
     missing = sorted({m for _, m in keys if m and m not in materials})
@@ -118,14 +109,6 @@ def _sort_lines(text: str) -> _Lines:
         elif word == "mtllib":
             lines.libraries.append(rest.strip())
     return lines
-
-
-def _refuse_many_corners(name: str, faces: list[str]) -> None:
-    """Before they are split: one line can hold a polygon that fills the memory."""
-    refuse_if_huge(name, len(faces))
-    if sum(map(len, faces)) // len("1 ") > MAX_FACES:
-        gaps = (face.strip().count(" ") + face.strip().count("\t") for face in faces)
-        refuse_if_huge(name, sum(max(gap - 1, 0) for gap in gaps))
 
 
 def _absolute(face: str, lines: _Lines) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.obj import read_table
-from poseviewer.files.mesh.parts import Part, fan_corners, no_faces, refuse_if_huge
+from poseviewer.files.mesh.parts import Part, fan_corners, no_faces
 
 HEADER = re.compile(r"\s*C?OFF\s+(\d+)\s+(\d+)(\s+\d+)?\s*\n", re.ASCII)
 COMMENT = re.compile(r"#[^\n]*")
@@ -34,8 +34,6 @@ def read_off(path: Path) -> tuple[list[Part], list[str]]:
                 f"{path.name}: no OFF header; is it an OFF file in text? Export it again."
             )
         vertices, faces = int(found[1]), int(found[2])
-        refuse_if_huge(path.name, vertices, "vertices")
-        refuse_if_huge(path.name, faces)
         text = COMMENT.sub("", (start + file.read()).decode("ascii", "replace"))
     lines = [line for line in text[found.end() :].splitlines() if line.strip()]
     if len(lines) != vertices + faces:
@@ -60,4 +58,4 @@ def read_off(path: Path) -> tuple[list[Part], list[str]]:
             )
     if not faces:
         return no_faces(points), []
-    return [Part("", points, np.array(corners)[fan_corners(path.name, counts)])], []
+    return [Part("", points, np.array(corners)[fan_corners(counts)])], []

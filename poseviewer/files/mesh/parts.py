@@ -1,10 +1,8 @@
-"""What the readers of model files give, before anything is mended: parts with their textures; and
-the limits on them, since small files can promise huge models.
-"""
+"""What the readers of model files give, before anything is mended: parts with their textures."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +15,6 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
-MAX_FACES = 20_000_000
-CHUNK = 1 << 24
-"""Bytes of a file looked at in one piece."""
-MAX_PARTS = 50_000
-"""Each is cut out and mended by itself: this number of them takes half a minute."""
 LARGEST_SIDE = 8192
 """px of a texture; longer ones are shrunk."""
 MOST_TEXELS = 100_000_000
@@ -84,40 +77,6 @@ def no_faces(vertices: NDArray) -> list[Part]:
     return [Part("", vertices, np.zeros((0, 3), int))]
 
 
-def refuse_if_huge(name: str, count: int, what: str = "faces", most: int = MAX_FACES) -> None:
-    """Raise MeshFileError when a file has or promises more than poseviewer takes."""
-    if count > most:
-        raise MeshFileError(
-            f"{name}: {count:,} {what}; poseviewer takes up to {most:,}, simplify the model first."
-        )
-
-
-def refuse_many_words(path: Path, shortest: int, words: Mapping[bytes, str]) -> None:
-    """Raise MeshFileError where a text has too many of some words, by what they stand for, or is
-    none.
-
-    Each word comes with at least ``shortest`` bytes, so that most files need not be looked at.
-    """
-    if path.stat().st_size > MAX_FACES * shortest:
-        with path.open("rb") as file:
-            if b"\0" in file.read(CHUNK):
-                raise MeshFileError(f"{path.name}: not a text; export it again.")
-        for word, what in words.items():
-            refuse_if_huge(path.name, count_of_word(path, word), what)
-
-
-def count_of_word(path: Path, word: bytes) -> int:
-    """How often a word stands in a file, in any case; read piece by piece."""
-    count, kept = 0, b""
-    with path.open("rb") as file:
-        while chunk := file.read(CHUNK):
-            text = kept + chunk.lower()
-            count += text.count(word)
-            # One byte less than the word: what is kept cannot hold it a second time.
-            kept = text[max(0, len(text) - len(word) + 1) :]
-    return count
-
-
 def numbers_from_text(text: str) -> NDArray[np.float64]:
     """The numbers of a text, separated by white space; ValueError for anything else."""
     try:
@@ -126,15 +85,13 @@ def numbers_from_text(text: str) -> NDArray[np.float64]:
         raise ValueError(str(error)) from None
 
 
-def fan_corners(name: str, counts: NDArray) -> NDArray[np.int64]:
+def fan_corners(counts: NDArray) -> NDArray[np.int64]:
     """(T, 3) corners of the triangles that polygons with ``counts`` corners (N,) fall into.
 
-    Corners are numbered through all polygons; polygons of fewer than 3 corners give none. Raises
-    MeshFileError where the triangles of the file ``name`` are too many.
+    Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
     """
     counts = np.asarray(counts, dtype=np.int64)
     triangles = np.maximum(counts - 2, 0)
-    refuse_if_huge(name, int(triangles.sum()))
     starts = np.repeat(np.cumsum(counts) - counts, triangles)
     step = np.arange(len(starts)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     return np.stack([starts, starts + step + 1, starts + step + 2], axis=1)

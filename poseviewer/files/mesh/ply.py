@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import (
-    MAX_PARTS,
     Part,
     colours_from_numbers,
     fan_corners,
     load_textures,
     no_faces,
     numbers_from_text,
-    refuse_if_huge,
     split_by,
 )
 
@@ -66,9 +64,6 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
         data = file.read(LONGEST_HEADER)
         elements, encoding, textures, at = read_header(path.name, data)
         data += file.read()
-    for element in elements:
-        what = {"vertex": "vertices", "face": "faces"}.get(element.name, "rows")
-        refuse_if_huge(path.name, element.count, what)
     body = memoryview(data)
     if encoding == "ascii":  # made the bytes of a file in which all is a double
         try:
@@ -227,7 +222,7 @@ def _parts(
     polygons: Lists | None = next((face[k] for k in INDEX_NAMES if k in face), None)
     if polygons is None or not len(polygons[0]):
         return no_faces(vertices), []
-    corners = fan_corners(path.name, polygons[0])
+    corners = fan_corners(polygons[0])
     faces = polygons[1][corners].astype(np.int64)
     colours = _stack(vertex, *COLOUR_NAMES)
     normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
@@ -251,7 +246,6 @@ def _parts(
     part = Part("", vertices, faces, normals, colours, uvs)
     if not textures or uvs is None:
         return [part], []
-    refuse_if_huge(path.name, len(textures), "textures", MAX_PARTS)
     notes: list[str] = []
     pictures = load_textures(path.parent, textures, notes)
     numbers = face.get("texnumber")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
-from poseviewer.files.mesh.parts import Part, refuse_if_huge
+from poseviewer.files.mesh.parts import Part
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import (
     crease_normals,
@@ -18,6 +18,9 @@ from poseviewer.geometry.normals import (
     winding_to_flip,
 )
 
+MOST_FACES = 20_000_000
+MOST_PARTS = 50_000
+"""Each is cut out and mended by itself: this number of them takes half a minute."""
 GREY = 0.8
 """Reflectance where a file says nothing about colour."""
 LEAST_COSINE = 0.25
@@ -100,7 +103,15 @@ def _check(name: str, parts: list[Part]) -> None:
         raise MeshFileError(
             f"{name}: {found}; poseviewer needs a surface mesh, not a point cloud or an empty file."
         )
-    refuse_if_huge(name, sum(len(part.faces) for part in parts))
+    for what, count, most in (
+        ("faces", sum(len(part.faces) for part in parts), MOST_FACES),
+        ("parts", len(parts), MOST_PARTS),
+    ):
+        if count > most:
+            raise MeshFileError(
+                f"{name}: {count:,} {what}; poseviewer takes up to {most:,}, simplify the model "
+                "first."
+            )
     for part in parts:
         if np.shape(part.vertices)[1:] != (3,):
             raise MeshFileError(

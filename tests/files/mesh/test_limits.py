@@ -1,10 +1,9 @@
-"""Small files that promise huge models, and huge files, are refused before memory is taken."""
+"""Small files that promise huge models, and huge files, take little memory."""
 
 from __future__ import annotations
 
 import base64
 import json
-import struct
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -19,9 +18,8 @@ from trimesh.visual import TextureVisuals
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import LARGEST_FILE, load_mesh
-from poseviewer.files.mesh.parts import MAX_FACES, MAX_PARTS, count_of_word
 from poseviewer.geometry.mesh import Mesh
-from tests.files.broken_inputs import PLY_HEAD, TRIANGLE, png_header
+from tests.files.broken_inputs import PLY_HEAD, png_header
 
 LARGEST_PEAK = 100_000_000
 """Bytes: the models refused here would take gigabytes."""
@@ -42,39 +40,6 @@ def refusal(path: Path) -> str:
     return text
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
-def test_ply_headers(tmp_path: Path, encoding: str) -> None:
-    for vertices, faces, found in (
-        (3, 10**8, "100,000,000 faces"),
-        (10**9, 1, "1,000,000,000 vertices"),
-        (3, 10**30, f"{10**30:,} faces"),
-    ):
-        path = tmp_path / "model.ply"
-        path.write_text(PLY_HEAD.format(format=encoding, vertices=vertices, faces=faces) + TRIANGLE)
-        assert f"{found}; poseviewer takes up to {MAX_FACES:,}" in refusal(path)
-
-
-def test_ply_polygons_of_very_many_corners(tmp_path: Path) -> None:
-    path = tmp_path / "model.ply"
-    head = PLY_HEAD.format(format="binary_little_endian", vertices=3, faces=1)
-    head = head.replace("uchar int vertex", "int char vertex")
-    corners = MAX_FACES + 3
-    body = np.zeros(9, "<f4").tobytes() + struct.pack("<i", corners) + bytes(corners)
-    path.write_bytes(head.encode() + body)
-    assert f"{MAX_FACES + 1:,} faces" in refusal(path)
-
-
-def test_off_headers(tmp_path: Path) -> None:
-    path = tmp_path / "model.off"
-    for counts, found in (
-        ("3 100000000 0", "100,000,000 faces"),
-        ("1000000000 1 0", "1,000,000,000 vertices"),
-    ):
-        for head in ("OFF\n", "OFF ", "COFF\n# a comment\n"):
-            path.write_text(f"{head}{counts}\n{TRIANGLE}3 0 1 2\n")
-            assert found in refusal(path)
-
-
 def sparse_file(path: Path, head: bytes, size: int) -> Path:
     """A file that seems to have ``size`` bytes, nearly all of them a hole."""
     with path.open("wb") as file:
@@ -83,46 +48,10 @@ def sparse_file(path: Path, head: bytes, size: int) -> Path:
     return path
 
 
-def test_stl_counts(tmp_path: Path) -> None:
-    head = bytes(80) + struct.pack("<I", 10**8)
-    whole = sparse_file(tmp_path / "whole.stl", head, 84 + 50 * MAX_FACES + 50)
-    assert "are not the 100,000,000 triangles" in refusal(whole)
-    head = bytes(80) + struct.pack("<I", MAX_FACES + 1)
-    huge = sparse_file(tmp_path / "huge.stl", head, 84 + 50 * MAX_FACES + 50)
-    assert f"{MAX_FACES + 1:,} faces" in refusal(huge)
-
-
 @pytest.mark.parametrize("ending", [".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3ds"])
 def test_files_too_large_for_any_model(tmp_path: Path, ending: str) -> None:
     path = sparse_file(tmp_path / f"model{ending}", b"", LARGEST_FILE + 1)
     assert f"{LARGEST_FILE + 1:,} bytes; poseviewer takes a" in refusal(path)
-
-
-def test_text_models_with_too_many_lines(tmp_path: Path) -> None:
-    path = tmp_path / "model.obj"
-    for line, found in ((b"f 1 1 1\n", "faces"), (b"v 0 0 0\n", "vertices")):
-        with path.open("wb") as file:
-            file.write(b"v 0 0 0\n" * 2)
-            for _ in range(41):
-                file.write(line * (MAX_FACES // 40))
-        assert f" {found}; poseviewer takes up to" in refusal(path)
-
-
-def test_one_line_of_very_many_corners(tmp_path: Path) -> None:
-    path = tmp_path / "model.obj"
-    path.write_bytes(b"v 0 0 0\nf" + b" 1" * (MAX_FACES + 3) + b"\n")
-    with pytest.raises(MeshFileError, match=f"{MAX_FACES + 1:,} faces"):
-        load_mesh(path)
-
-
-def test_words_are_counted_across_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "words.txt"
-    path.write_bytes(b"abab EndFacet\nendfacet ENDFACETendface" * 3)
-    for chunk in range(1, 20):
-        monkeypatch.setattr("poseviewer.files.mesh.parts.CHUNK", chunk)
-        assert count_of_word(path, b"endfacet") == 9
-        assert count_of_word(path, b"a") == 18
-        assert count_of_word(path, b"\n") == 3
 
 
 def gltf(shown: int, triangles: int = 1000, **changes: object) -> str:
@@ -140,26 +69,6 @@ def gltf(shown: int, triangles: int = 1000, **changes: object) -> str:
         "scenes": [{"nodes": list(range(shown))}],
     }
     return json.dumps(header | changes)
-
-
-def test_gltf_that_shows_one_mesh_again_and_again(tmp_path: Path) -> None:
-    path = tmp_path / "model.gltf"
-    path.write_text(gltf(3))
-    assert len(load_mesh(path).faces) == 3000
-    path.write_text(gltf(20_001))
-    assert "20,001,000 faces" in refusal(path)
-
-
-def test_gltf_tables_made_of_zeros(tmp_path: Path) -> None:
-    zeros = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
-    path = tmp_path / "model.gltf"
-    path.write_text(gltf(1, accessors=[zeros]))
-    assert "333,333,333 faces" in refusal(path)
-    used = json.loads(gltf(1))["accessors"]
-    path.write_text(gltf(1, accessors=[*used, zeros]))
-    assert "333,333,333 triples of numbers" in refusal(path)
-    path.write_text(gltf(1, accessors=[*used, *[zeros | {"count": 59_000_000}] * 9]))
-    assert "177,000,000 triples of zeros" in refusal(path)
 
 
 @pytest.mark.parametrize("count", [-5, "many", 1e300, None, 2.5])
@@ -306,20 +215,14 @@ def test_very_many_textures_take_no_square_of_memory(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_very_many_groups_take_no_square_of_time(tmp_path: Path) -> None:
-    path = tmp_path / "model.obj"
-
-    def write(count: int) -> Path:
-        vertices = "".join(f"v {i} 0 0\nv {i} 1 0\n" for i in range(count + 1))
-        groups = "".join(f"g {i}\nf {2 * i + 1} {2 * i + 2} {2 * i + 3}\n" for i in range(count))
-        path.write_text(vertices + groups)
-        return path
-
+    count, path = 20_000, tmp_path / "model.obj"
+    vertices = "".join(f"v {i} 0 0\nv {i} 1 0\n" for i in range(count + 1))
+    groups = "".join(f"g {i}\nf {2 * i + 1} {2 * i + 2} {2 * i + 3}\n" for i in range(count))
+    path.write_text(vertices + groups)
     start = time.process_time()
-    mesh = load_mesh(write(20_000))
+    mesh = load_mesh(path)
     assert time.process_time() - start < 15.0
-    assert len(mesh.part_names) == 20_000
-    with pytest.raises(MeshFileError, match="300,001 parts; poseviewer takes up to"):
-        load_mesh(write(300_000))
+    assert len(mesh.part_names) == count
 
 
 def test_long_chains_of_nodes_are_followed_once(tmp_path: Path) -> None:
@@ -335,30 +238,19 @@ def test_long_chains_of_nodes_are_followed_once(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(places), 1.0, atol=1e-4)
 
 
-def test_gltf_nodes_too_many_or_above_themselves(tmp_path: Path) -> None:
+def test_gltf_nodes_above_themselves(tmp_path: Path) -> None:
     path = tmp_path / "model.gltf"
-    path.write_text(gltf(1, 1, nodes=[{"mesh": 0}] * (MAX_PARTS + 1)))
-    assert f"{MAX_PARTS + 1:,} parts" in refusal(path)
     nodes = [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0]}]
     path.write_text(gltf(1, 1, nodes=nodes, scenes=[{"nodes": [0]}]))
     assert "above itself" in refusal(path)
 
 
-def test_gltf_tables_beyond_their_bytes_or_over_each_other(tmp_path: Path) -> None:
-    table, path = json.loads(gltf(1))["accessors"][0], tmp_path / "model.gltf"
-    path.write_text(gltf(1, accessors=[table | {"count": 3001}]))
-    assert "a table of 3,001 rows needs 36,012 bytes and has 36,000" in refusal(path)
-    path.write_text(gltf(1, accessors=[table] * 60_000))
-    assert "make much of little" in refusal(path)
-    primitive = {"attributes": {"POSITION": 0}, "mode": 0}
-    path.write_text(gltf(1, meshes=[{"primitives": [primitive] * 10_000}]))
-    assert "30,000,000 " in refusal(path)
-
-
-def test_glb_chunks_beyond_the_file(tmp_path: Path) -> None:
-    path = textured_glb(tmp_path, write_pictures(tmp_path, 1, 4))
-    data = bytearray(path.read_bytes())
-    at = 20 + struct.unpack("<I", data[12:16])[0]
-    data[at : at + 4] = struct.pack("<I", 0xFFFFFFF0)
-    path.write_bytes(data)
-    assert "it is cut short" in refusal(path)
+@pytest.mark.parametrize("most", ["MOST_FACES", "MOST_PARTS"])
+def test_models_of_too_many_faces_or_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: str
+) -> None:
+    path = tmp_path / "model.gltf"
+    path.write_text(gltf(3))
+    assert len(load_mesh(path).faces) == 3000
+    monkeypatch.setattr(f"poseviewer.files.mesh.surface.{most}", 2)
+    assert "poseviewer takes up to 2, simplify" in refusal(path)
