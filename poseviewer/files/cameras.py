@@ -10,15 +10,15 @@ import re
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from pathlib import Path, PurePosixPath
 from typing import Any
+from xml.etree import ElementTree
 
-import cv2
 import numpy as np
+import yaml
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.checks import Reading, checked_camera, quiet_libraries
+from poseviewer.files.checks import Reading, checked_camera
 from poseviewer.files.colmap_model import SUFFIXES as COLMAP_SUFFIXES
 from poseviewer.files.colmap_model import camera_rows, image_rows
 from poseviewer.geometry.camera import Perspective
@@ -30,21 +30,25 @@ LARGEST_FILE = 50_000_000
 """Bytes: the cameras of a thousand photos have some hundred thousand."""
 LARGEST_SKEW = 1e-6
 """As a share of the focal length."""
-MATRIX_NAMES = ("cameramatrix", "intrinsicmatrix", "mtx", "k", "m")
-"""Of OpenCV's samples, ROS and ``calibrateCamera``'s arguments; in small letters, without ``_``."""
-DISTORTION_NAMES = ("distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d")
-SIZE_NAMES = (("imagewidth", "imageheight"), ("width", "height"))
-FISHEYE_NAMES = ("fisheye", "equidistant")
-STANDARD_NAMES = ("plumbbob", "rationalpolynomial", "opencv", "pinhole", "standard", "radtan")
-MOST_LINES = 20_000
-"""Of a YAML or XML: OpenCV's parser takes a time that grows by the square of the keys."""
-MOST_ENTRIES = 100
-"""Of a list: no longer one is of use, and OpenCV walks to each entry from the first."""
-DEEPEST, DEEPEST_TEXT = 8, 100
-"""Levels of a calibration that are looked into, and brackets that OpenCV's parser is trusted with:
-deeper ones overflow its stack.
+ALIASES = {
+    "matrix": ("cameramatrix", "intrinsicmatrix", "mtx", "k", "m"),
+    "distortion": ("distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d"),
+    "size": ("imagesize", "imgsize", "resolution"),
+    "width": ("imagewidth", "width"),
+    "height": ("imageheight", "height"),
+    "fisheye": ("fisheyemodel",),
+    "model": ("distortionmodel", "cameramodel", "lensmodel", "model"),
+}
+"""What OpenCV's samples, ROS and users of NumPy call what a camera consists of, in small letters,
+without ``_``. A number behind a name tells the cameras of a file apart.
 """
-BRACKETS = re.compile(r"[\[{]|[\]}]|</|/>|<[A-Za-z_]")
+FIELDS = {alias: name for name, aliases in ALIASES.items() for alias in aliases}
+LENS_MODELS: dict[str, LensModel] = {
+    **dict.fromkeys(("fisheye", "equidistant"), "fisheye"),
+    **dict.fromkeys(
+        ("plumbbob", "rationalpolynomial", "opencv", "pinhole", "standard", "radtan"), "opencv"
+    ),
+}
 
 Coefficients = Callable[[list[float]], list[float]]
 COLMAP_MODELS: dict[str, tuple[int, int, LensModel, Coefficients]] = {
@@ -93,12 +97,6 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
         return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]
 
 
-DOCUMENT = re.compile(r"^(---(?=\s|\Z)|\.\.\.)", re.MULTILINE)
-"""Where a document of YAML begins or ends."""
-LINES_BEFORE = re.compile(r"\A([ \t\r]*([%#][^\n]*)?\n)*\s*")
-"""Directives, comments and empty lines, before what is of use."""
-
-
 def _cameras_in(reading: Reading, kind: str, fisheye: bool) -> list[FileCamera]:
     if kind in COLMAP_SUFFIXES:
         return _colmap_cameras(reading)
@@ -134,125 +132,77 @@ def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
-    """What the file, a YAML or XML of OpenCV's ``FileStorage``, holds: dicts, lists and numbers;
-    raises the reading's error where OpenCV cannot read it.
+    """What the file, a YAML or XML of OpenCV's ``FileStorage``, holds: dicts, lists and texts;
+    raises the reading's error where it is neither.
     """
-    text = reading.load_text()
-    head = text.lstrip()[:3]
-    if head[:1] not in ("%", "<"):  # ROS writes plain YAML
-        text = "%YAML:1.0\n" + ("" if head == "---" else "---\n") + text
-    if text.count("\n") > MOST_LINES:
-        found = f"more than {MOST_LINES:,} lines"
-        raise reading.error(found, "wanted the camera, without the views it was calibrated from")
-    steps = (-1 if found in ("]", "}", "</", "/>") else 1 for found in BRACKETS.findall(text))
-    if max(accumulate(steps), default=0) > DEEPEST_TEXT:
-        raise reading.error("nested too deeply", "wanted a calibration or a pose")
-    if head[:1] != "<":
-        text = _first_document(text)
-    data = None
+    text, data = reading.load_text(), None
     try:
-        with quiet_libraries():
-            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-            data = _tree(storage.root(), 0) if storage.isOpened() else None
-    except (cv2.error, SystemError):
+        if text.lstrip().startswith("<"):
+            data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
+        else:  # its head is none that YAML knows; what it calls a matrix is a mapping
+            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
+            data = next(iter(yaml.load_all(body, yaml.CBaseLoader)), None)
+    except (yaml.YAMLError, ElementTree.ParseError, RecursionError):
         pass
     if not isinstance(data, dict):
-        raise reading.error("not YAML or XML that OpenCV reads", "wanted a whole file")
+        raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
     return data
 
 
-def _first_document(text: str) -> str:
-    """The first document of a YAML text, no keys where it is a list: OpenCV 5.0 goes on for ever
-    at a ``-`` after the end of one.
-    """
-    marks = list(DOCUMENT.finditer(text))
-    begins = bool(marks) and not LINES_BEFORE.sub("", text[: marks[0].start()])
-    ends = [mark.start() for mark in marks[begins:]]
-    first = text[: ends[0]] if ends else text
-    body = first[marks[0].end() :] if begins else first
-    return "%YAML:1.0\n---\n" if LINES_BEFORE.sub("", body).startswith("-") else first
-
-
-def _tree(node: Any, depth: int) -> Any:
-    if depth > DEEPEST:
-        return None
-    if node.isMap():
-        return {key: _tree(node.getNode(key), depth + 1) for key in node.keys()}  # noqa: SIM118
-    if node.isSeq() and node.size() > MOST_ENTRIES:
-        return f"a list of {node.size()}"
-    if node.isSeq():
-        return [_tree(node.at(i), depth + 1) for i in range(node.size())]
-    if node.isString():
-        return node.string()
-    return node.real() if node.isReal() or node.isInt() else None
+def _of_element(element: ElementTree.Element) -> Any:
+    if not len(element):
+        return element.text or ""
+    if all(child.tag == "_" for child in element):
+        return [_of_element(child) for child in element]
+    return {child.tag: _of_element(child) for child in element}
 
 
 def _opencv_cameras(reading: Reading, data: dict[str, Any], fisheye: bool) -> list[FileCamera]:
     """One camera; or several, by their numbers or their objects' names."""
-    objects = [("", data), *((key, value) for key, value in data.items())]
-    found = []
-    for prefix, value in objects:
-        if isinstance(value, dict):
-            plain = {key.lower().replace("_", ""): entry for key, entry in value.items()}
-            found += _cameras_of(reading, prefix, plain, fisheye)
-    if not found:
+    cameras = []
+    for prefix, value in [("", data), *data.items()]:
+        of_number: dict[str, dict[str, Any]] = defaultdict(dict)
+        for key, entry in value.items() if isinstance(value, dict) else ():
+            stem = str(key).rstrip("0123456789")
+            field = FIELDS.get(stem.lower().replace("_", ""))
+            if field is not None and entry is not None:
+                of_number[str(key)[len(stem) :]].setdefault(field, entry)
+        shared = {
+            k: v for k, v in of_number.get("", {}).items() if k not in ("matrix", "distortion")
+        }
+        for number, own in of_number.items():
+            matrix = own.get("matrix")
+            # A number named k1 is a coefficient, and an object named k may be a camera itself.
+            if isinstance(matrix, list) or (isinstance(matrix, dict) and "data" in matrix):
+                which = "-".join(part for part in (prefix, number) if part)
+                cameras.append(_opencv_camera(reading, which, shared | own, fisheye))
+    if not cameras:
         raise reading.error(
             "no camera_matrix in it", "wanted OpenCV's camera_matrix, or fx, fy, cx, cy"
         )
-    return found
-
-
-def _cameras_of(
-    reading: Reading, prefix: str, plain: dict[str, Any], fisheye: bool
-) -> list[FileCamera]:
-    cameras = []
-    for key, value in plain.items():
-        match = re.fullmatch(rf"({'|'.join(MATRIX_NAMES)})(\d*|left|right)", key)
-        # A number named k1 is a coefficient, and an object named k may be a camera itself.
-        is_list = isinstance(value, list) or (isinstance(value, dict) and "data" in value)
-        if match is None or not is_list:
-            continue
-        which = "-".join(part for part in (prefix, match[2]) if part)
-        what = "camera_matrix" + (f" of {which}" if which else "")
-        camera = camera_of_matrix(reading, value, what, _size(reading, plain))
-        names = (name + match[2] for name in DISTORTION_NAMES)
-        distortion = next((plain[name] for name in names if plain.get(name) is not None), [])
-        coefficients = reading.flat_numbers(distortion, "distortion_coefficients")
-        lens = lens_of(reading, _model(reading, plain, fisheye), coefficients)
-        cameras.append(FileCamera(which, camera, lens))
     return cameras
 
 
-def _size(reading: Reading, plain: dict[str, Any]) -> tuple[int, int]:
-    """(width, height), or (0, 0) where nothing says it."""
-    both = next(([plain[w], plain[h]] for w, h in SIZE_NAMES if w in plain and h in plain), None)
-    for key in ("imagesize", "imgsize", "resolution"):
-        if both is None and key in plain:
-            both = reading.flat_numbers(plain[key], "image_size")
-            if len(both) != 2:
-                found = f"image_size has {len(both)} numbers"
-                raise reading.error(found, "wanted width and height")
-    if both is None:
-        return 0, 0
-    width, height = map(reading.size, both, ("image_width", "image_height"))
-    return width or 0, height or 0
-
-
-def _model(reading: Reading, plain: dict[str, Any], fisheye: bool) -> LensModel:
-    """As the file says: OpenCV's sample by ``fisheye_model: 1``, ROS by ``distortion_model``."""
-    if plain.get("fisheyemodel") is not None:
-        said = reading.number(plain["fisheyemodel"], "fisheye_model") != 0.0
-        return "fisheye" if said or fisheye else "opencv"
-    for key in ("distortionmodel", "cameramodel", "lensmodel", "model"):
-        said = plain.get(key)
-        if isinstance(said, str) and said:
-            word = said.lower().replace("_", "")
-            if word in FISHEYE_NAMES:
-                return "fisheye"
-            if word not in STANDARD_NAMES:
-                wanted = "wanted OpenCV's standard or fisheye model"
-                raise reading.error(f"{key} is {said[:40]!r}", wanted)
-    return "fisheye" if fisheye else "opencv"
+def _opencv_camera(reading: Reading, name: str, own: dict[str, Any], fisheye: bool) -> FileCamera:
+    """The camera of what a file says of it, by the names of ``ALIASES``."""
+    size = reading.flat_numbers(own["size"], "image_size") if "size" in own else []
+    size = [own["width"], own["height"]] if {"width", "height"} <= set(own) else size
+    if len(size) not in (0, 2):
+        raise reading.error(f"image_size has {len(size)} numbers", "wanted width and height")
+    sides = [reading.size(value, "image_size") or 0 for value in size] or [0, 0]
+    what = "camera_matrix" + (f" of {name}" if name else "")
+    camera = camera_of_matrix(reading, own["matrix"], what, (sides[0], sides[1]))
+    coefficients = reading.flat_numbers(own.get("distortion", []), "distortion_coefficients")
+    model: LensModel = "fisheye" if fisheye else "opencv"
+    if "fisheye" in own:
+        model = "fisheye" if reading.number(own["fisheye"], "fisheye_model") else model
+    elif isinstance(said := own.get("model"), str) and said:
+        found = LENS_MODELS.get(said.lower().replace("_", ""))
+        if found is None:
+            wanted = "wanted OpenCV's standard or fisheye model"
+            raise reading.error(f"its lens model is {said[:40]!r}", wanted)
+        model = "fisheye" if fisheye else found
+    return FileCamera(name, camera, lens_of(reading, model, coefficients))
 
 
 def camera_of_matrix(

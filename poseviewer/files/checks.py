@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import re
 import stat
 import warnings
 from collections.abc import Callable, Iterator
@@ -60,8 +59,6 @@ LARGEST_NUMBER = 1e30
 LARGEST_PX = 1e7
 """Of focal lengths, principal points and sides: 100 times those of the longest lenses and largest
 pictures."""
-OPENCV_TYPE = "1?[ucwsifdh]"
-"""What OpenCV calls the types of a matrix's numbers."""
 LONGEST_NAME = 200
 """Characters of a file's name in a message."""
 LONGEST_QUOTE = 60
@@ -244,16 +241,17 @@ class Reading:
         return np.array(numbers)
 
     def flat_numbers(self, value: Any, what: str) -> list[float]:
-        """The numbers of a list, of lists in it, or of OpenCV's ``{rows, cols, data}``."""
+        """The numbers of a list, of lists in it, of a text, or of OpenCV's ``{rows, cols, data}``,
+        of numbers of any type.
+        """
         value, shape = (value.get("data"), value) if isinstance(value, dict) else (value, {})
+        value = value.split() if isinstance(value, str) else value
         if not isinstance(value, list):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a list of numbers")
         rows, columns = (self.size(shape.get(key), f"{what}.{key}") for key in ("rows", "cols"))
         if rows and columns and rows * columns != len(value):
             found = f"{what} has {len(value)} numbers in {rows} rows of {columns}"
             raise self.error(found, "wanted as many as it says")
-        if not re.fullmatch(OPENCV_TYPE, str(shape.get("dt", "d"))):
-            raise self.error(f"{what}.dt is {kind_of(shape['dt'])}", "wanted a type such as d")
         rows = [item if isinstance(item, list) else [item] for item in value]
         return [self.number(item, what) for row in rows for item in row]
 
