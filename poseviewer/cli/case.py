@@ -28,7 +28,7 @@ from poseviewer.cli.options import (
 )
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
-from poseviewer.files.marks import load_pairs, load_wheels
+from poseviewer.files.marks import load_pairs, wheels_from_text
 from poseviewer.files.state.folder import last_pose
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.verdict import Verdict
@@ -156,7 +156,7 @@ def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[St
         return lambda inputs: start_from_pairs(inputs, load_pairs(options.pairs), camera)
     if options.find_wheels is not None:
         return lambda inputs: start_from_found_wheels(inputs, options.find_wheels, camera)
-    return lambda inputs: start_from_wheels(inputs, load_wheels(options.wheels), camera)
+    return lambda inputs: start_from_wheels(inputs, wheels_from_text(options.wheels), camera)
 
 
 def search(case: Case, quiet: bool) -> FitResult:

@@ -63,8 +63,8 @@ def _add_start(parser: ArgumentParser) -> None:
     start = group.add_mutually_exclusive_group(required=True)
     option(start, "--pose POSE.json", "a pose file", Path)
     option(start, "--last", "the pose that was saved last")
-    option(start, "--pairs FILE", "CSV or JSON rows x,y,z,u,v: model, photo point", Path)
-    ellipses = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees), or a JSON file"
+    option(start, "--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point", Path)
+    ellipses = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
     option(start, "--wheels REAR;FRONT", ellipses)
     about = "look for both wheels in a rectangle about the car, in px"
     option(start, f"--find-wheels {RECTANGLE}", about, rectangle)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.landscape import landscape_csv_bytes, landscape_npz_bytes
+from poseviewer.files.landscape import landscape_npz_bytes
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.unexplained import LossScale
@@ -32,7 +32,7 @@ class LossMaps:
 
     def as_bytes(self, kind: str) -> bytes:
         """The content of a file of that ``kind``: a sheet of maps (png, pdf, svg), or the numbers
-        (npz, csv; see ``files.landscape_file``).
+        (npz; see ``files.landscape``).
 
         Raises:
             ValueError: the kind is unknown.
@@ -40,8 +40,6 @@ class LossMaps:
         if kind == "npz":
             about = self.names, self.centre, self.scales
             return landscape_npz_bytes(*about, self.slices, self.photo)
-        if kind == "csv":
-            return landscape_csv_bytes(self.names, self.centre, self.scales, self.slices)
         # Half a second of Matplotlib, which opening the app need not wait for.
         from poseviewer.figures.landscape_sheet import make_landscape_sheet
         from poseviewer.figures.save import figure_bytes
@@ -56,7 +54,7 @@ class LossMaps:
         return figure_bytes(sheet, kind)
 
     def save(self, path: str | Path) -> None:
-        """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz, .csv).
+        """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz).
 
         Raises:
             SettingsError: the format is unknown, or the file cannot be written.
@@ -67,6 +65,6 @@ class LossMaps:
         except ValueError as error:
             raise SettingsError(
                 f"{path.name}: maps cannot be written as {path.suffix!r}; use .png, .pdf or .svg "
-                "for a sheet, .npz or .csv for the numbers."
+                "for a sheet, .npz for the numbers."
             ) from error
         write_whole(path, content, SettingsError)

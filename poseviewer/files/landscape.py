@@ -1,7 +1,6 @@
-"""Loss landscapes (``fit.landscape.Slice``) for the user's own plots: pickle-free archives (.npz)
-and tables (.csv).
+"""Loss landscapes (``fit.landscape.Slice``) for the user's own plots: pickle-free archives (.npz).
 
-Keys of an archive, with d numbers of the chart, P pairs and grids of k x k points:
+Keys, with d numbers of the chart, P pairs and grids of k x k points:
 
 - ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's numbers, the pose in the middle,
   and what counts as 100 % there;
@@ -9,25 +8,16 @@ Keys of an archive, with d numbers of the chart, P pairs and grids of k x k poin
 - ``pairs`` (P, 2): the indices (first, second) of each slice's two numbers;
 - ``first_values``, ``second_values`` (P, k): what they take;
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
-
-A table has a row for every evaluated grid point, with the columns ``CSV_COLUMNS``; every number to
-its last digit. An offset is the distance from the centre as a share of its scale: 0.2 is 20 %.
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
-from io import BytesIO, StringIO
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-CSV_COLUMNS = (
-    "first_name", "second_name", "first_value", "second_value", "loss", "first_offset",
-    "second_offset",
-)  # fmt: skip
 
 
 def landscape_npz_bytes(
@@ -66,21 +56,3 @@ def _on_grid(piece: Any, steps: int) -> tuple[Any, Any, Any]:
     own, shares = np.arange(0, steps + 1, stride), np.arange(steps + 1)
     values = (np.interp(shares, own, of) for of in (piece.first_values, piece.second_values))
     return *values, losses
-
-
-def landscape_csv_bytes(
-    names: Sequence[str], centre: ArrayLike, scales: ArrayLike, slices: Sequence[Any]
-) -> bytes:
-    """A table in UTF-8: ``centre`` and ``spans`` (d,), slices of any sizes."""
-    middle, span = np.asarray(centre, dtype=float), np.asarray(scales, dtype=float)
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    for piece in slices:
-        i, j = piece.first, piece.second
-        for row, column in np.argwhere(~np.isnan(piece.losses)):
-            x, y = piece.first_values[column], piece.second_values[row]
-            offsets = (x - middle[i]) / span[i], (y - middle[j]) / span[j]
-            parameters = (x, y, piece.losses[row, column], *offsets)
-            writer.writerow([names[i], names[j], *(repr(float(number)) for number in parameters)])
-    return text.getvalue().encode()

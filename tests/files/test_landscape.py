@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from io import BytesIO
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.files.landscape import (
-    CSV_COLUMNS,
-    landscape_csv_bytes,
-    landscape_npz_bytes,
-)
+from poseviewer.files.landscape import landscape_npz_bytes
 from poseviewer.fit.landscape import Slice
 
 NAMES = ("mu_x", "mu_y", "psi_x")
@@ -71,28 +66,3 @@ def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
 def test_files_hold_no_pickles():
     arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), make_slices()))
     assert all(array.dtype.kind in "Ufi" for array in arrays.values())
-
-
-def test_a_table_reads_back_to_the_last_digit():
-    slices, centre, scales = make_slices(), [1 / 3, 2.0, 3.0], [0.1, 0.2, 1.0]
-    data = landscape_csv_bytes(NAMES, centre, scales, slices).decode()
-    rows = list(csv.DictReader(data.splitlines()))
-    assert tuple(rows[0]) == CSV_COLUMNS
-    assert len(rows) == sum(np.isfinite(piece.losses).sum() for piece in slices)
-    for row in rows:
-        i, j = NAMES.index(row["first_name"]), NAMES.index(row["second_name"])
-        (piece,) = (s for s in slices if (s.first, s.second) == (i, j))
-        column = np.flatnonzero(piece.first_values == float(row["first_value"]))
-        line = np.flatnonzero(piece.second_values == float(row["second_value"]))
-        assert piece.losses[line[0], column[0]] == float(row["loss"])
-        moved = centre[i] + scales[i] * float(row["first_offset"])
-        assert np.isclose(moved, float(row["first_value"]), rtol=0, atol=1e-14)
-        moved = centre[j] + scales[j] * float(row["second_offset"])
-        assert np.isclose(moved, float(row["second_value"]), rtol=0, atol=1e-14)
-
-
-def test_a_name_with_a_comma_stays_one_column():
-    (piece,) = (s for s in make_slices() if (s.first, s.second) == (0, 1))
-    data = landscape_csv_bytes(('a,"b"', "c", "d"), np.zeros(3), np.ones(3), [piece]).decode()
-    rows = list(csv.DictReader(data.splitlines()))
-    assert {row["first_name"] for row in rows} == {'a,"b"'}

@@ -1,8 +1,7 @@
-"""Point pairs and wheels are read from every form that is promised; mistakes are one sentence."""
+"""Point pairs and wheels are read; mistakes are one sentence."""
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.marks import load_pairs, load_wheels
+from poseviewer.files.marks import load_pairs, wheels_from_text
 
 ROWS = [[1.0, 2.0, 3.0, 10.0, 20.0], [4.0, 5.0, 6.5, 30.25, 40.0]]
 BODY = "1,2,3,10,20\n4, 5 ,6.5,30.25,40\n"
@@ -24,9 +23,6 @@ BODY = "1,2,3,10,20\n4, 5 ,6.5,30.25,40\n"
         "# clicked\n\n" + BODY,
         "\ufeff" + BODY,
         BODY.replace(",", ";"),
-        json.dumps(ROWS),
-        json.dumps({"pairs": [dict(zip("xyzuv", row, strict=True)) for row in ROWS]}),
-        json.dumps({"pairs": [{"model": row[:3], "photo": row[3:]} for row in ROWS]}),
     ],
 )
 def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
@@ -43,11 +39,6 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
         ("1,2,3,4\n", "line 1 has 4 values"),
         ("1,2,3,4,5\n1,2,3,x,5\n", "line 2: u is 'x'"),
         ("1,2,3,4,nan\n", "v is 'nan'"),
-        ("[[1,2,3,4", "not JSON"),
-        ('{"points": []}', 'no list "pairs"'),
-        ("[[1,2,3,4,true]]", "pair 1: v is True"),
-        ("[7]", "pair 1 has 1 values"),
-        ('[{"model": [1, 2], "photo": [3]}]', "pair 1 has 3 values"),
         (b"\xff\xfe\x00\x01", "not a text"),
         (b"1" * 1_000_001, "1,000,001 bytes; poseviewer takes a list"),
         (b'"' + b"1" * 200_000 + b'",2,3,4,5', "not a readable list of marks"),
@@ -65,14 +56,8 @@ def test_broken_pairs_are_told_by_file_and_place(tmp_path: Path, text, words: st
     assert "pairs.csv" in str(caught.value)
 
 
-def test_wheels_are_read_from_text_and_file(tmp_path: Path):
-    text = "740,432,50,34,90; 401,477,61,50,0"
-    path = tmp_path / "wheels.json"
-    names = ("cx", "cy", "a", "b", "angle")
-    rear = dict(zip(names, (740, 432, 50, 34, 90), strict=True))
-    path.write_text(json.dumps({"rear": rear, "front": [401, 477, 61, 50, 0]}))
-    assert load_wheels(text) == load_wheels(str(path))
-    wheel = load_wheels(text).rear
+def test_wheels_are_read_from_text():
+    wheel = wheels_from_text("740,432,50,34,90; 401,477,61,50,0").rear
     assert (wheel.cx, wheel.cy, wheel.a, wheel.b) == (740.5, 432.5, 50.0, 34.0)
     assert wheel.angle == pytest.approx(math.pi / 2)
 
@@ -85,16 +70,8 @@ def test_wheels_are_read_from_text_and_file(tmp_path: Path):
         ("1,2,3,4,5;1,2,3,x,5", "front wheel: b is 'x'"),
         ("1,2,3,-4,5;1,2,3,4,5", "must be above 0"),
         ("1,2,300,1,5;1,2,3,4,5", "edge-on"),
-        ("missing.json", "no such file"),
     ],
 )
 def test_broken_wheels_are_told(text: str, words: str):
     with pytest.raises(QuickStartError, match=words):
-        load_wheels(text)
-
-
-def test_a_wheels_file_without_a_wheel_is_told(tmp_path: Path):
-    path = tmp_path / "wheels.json"
-    path.write_text('{"rear": [1, 2, 3, 3, 0]}')
-    with pytest.raises(QuickStartError, match="no ellipse 'front'"):
-        load_wheels(str(path))
+        wheels_from_text(text)

@@ -384,7 +384,6 @@ class LandscapePanel:
         with gui.add_folder("Save the maps", expand_by_default=False):
             controls.download("Sheet (PNG)", "sheet")
             controls.download("Numbers (NPZ)", "maps-npz")
-            controls.download("Numbers (CSV)", "maps-csv")
 
     def show(self, session: Session) -> bool:
         """Bring the panel to the session; False if it is to be asked again soon."""

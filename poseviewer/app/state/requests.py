@@ -10,7 +10,7 @@ from poseviewer.files.file_set import Kind
 
 Becomes = Literal["at hand", "object"]
 """What models that come are: the one at hand, or objects beside it."""
-Export = Literal["pose", "overlay", "sheet", "maps-npz", "maps-csv"]
+Export = Literal["pose", "overlay", "sheet", "maps-npz"]
 
 
 @dataclass_transform(frozen_default=True)
