@@ -1,5 +1,5 @@
 """A BOP scene as a batch: a row for each object in each image, and the poses found as a scene, with
-masks and annotations.
+masks.
 """
 
 from __future__ import annotations
@@ -10,9 +10,6 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from poseviewer.batch.job import open_model
 from poseviewer.batch.results import JobResult, Manifest, make_folders
@@ -20,48 +17,34 @@ from poseviewer.batch.table import LAST, Job, keyed_together, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
+    MASKS,
     MODEL_FILE,
     MODEL_NAME,
     PHOTO_NAME,
+    VISIBLE_MASKS,
     BopImage,
     BopObject,
     load_bop_images,
     load_scene_file,
+    mask_file,
     same_intrinsics,
     save_bop_images,
-)
-from poseviewer.files.formats.bop_masks import (
-    COCO,
-    INFO,
-    MASKS,
-    VISIBLE_MASKS,
-    Annotation,
-    Info,
-    box_of,
-    mask_file,
-    save_annotation_files,
     save_masks,
 )
-from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import (
     PoseRecord,
-    covariance_as_json,
     load_pose,
     recorded_size,
     save_pose,
 )
-from poseviewer.files.scene import SceneRecord
-from poseviewer.files.writing import write_json
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.visibility import depth_image, visibility_of_depths
+from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.starts.automatic import AUTOMATIC
 
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""
-UNCERTAINTY = "scene_gt_uncertainty.json"
-"""By images, a list in the order of ``scene_gt.json``: what a pose file has as ``uncertainty``."""
 FROM_SCENE = "gt"
 
 
@@ -178,47 +161,26 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
             found = BopObject(_number(MODEL_NAME, result.model), place)
             poses[_number(PHOTO_NAME, result.photo)].append(found)
     save_bop_images(folder, load_scene_file(Path(manifest.scene) / CAMERAS), dict(poses))
-    _save_uncertainty(folder, results)
     if manifest.together:
-        _save_annotations(folder, manifest, results)
+        _save_masks(folder, manifest, results)
 
 
-def _save_uncertainty(folder: Path, results: Sequence[JobResult]) -> None:
-    """Write how sure the poses are beside them: ``scene_gt.json`` has no place for it, and its
-    readers do not look for more files.
-    """
-    images: dict[str, list[dict[str, Any] | None]] = defaultdict(list)
-    for result in sorted(results, key=lambda result: result.row):
-        if result.pose:
-            sure = load_pose(folder / result.pose, 1, 1).covariance
-            entry = None if sure is None else covariance_as_json(sure)
-            number = _number(MODEL_NAME, result.model)
-            image = str(_number(PHOTO_NAME, result.photo))
-            images[image].append(entry and {"obj_id": number, **entry})
-    write_json(folder / UNCERTAINTY, images, BatchError, indent=1)
-
-
-def _save_annotations(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
-    """Write masks and annotations; those of images whose poses are as they were stay."""
+def _save_masks(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
+    """Write masks; those of images whose poses are as they were stay."""
     rows: dict[int, list[JobResult]] = defaultdict(list)
     for result in sorted(results, key=lambda result: result.row):
         if result.pose:
             rows[_number(PHOTO_NAME, result.photo)].append(result)
-    before = load_scene_file(folder / INFO)
     jobs = {job.row: job for job in manifest.jobs}
-    infos: dict[int, list[Info]] = {}
     for image, found in rows.items():
-        known = before.get(str(image))
-        if isinstance(known, list) and len(known) == len(found) and _is_newer(folder, image, found):
-            infos[image] = known
+        if _is_newer(folder, image, found):
             continue
         placed = []
         for result in found:
             path = folder / result.pose
             model, _ = open_model(jobs[result.row].path(result.model), manifest.settings)
             placed.append(PlacedModel(model.mesh, load_pose(path, *recorded_size(path)).pose))
-        infos[image] = save_masks(folder, image, annotate(placed))
-    save_annotation_files(folder, infos)
+        save_image_masks(folder, image, placed)
 
 
 def _is_newer(folder: Path, image: int, found: Sequence[JobResult]) -> bool:
@@ -259,36 +221,7 @@ def _number(pattern: str, path: str) -> int:
     return int(found[1])
 
 
-def annotate(models: Sequence[PlacedModel]) -> list[Annotation]:
-    """One for each of the models, by one perspective camera. As in BOP, whole silhouettes are
-    counted in a picture of three times the size about the image.
-    """
-    found, depths = [], []
-    for model in models:
-        camera = model.pose.camera
-        assert isinstance(camera, Perspective)  # BOP has no other
-        width, height = camera.width, camera.height
-        around = camera.cropped(-width, -height, 3 * width, 3 * height)
-        wide = replace(model, pose=Pose(around, model.pose.camera_from_model))
-        depths.append(depth_image(model))
-        whole = np.isfinite(depth_image(wide))
-        left, top, *size = box_of(whole)
-        box = [left - width, top - height, *size] if whole.any() else [left, top, *size]
-        found.append((int(whole.sum()), box))
-    seen = visibility_of_depths(depths)
-    return [
-        Annotation(drawn, seen.seen(index), pixels, box)
-        for index, (drawn, (pixels, box)) in enumerate(zip(seen.drawn, found, strict=True))
-    ]
-
-
-def save_image_annotations(folder: Path, image: int, scene: SceneRecord) -> tuple[Path, ...]:
-    """Write masks and annotations of a scene's objects as those of an image that is in the folder
-    of a BOP scene; returns the files of the annotations, which other images share.
-    """
-    meshes = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
-    placed = [PlacedModel(meshes[one.model], one.record.pose) for one in scene.objects]
-    known = {int(name): infos for name, infos in load_scene_file(folder / INFO).items()}
-    known[image] = save_masks(folder, image, annotate(placed))
-    save_annotation_files(folder, known)
-    return folder / INFO, folder / COCO
+def save_image_masks(folder: Path, image: int, models: Sequence[PlacedModel]) -> None:
+    """Write the masks of the models in an image of a BOP scene's folder, by one camera."""
+    seen = visibility(models)
+    save_masks(folder, image, seen.drawn, [seen.seen(index) for index in range(len(models))])

@@ -43,13 +43,6 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--unit", "of the model, where POSE does not say it", choices=METRES)
     option(parser, "--image NAME|NUMBER", "which image of a file with several; BOP: its number")
     option(parser, "--object ID|NUMBER", "which object of a scene; BOP: its number")
-    option(
-        parser,
-        "--undistorted-photo FILE.png",
-        "where a lens was undone: write the undistorted photo, and the pose for it (done beside "
-        "OUT for formats that do not have the lens)",
-        Path,
-    )
     option(parser, "--overwrite", "replace OUT if it is there")
 
 
@@ -68,35 +61,21 @@ def run(options: Namespace) -> int:
     if options.source_format == SCENE:
         record, request = _object_of_scene(options)
     else:
-        read = FORMATS[options.source_format].read
-        if read is None:
-            raise PoseFileError(
-                f"Poses cannot be read from {options.source_format} files; convert from another "
-                "format."
-            )
         request = _request(options)
         with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
-            record = read(options.source, request)
+            record = FORMATS[options.source_format].read(options.source, request)
         record, request = _with_files(record, request, options.source)
         request = replace(request, others=_others(record, request, options.source))
     for warning in record.warnings:
         say(f"note: {warning}")
-    known = FORMATS[options.out_format]
-
-    def beside(one: PoseRecord, asked: ConvertOptions) -> Path:
-        return _undistorted_beside(options, one, asked.image)
-
-    written = known.convert(record, options.out, request, beside)
-    photo = written.undistorted_photo or request.photo
-    if photo and options.out_format not in UPRIGHT and is_stored_turned(photo):
+    written = FORMATS[options.out_format].convert(record, options.out, request)
+    if written.photo and options.out_format not in UPRIGHT and is_stored_turned(written.photo):
         say(
-            f"note: {photo.name} is stored turned (EXIF), and the pose is one in the "
+            f"note: {written.photo.name} is stored turned (EXIF), and the pose is one in the "
             "upright photo; save it upright for tools that do not turn it."
         )
     for note in written.notes:
         say(f"note: {note}")
-    if written.undistorted_photo:
-        say(f"undistorted photo: {written.undistorted_photo}")
     for path in written.files:
         say(f"{options.out_format}: {path}")
     return 0
@@ -104,11 +83,13 @@ def run(options: Namespace) -> int:
 
 def _convert_scene(options: Namespace) -> int:
     """Read or write all objects of a photo at once, and say what was written."""
-    from poseviewer.batch.scene import save_image_annotations
+    from poseviewer.batch.scene import save_image_masks
     from poseviewer.files.formats.bop import read_bop_image, write_bop_image
     from poseviewer.files.formats.conversion import refuse_existing
     from poseviewer.files.formats.table import OF_SCENES
+    from poseviewer.files.mesh.load import load_mesh
     from poseviewer.files.scene import load_scene, save_scene
+    from poseviewer.fit.registration import PlacedModel
 
     request = _request(options)
     if options.source_format == SCENE:
@@ -123,12 +104,20 @@ def _convert_scene(options: Namespace) -> int:
     for warning in scene.warnings:
         say(f"note: {warning}")
     files = (options.out,)
+    if scene.undistortion is not None and options.out_format != SCENE:
+        raise PoseFileError(
+            "The scene is one in an undistorted photo; undo the lens first (poseviewer undistort), "
+            "or convert its objects one by one with --object ID."
+        )
     if options.out_format == SCENE:
         refuse_existing(request, options.out)
         save_scene(options.out, scene)
     elif options.out_format == "bop":
         image, written = write_bop_image(scene, options.out, request)
-        files = (*written.files, *save_image_annotations(options.out, image, scene))
+        files = written.files
+        meshes = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
+        models = [PlacedModel(meshes[one.model], one.record.pose) for one in scene.objects]
+        save_image_masks(options.out, image, models)
     elif options.out_format in OF_SCENES:
         files = OF_SCENES[options.out_format](scene, options.out, request).files
     else:
@@ -168,22 +157,6 @@ def _others(
         photo = (request.photo and _beside(request.photo, name)) or _beside(source, name)
         found.append((other, replace(request, photo=photo, image=number)))
     return tuple(found)
-
-
-def _undistorted_beside(options: Namespace, record: PoseRecord, image: str | None) -> Path:
-    """Where the undistorted photo goes: where BOP looks for it, or beside the file."""
-    from poseviewer.files.writing import make_folder
-
-    name = Path((record.photo.file if record.photo else None) or "photo").stem
-    if options.out_format == "bop":
-        number = Path(image or name).stem
-        path = options.out / "rgb" / f"{number.zfill(6)}.png"
-    elif options.out_format == "colmap":
-        path = options.out / f"{name}.undistorted.png"
-    else:
-        return options.out.parent / f"{name}.undistorted.png"
-    make_folder(path.parent)
-    return path
 
 
 def _request(options: Namespace, **more: Any) -> ConvertOptions:

@@ -48,7 +48,7 @@ def test_from_one_tool_to_another(pose, tmp_path):
     assert "camera_matrix" in (tmp_path / "cv.yml").read_text()
 
 
-@pytest.mark.parametrize("name", ["gltf out.glb", "blender out.py", "meshlab out.mlp"])
+@pytest.mark.parametrize("name", ["gltf out.glb", "meshlab out.mlp"])
 def test_photo_and_model_are_found_beside_the_pose(pose, tmp_path, capsys, name):
     kind, out = name.split()
     assert run("convert", pose, "--to", kind, tmp_path / out) == 0
@@ -84,7 +84,6 @@ def test_files_that_are_named_come_first(pose, tmp_path):
         ("POSE --to bop OUT --photo none.png", "none.png: no such file"),
         ("POSE --to gltf OUT", "end in .glb"),
         ("POSE --to opencv OUT.txt", ".yaml"),
-        ("POSE --from blender OUT", "cannot be read from blender"),
         ("none.json --to opencv OUT.yml", "no such file"),
         ("POSE --from opencv OUT.json", "camera_matrix"),
         ("POSE --to nothing OUT", "invalid choice"),

@@ -71,7 +71,6 @@ def test_any_argument_gives_one_line_and_exit_code_2(
     "arguments",
     [
         ("fit", "p.png", "m.ply", "--pairs", "odd.csv", "--out", "o.json"),
-        ("fit", "p.png", "m.ply", "--wheels", "odd.json", "--out", "o.json"),
         ("fit", "p.png", "m.ply", "--pose", "s.json", "--mask", "odd.png", "--out", "o.json"),
         (
             "fit",

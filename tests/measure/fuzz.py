@@ -39,7 +39,7 @@ from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.marks import load_pairs, load_wheels
+from poseviewer.files.marks import load_pairs
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose, set_frame
@@ -78,10 +78,8 @@ def read_format(name: str, in_folder: bool = False) -> Reader:
 
     def read(path: Path) -> None:
         options = ConvertOptions(photo_size=PHOTO_SIZE if name == "bop" else None)
-        reader = FORMATS[name].read
-        assert reader is not None
         with Reading(path, kind=f"{name} file").naming_errors():
-            reader(path.parent if in_folder else path, options)
+            FORMATS[name].read(path.parent if in_folder else path, options)
 
     return read
 
@@ -108,12 +106,11 @@ READERS: dict[str, Reader] = {
     "keypoints": lambda path: load_keypoints(path.with_name("m.glb"), BUMPY),
     "symmetry": lambda path: load_symmetry(path.with_name("m.glb"), CAR),
     "pairs": load_pairs,
-    "wheels": lambda path: load_wheels(str(path)),
     "jobs": lambda path: load_jobs(path, FitSettings()),
     "autosave": load_autosave,
     "upload": lambda path: sort_set(files_below(keep_set(path.parent / "u", path.read_bytes(), 1))),
     "page": read_report,
-    **{f"{name}_pose": read_format(name) for name in ("opencv", "matrices", "nerfstudio", "gltf")},
+    **{f"{name}_pose": read_format(name) for name in ("opencv", "nerfstudio", "gltf")},
     "meshlab_pose": read_format("meshlab"),
     "colmap_pose": read_format("colmap", in_folder=True),
     "bop_pose": read_format("bop", in_folder=True),

@@ -1,8 +1,7 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
 As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and
-K row-major, OpenCV axes, pixel centres at integers. ``bop_masks`` writes masks, boxes and
-``scene_gt_info.json``.
+K row-major, OpenCV axes, pixel centres at integers.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import bop_cameras, camera_of_matrix
@@ -27,17 +27,19 @@ from poseviewer.files.formats.conversion import (
     Written,
     make_record,
     metres_per_unit,
+    perspective_of,
     photo_name,
-    require_pinhole,
     size_of,
     unit_of,
 )
+from poseviewer.files.masks import mask_as_png
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, set_frame
+from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.scene import ObjectRecord, SceneRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 MOST_DIGITS = 18
@@ -49,6 +51,7 @@ LARGEST_SCENE = 1_000_000_000
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """What BOP calls the camera from the scene's world; many scenes do not have it."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
+MASKS, VISIBLE_MASKS = "mask", "mask_visib"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
@@ -101,44 +104,17 @@ class BopScene:
 
 def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Append a pose to the scene folder ``out``, to the image of each of its photos; what is there
-    stays, nothing is said twice. The world of a set of photos is its frame, in mm.
+    stays, nothing is said twice.
 
     Raises:
         PoseFileError: parallel projection; the unit, image or object is not known; the image is
             there with another camera; the folder cannot be written to.
     """
-    paths, notes = (out / CAMERAS, out / POSES), []
-    cameras, poses = (load_scene_file(path) for path in paths)
-    reading, frame = Reading(paths[0]), set_frame(record)
-    for one, asked in ((record, request), *request.others):
-        image = str(_number(asked.image, PHOTO_NAME, photo_name(one), "image", "000003.png"))
-        entry, camera = _entry(one, request), _camera_entry(one)
-        if frame is not None:
-            place = _in_mm(frame.camera_from_set(one.pose), one, request)
-            numbers = place.rotation.reshape(-1).tolist(), place.translation.tolist()
-            camera |= dict(zip(WORLD, numbers, strict=True))
-        there = reading.object(cameras.setdefault(image, camera), f"image {image}")
-        for key in ("cam_K", *(WORLD if frame else ())):
-            wanted = camera[key]
-            known = reading.numbers(there.setdefault(key, wanted), f"{image}.{key}", len(wanted))
-            if not np.allclose(known, wanted, rtol=SAME, atol=SAME):
-                raise PoseFileError(
-                    f"{paths[0]}: image {image} is there with another camera; give the pose "
-                    "another image with --image NUMBER, or convert it with that camera."
-                )
-        of_image = poses.setdefault(image, [])
-        if not isinstance(of_image, list):
-            raise PoseFileError(f"{paths[1]}: image {image} is not a list; is it a scene of BOP's?")
-        if entry in of_image:
-            notes.append(f"Image {image} had this very pose already.")
-        else:
-            of_image.append(entry)
-    return Written(_save_scene(out, cameras, poses), tuple(notes))
-
-
-def _camera_entry(record: PoseRecord) -> dict[str, Any]:
-    matrix = opencv_matrix(require_pinhole(record, "BOP"))
-    return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": 1.0}
+    images = [
+        (_image_number(asked, photo_name(one)), perspective_of(one, "BOP"), [_entry(one, request)])
+        for one, asked in ((record, request), *request.others)
+    ]
+    return Written(_append(out, images))
 
 
 def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
@@ -148,23 +124,76 @@ def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> t
     Raises:
         PoseFileError: as of ``write_bop``; or the image is there already.
     """
-    camera = _camera_entry(replace(scene.objects[0].record, photo=scene.photo_reference))
-    number = _number(request.image, PHOTO_NAME, scene.photo.name, "image", "000003.png")
+    first = replace(scene.objects[0].record, photo=scene.photo_reference)
+    number = _image_number(request, scene.photo.name)
     entries = []
     for one in scene.objects:
         named = re.fullmatch(MODEL_NAME, one.model.name) or not one.id.isdecimal()
         asked = request if named else replace(request, object_id=int(one.id))
         entries.append(_entry(one.record, asked))
-    paths = out / CAMERAS, out / POSES
-    cameras, poses = (load_scene_file(path) for path in paths)
-    if str(number) in poses and not request.overwrite:
+    if str(number) in load_scene_file(out / POSES) and not request.overwrite:
         raise PoseFileError(
-            f"{paths[1]}: image {number} is there already and was not touched; name another with "
-            "--image NUMBER, or add --overwrite."
+            f"{out / POSES}: image {number} is there already and was not touched; name another "
+            "with --image NUMBER, or add --overwrite."
         )
-    cameras[str(number)] = camera
-    poses[str(number)] = entries
-    return number, Written(_save_scene(out, cameras, poses))
+    images = [(number, perspective_of(first, "BOP"), entries)]
+    return number, Written(_append(out, images, replacing=True))
+
+
+def _append(
+    out: Path,
+    images: Sequence[tuple[int, Perspective, list[dict[str, Any]]]],
+    replacing: bool = False,
+) -> tuple[Path, Path]:
+    """Add the poses of images, by their numbers, to a scene; or have them ``replacing`` those that
+    are there. Gives the scene's files.
+    """
+    reading = Reading(out / CAMERAS)
+    cameras, poses = (load_scene_file(out / name) for name in (CAMERAS, POSES))
+    for number, camera, entries in images:
+        image = str(number)
+        if replacing:
+            cameras.pop(image, None)
+            poses.pop(image, None)
+        new = {"cam_K": opencv_matrix(camera).reshape(-1).tolist(), "depth_scale": 1.0}
+        there = reading.object(cameras.setdefault(image, new), f"image {image}")
+        known = camera_of_matrix(reading, there.get("cam_K"), f"{image}.cam_K")
+        if not same_intrinsics(known, camera):
+            raise PoseFileError(
+                f"{out / CAMERAS}: image {image} is there with another camera; give the pose "
+                "another image with --image NUMBER, or convert it with that camera."
+            )
+        of_image = poses.setdefault(image, [])
+        if not isinstance(of_image, list):
+            raise PoseFileError(
+                f"{out / POSES}: image {image} is not a list; is it a scene of BOP's?"
+            )
+        of_image += [entry for entry in entries if entry not in of_image]
+    return _save_scene(out, cameras, poses)
+
+
+def save_masks(
+    folder: Path,
+    image: int,
+    silhouettes: Sequence[NDArray[np.bool_]],
+    visible: Sequence[NDArray[np.bool_]],
+) -> None:
+    """Write ``mask/`` (each object as if it were alone) and ``mask_visib/`` (what is seen of it) of
+    an image, called by its number and by the objects' places in ``scene_gt.json``.
+
+    Raises:
+        PoseFileError: the folder cannot be written to.
+    """
+    for name, masks in ((MASKS, silhouettes), (VISIBLE_MASKS, visible)):
+        make_folder(folder / name)
+        for number, mask in enumerate(masks):
+            data = mask_as_png(Mask.of(mask))
+            write_whole(mask_file(folder / name, image, number), data, PoseFileError)
+
+
+def mask_file(folder: Path, image: int, number: int) -> Path:
+    """Where the mask of an image's object lies in ``mask/`` or ``mask_visib/``."""
+    return folder / f"{image:06d}_{number:06d}.png"
 
 
 def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -174,12 +203,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
     Raises:
         PoseFileError: there is no such image, or no pose in it; the photo or a model is not there.
     """
-    _, poses = (load_scene_file(path / name) for name in (CAMERAS, POSES))
-    scene = load_bop_images(path)
-    chosen = int(_chosen_image(path / POSES, poses, request))
-    image = next((image for image in scene.images if image.number == chosen), None)
-    if image is None or not image.objects:
-        raise PoseFileError(f"{path}: image {chosen} has no camera or no pose; choose another.")
+    image = _chosen_image(path, request)
     photo = request.photo or path / image.photo
     for file, what in ((photo, "photo"), (request.model, "folder of the models")):
         if file is None or not file.exists():
@@ -188,8 +212,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
             raise PoseFileError(f"{path}: the {what} is wanted, and {found}; name it with {flag}.")
     assert request.model is not None  # it is there
     opened = load_photo(photo)
-    width, height = opened.width, opened.height
-    camera = replace(image.camera, width=width, height=height)
+    camera = replace(image.camera, width=opened.width, height=opened.height)
     seen: Counter[int] = Counter()
     objects = []
     for one in image.objects:
@@ -198,11 +221,11 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
         model = request.model / MODEL_FILE.format(one.object_id)
         if not model.is_file():
             raise PoseFileError(f"{model}: no such model; name the folder of it with --model.")
-        record = PoseRecord(
-            Pose(camera, one.place), model=ModelReference(model.name, unit=request.unit or UNIT)
-        )
+        reference = ModelReference(model.name, unit=request.unit or UNIT)
+        record = PoseRecord(Pose(camera, one.place), model=reference)
         objects.append(ObjectRecord(f"{one.object_id}{again}", model, record))
-    return SceneRecord(photo, PhotoReference(None, width, height), camera, tuple(objects))
+    reference = PhotoReference(None, camera.width, camera.height)
+    return SceneRecord(photo, reference, camera, tuple(objects))
 
 
 def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
@@ -213,28 +236,19 @@ def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
     Raises:
         PoseFileError: there is no such pose, or more than one.
     """
-    for name in (CAMERAS, POSES):
-        if not (path / name).is_file():
-            raise PoseFileError(f"{path / name}: no such file; name a BOP scene's folder.")
-    cameras, poses = (load_scene_file(path / name) for name in (CAMERAS, POSES))
-    image = _chosen_image(path / POSES, poses, request)
-    reading = Reading(path / CAMERAS)
-    size = size_of(reading, request)
-    (matrix,) = reading.fields(cameras.get(image), f"image {image}", cam_K=Reading.flat_numbers)
-    camera = camera_of_matrix(reading, matrix, f"{image}.cam_K", size)
-    reading = Reading(path / POSES, reading.warnings)
-    entries, asked = poses[image], request.object_id
-    if isinstance(entries, list) and asked is not None:
-        entries = [e for e in entries if isinstance(e, dict) and e.get("obj_id") == asked]
-    chosen = _objects(reading, entries, image)
+    image, asked = _chosen_image(path, request), request.object_id
+    width, height = size_of(Reading(path / CAMERAS), request)
+    reading = Reading(path / POSES)
+    chosen = [one for one in image.objects if asked in (None, one.object_id)]
     if len(chosen) != 1:
-        found = f"image {image} has {len(chosen)} poses" + (f" of object {asked}" if asked else "")
+        found = f"image {image.number} has {len(chosen)} poses"
+        found += "" if asked is None else f" of object {asked}"
         raise reading.error(found, "wanted one, choose it with --object NUMBER")
-    place = chosen[0].place
     unit = request.unit or UNIT
-    translation = place.translation * (metres_per_unit(UNIT) / metres_per_unit(unit))
-    pose = Pose(camera, replace(place, translation=translation))
-    return make_record(reading, pose, None, unit)
+    factor = metres_per_unit(UNIT) / metres_per_unit(unit)
+    place = replace(chosen[0].place, translation=chosen[0].place.translation * factor)
+    camera = replace(image.camera, width=width, height=height)
+    return make_record(reading, Pose(camera, place), None, unit)
 
 
 def load_bop_images(folder: Path) -> BopScene:
@@ -245,7 +259,7 @@ def load_bop_images(folder: Path) -> BopScene:
     """
     if not (folder / CAMERAS).is_file():
         raise PoseFileError(
-            f"{folder}: no {CAMERAS} in it; name a BOP scene's folder, such as test/000002."
+            f"{folder / CAMERAS}: no such file; name a BOP scene's folder, such as test/000002."
         )
     cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
     if not all(isinstance(entry, dict) and "cam_K" in entry for entry in cameras.values()):
@@ -332,6 +346,10 @@ def _in_mm(place: RigidTransform, record: PoseRecord, request: ConvertOptions) -
     return replace(place, translation=place.translation * factor)
 
 
+def _image_number(request: ConvertOptions, name: str | None) -> int:
+    return _number(request.image, PHOTO_NAME, name, "image", "000003.png")
+
+
 def _number(given: str | None, pattern: str, name: str | None, what: str, example: str) -> int:
     said = name if given is None else given
     found = re.fullmatch(pattern, said or "")
@@ -344,19 +362,22 @@ def _number(given: str | None, pattern: str, name: str | None, what: str, exampl
     return int(text)
 
 
-def _chosen_image(path: Path, poses: SceneFile, request: ConvertOptions) -> str:
-    by_number = {str(int(name)): name for name in poses if name.isdecimal()}
-    if request.image is None and len(poses) == 1:
-        return next(iter(poses))
-    wanted = request.image or ""
-    name = by_number.get(str(int(wanted)) if wanted.isdecimal() else "")
-    if name is None:
-        missing = f"there is no image {wanted!r}" if wanted else "no image is chosen"
+def _chosen_image(folder: Path, request: ConvertOptions) -> BopImage:
+    """Image ``request.image`` of a scene, or the only one that has poses."""
+    scene, name = load_bop_images(folder), Path(request.image or "").stem
+    if not scene.posed:
+        raise PoseFileError(f"{folder / POSES}: no such file; name a BOP scene's folder.")
+    posed = [image for image in scene.images if image.objects]
+    asked = int(name) if name.isdecimal() else None
+    chosen = posed if request.image is None else [one for one in posed if one.number == asked]
+    if len(chosen) != 1:
+        missing = f"no pose of image {name!r}" if name else "no image is chosen"
+        numbers = ", ".join(str(one.number) for one in posed[:MOST_NAMED])
         raise PoseFileError(
-            f"{path}: {missing}; choose one of its {len(poses)} images with --image NUMBER "
-            f"({', '.join(list(by_number)[:MOST_NAMED])}{' ...' * (len(poses) > MOST_NAMED)})."
+            f"{folder / POSES}: {missing}; choose one of its {len(posed)} images with --image "
+            f"NUMBER ({numbers}{' ...' * (len(posed) > MOST_NAMED)})."
         )
-    return name
+    return chosen[0]
 
 
 def _photos(folder: Path) -> dict[int, str]:
@@ -386,4 +407,4 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
     return tuple(found)
 
 
-BOP = Format(write_bop, read_bop)
+BOP = Format(write_bop, read_bop, photos_in="rgb")

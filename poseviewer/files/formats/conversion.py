@@ -16,14 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.errors import PhotoFileError, PoseFileError, PoseViewerError
-from poseviewer.files.checks import Reading, checked_camera
+from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.files.checks import Reading, checked_camera, checked_rotation
 from poseviewer.files.photo import SAME, load_photo, photo_text, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
-from poseviewer.files.writing import sha256_of, write_whole
+from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.transform import RigidTransform
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
@@ -46,8 +48,6 @@ class ConvertOptions:
     object_id: int | None = None
     """Which object (BOP)."""
     overwrite: bool = False
-    undistorted_photo: Path | None = None
-    """Where to write the undistorted photo, which the pose is then written for."""
     others: tuple[tuple[PoseRecord, ConvertOptions], ...] = ()
     """Of a pose in a set of photos: the same in each of the others, and what is known of that."""
 
@@ -59,12 +59,10 @@ class Written:
     files: tuple[Path, ...]
     notes: tuple[str, ...] = ()
     """What the user should know about it."""
-    undistorted_photo: Path | None = None
-    """The photo that all belongs to, where it was written as well."""
+    photo: Path | None = None
+    """The photo that all numbers belong to, where it is known."""
 
 
-Beside = Callable[[PoseRecord, ConvertOptions], Path]
-"""Where the undistorted photo of a pose goes, that no user has named a place for."""
 LensAs = Callable[[Lens | None], tuple[str, Any] | None]
 """A format's name for a lens (None: a pinhole) and its parameters there; None: it has not that."""
 
@@ -77,7 +75,7 @@ class Format:
 
     write: Callable[[PoseRecord, Path, ConvertOptions], Written]
     """Pose, where to, and what else is known."""
-    read: Callable[[Path, ConvertOptions], PoseRecord] | None
+    read: Callable[[Path, ConvertOptions], PoseRecord]
     parallel: bool = False
     """Whether it can say parallel projection."""
     lens_as: LensAs | None = None
@@ -85,99 +83,98 @@ class Format:
     """Whether it can say the cameras of several photos."""
     both_photos: bool = False
     """Whether it says of the photo as taken and the undistorted one what belongs to which."""
+    photos_in: str | None = None
+    """Where undistorted photos go: beside the file that is written, or in this folder of it."""
 
-    def held(self, record: PoseRecord) -> str | None:
-        """What it calls the lens of a pose's photo; None where there is none, or it has not that
-        lens; or where the pose has another camera than that of the undistorted photo (a focal
-        length that was found): no lens model says that.
+    def lens_name(self, record: PoseRecord) -> str | None:
+        """The format's name for the lens of a pose's photo; None where it has not that lens, or the
+        pose has another camera than that of the undistorted photo (a focal length that was found).
         """
         undistortion, camera = record.undistortion, record.pose.camera
-        if undistortion is None or self.both_photos:
-            return None if undistortion is None else "both"
-        if self.lens_as is None or not isinstance(camera, Perspective):
+        if undistortion is None or self.lens_as is None or not isinstance(camera, Perspective):
             return None
         same = np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME)
-        found = self.lens_as(undistortion.lens) if same else None
-        return None if found is None else found[0]
+        known = self.lens_as(undistortion.lens) if same else None
+        return None if known is None else known[0]
 
-    def convert(
-        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Beside
-    ) -> Written:
+    def convert(self, record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
         """Write a pose for the photo as taken where the format has its lens, else for the
-        undistorted photo, which is written to ``request.undistorted_photo`` or ``beside``, and
-        taken away again where what follows fails; so with the other photos of a set.
+        undistorted photo, which is written beside; so with the other photos of a set.
 
         Raises:
             PoseViewerError: the pose cannot be written; the photo is not known or unusable; a file
-                is in the way; there is nothing to undistort.
+                is in the way.
         """
-        if record.undistortion is None and request.undistorted_photo is not None:
-            raise PoseFileError(
-                "--undistorted-photo, and the pose is one in the photo as taken, without a "
-                "lens; leave it out."
-            )
-        if not request.others:
-            return self._convert_one(record, out, request, beside)
-        if not self.several:
-            left = f"It holds one photo: the other {len(request.others)} of the set are left out."
-            written = self._convert_one(record, out, replace(request, others=()), beside)
-            return replace(written, notes=(*written.notes, left))
-        others, notes, new = [], [], []
-        try:
-            for other, asked in request.others:
-                if other.undistortion is None or self.held(other) is not None:
-                    others.append((other, asked))
-                elif asked.photo is None:
-                    notes.append(f"{photo_name(other)} is not there to be undistorted: left out.")
+        views, notes, new, ready = [(record, request), *request.others], [], [], []
+        if len(views) > 1 and not self.several:
+            notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
+            views = views[:1]
+        for one, asked in views:
+            name = photo_name(one) or "the photo"
+            if one.undistortion is not None and not self.both_photos:
+                if (lens := self.lens_name(one)) is not None:
+                    notes.append(f"Camera and lens ({lens}) are those of {name} as taken.")
+                elif asked.photo is None and ready:
+                    notes.append(f"{name} is not there to be undistorted: left out.")
+                    continue
                 else:
-                    path = beside(other, asked)
-                    new += [path] * _write(path, _undistorted(other, asked), asked)
-                    others.append((_of_undistorted(other, path), replace(asked, photo=path)))
-            of_all = replace(request, others=tuple(others))
-            written = self._convert_one(record, out, of_all, beside)
-        except PoseViewerError:
-            for path in new:
-                path.unlink()
-            raise
-        return replace(written, files=(*written.files, *new), notes=(*written.notes, *notes))
+                    path = self._undistorted_path(out, name, asked)
+                    one, asked = _of_undistorted(one, path, asked)
+                    new.append(path)
+                    notes.append(
+                        f"All numbers of {name} belong to {path.name}, the undistorted photo, "
+                        "which is written; not to the photo as taken."
+                    )
+            ready.append((one, asked))
+        (first, asked), *others = ready
+        written = self.write(first, out, replace(asked, others=tuple(others)))
+        return Written((*new, *written.files), (*notes, *written.notes), asked.photo)
 
-    def _convert_one(
-        self, record: PoseRecord, out: Path, request: ConvertOptions, beside: Beside
-    ) -> Written:
-        if record.undistortion is None:
-            return self.write(record, out, request)
-        held, name = self.held(record), photo_name(record) or "the photo"
-        if held is not None and request.undistorted_photo is None:
-            note = f"Camera and lens ({held}) are those of {name} as taken."
-            if held == "both":
-                note = (
-                    "The pose and its camera belong to the undistorted photo; the file's "
-                    "distortion block says how that is made of the photo as taken."
-                )
-            written = self.write(record, out, request)
-            return replace(written, notes=(note, *written.notes))
-        path = request.undistorted_photo or beside(record, request)
-        is_new = _write(path, _undistorted(record, request), request)
-        note = (
-            f"All numbers belong to {path.name}, the undistorted photo, which is written; not to "
-            f"{name} as taken."
-        )
+    def _undistorted_path(self, out: Path, name: str, request: ConvertOptions) -> Path:
+        if self.photos_in is None:
+            return out.parent / f"{Path(name).stem}.undistorted.png"
+        folder = out / self.photos_in
+        make_folder(folder)
         # BOP numbers its images by the names of their files.
-        asked = replace(request, photo=path, image=request.image or photo_name(record))
-        try:
-            written = self.write(_of_undistorted(record, path), out, asked)
-        except PoseViewerError:
-            if is_new:
-                path.unlink()
-            raise
-        return Written(written.files, (note, *written.notes), path)
+        return folder / f"{Path(request.image or name).stem.zfill(6)}.png"
 
 
-def _of_undistorted(record: PoseRecord, path: Path) -> PoseRecord:
-    """The same of the undistorted photo alone, which lies there."""
-    camera = record.pose.camera
-    photo = PhotoReference(path.name, camera.width, camera.height, sha256_of(path))
-    return replace(record, undistortion=None, photo=photo)
+def _of_undistorted(
+    record: PoseRecord, path: Path, request: ConvertOptions
+) -> tuple[PoseRecord, ConvertOptions]:
+    """Write the undistorted photo of a pose; returns the same of that photo alone.
+
+    Raises:
+        PoseViewerError: the photo as taken is not known or another; a file is in the way.
+    """
+    assert record.undistortion is not None  # asked for such poses alone
+    if request.photo is None:
+        raise PoseFileError(
+            "The pose is one in the undistorted photo, which has to be written for it, and the "
+            "photo as taken is not known; add --photo FILE."
+        )
+    taken = load_photo_of(record, request.photo)
+    known = record.photo.sha256 if record.photo else None
+    if known and known.lower() != taken.sha256:
+        raise PhotoFileError(
+            f"{taken.name}: not the photo that the pose was found on (the fingerprints differ); "
+            "name that one with --photo, or this one if you mean it."
+        )
+    picture, is_there = undistorted(taken, record.undistortion), path.exists()
+    is_taken = is_there and path.samefile(request.photo)
+    same = is_there and not is_taken and np.array_equal(load_photo(path).pixels, picture.pixels)
+    if is_there and not same and (is_taken or not request.overwrite):
+        raise PhotoFileError(
+            f"{path}: is there already and was not touched; move it away: the undistorted photo "
+            "is to be written there."
+        )
+    if not same:
+        save_image(path, pixels_for(path, picture), photo_text(picture))
+    camera, image = record.pose.camera, request.image or photo_name(record)
+    photo = PhotoReference(path.name, camera.width, camera.height)
+    return replace(record, undistortion=None, photo=photo), replace(
+        request, photo=path, image=image
+    )
 
 
 def refuse_existing(request: ConvertOptions, *paths: Path) -> None:
@@ -207,40 +204,40 @@ def write_new(
     return Written(tuple(contents), notes)
 
 
+def as_4x4(transform: RigidTransform) -> FloatArray:
+    """``[[R, t], [0, 1]]`` (4, 4), for points as columns."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = transform.rotation, transform.translation
+    return matrix
+
+
+def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
+    """The rigid transform in 4 rows of 4 numbers (or 3, without the last); raises the reading's
+    error where it is something else.
+    """
+    matrix = reading.matrix(rows, what, (3, 4), 4)
+    if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
+        raise reading.error(f"the last row of {what} is {rows[3]}", "wanted 0 0 0 1 (row-major)")
+    return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
+
+
 def json_text(data: Mapping[str, Any]) -> str:
     """JSON to be read by people as well."""
     return json.dumps(data, indent=2) + "\n"
 
 
-def require_pinhole(record: PoseRecord, tool: str) -> Perspective:
+def perspective_of(record: PoseRecord, tool: str) -> Perspective:
     """The record's camera, pixel centres at i + 0.5.
 
     Raises:
-        PoseFileError: the projection is parallel, or the photo as taken has a lens, which this
-            tool's files cannot say.
+        PoseFileError: the projection is parallel, which this tool's files cannot say.
     """
-    refuse_lens(record, tool)
-    return _perspective(record, tool)
-
-
-def _perspective(record: PoseRecord, tool: str) -> Perspective:
     if isinstance(record.pose.camera, Perspective):
         return record.pose.camera
     raise PoseFileError(
         f"The pose is one of parallel projection, which {tool} files cannot hold; convert it to "
-        "matrices, gltf or blender, or fit it in perspective."
+        "gltf, or fit it in perspective."
     )
-
-
-def refuse_lens(record: PoseRecord, tool: str, lens: Any = None) -> None:
-    """Raise PoseFileError where the pose is one in an undistorted photo, and the file would name
-    the photo as taken, without saying its ``lens``.
-    """
-    if record.undistortion is not None and lens is None:
-        raise PoseFileError(
-            f"The pose is one in an undistorted photo, and {tool} files cannot hold its lens; "
-            "write it for the undistorted photo, with --undistorted-photo FILE."
-        )
 
 
 def require_file(path: Path | None, what: str, tool: str) -> Path:
@@ -350,31 +347,12 @@ def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Persp
     """Camera (pixel centres at i + 0.5) of the photo as taken, and what the tool makes of its lens.
 
     Raises:
-        PoseFileError: the projection is parallel, or the tool does not have the lens.
+        PoseFileError: the projection is parallel.
     """
-    camera, lens = _perspective(record, tool), None
-    if record.undistortion is not None:
-        camera, lens = record.undistortion.taken, record.undistortion.lens
-    found = lens_as(lens)
-    refuse_lens(record, tool, found)
-    return camera, found
-
-
-def _undistorted(record: PoseRecord, request: ConvertOptions) -> Photo:
-    if request.photo is None:
-        raise PoseFileError(
-            "The pose is one in the undistorted photo, which has to be written for it, and the "
-            "photo as taken is not known; add --photo FILE."
-        )
-    photo = load_photo_of(record, request.photo)
-    known = record.photo.sha256 if record.photo else None
-    if known and known.lower() != photo.sha256:
-        raise PhotoFileError(
-            f"{photo.name}: not the photo that the pose was found on (the fingerprints differ); "
-            "name that one with --photo, or this one if you mean it."
-        )
-    assert record.undistortion is not None  # asked for such poses alone
-    return undistorted(photo, record.undistortion)
+    camera, undistortion = perspective_of(record, tool), record.undistortion
+    if undistortion is None:
+        return camera, lens_as(None)
+    return undistortion.taken, lens_as(undistortion.lens)
 
 
 def load_photo_of(record: PoseRecord, path: Path) -> Photo:
@@ -390,24 +368,3 @@ def load_photo_of(record: PoseRecord, path: Path) -> Photo:
             f"{camera.width}x{camera.height} px; name the photo of the pose with --photo."
         )
     return photo
-
-
-def _write(path: Path, picture: Photo, request: ConvertOptions) -> bool:
-    """Write the picture; False where a file was there already, with just these pixels or to be
-    replaced.
-    """
-    there = path.exists()
-    if there and request.photo is not None and path.samefile(request.photo):
-        raise PhotoFileError(
-            f"{path}: is the photo as taken, which is never replaced; name another file with "
-            "--undistorted-photo."
-        )
-    if there and not request.overwrite:
-        if path.is_file() and np.array_equal(load_photo(path).pixels, picture.pixels):
-            return False
-        raise PhotoFileError(
-            f"{path}: is there already and was not touched; name another for the undistorted "
-            "photo with --undistorted-photo, or add --overwrite."
-        )
-    save_image(path, pixels_for(path, picture), photo_text(picture))
-    return not there

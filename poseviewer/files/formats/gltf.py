@@ -30,20 +30,20 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
+    as_4x4,
+    from_4x4,
     load_photo_of,
     make_record,
     metres_per_unit,
     photo_name,
-    refuse_lens,
     require_file,
     size_of,
     the_one,
     unit_of,
     write_new,
 )
-from poseviewer.files.formats.matrices import as_4x4, from_4x4
 from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
-from poseviewer.files.pose import PoseRecord, set_frame
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -64,7 +64,6 @@ KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a GLB file. Lengths become metres where the model's unit is known."""
-    refuse_lens(record, "glTF")
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     mesh = load_mesh(require_file(request.model, "model", "glTF"))
@@ -76,16 +75,8 @@ def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Writte
     nodes = [file.add("nodes", name="model", mesh=file.add_mesh(mesh))]
     if scale != 1.0:
         nodes = [file.add("nodes", name="metres", scale=[scale] * 3, children=nodes)]
-    if frame := set_frame(record):
-        place = np.linalg.inv(frame.set_from_model)
-        place[:3] *= scale
-        said = {"poseviewer": {"file": frame.name, "unit": frame.unit}}
-        nodes.append(
-            file.add("nodes", name="set", matrix=place.T.reshape(-1).tolist(), extras=said)
-        )
     others = []
     for one, _ in request.others:
-        refuse_lens(one, "glTF")
         name = photo_name(one) or "another photo"
         others.append((name, one.pose, view_depths(one.pose, mesh)))
     record = replace(record, pose=pose)
@@ -97,7 +88,6 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> 
     axes; lengths become metres where the models' unit is known.
     """
     records = [one.record for one in scene.objects]
-    refuse_lens(records[0], "glTF")
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     known, matrices, span = before_camera(scene)

@@ -30,6 +30,8 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
+    as_4x4,
+    from_4x4,
     json_text,
     make_record,
     photo_name,
@@ -38,8 +40,7 @@ from poseviewer.files.formats.conversion import (
     the_one,
     write_new,
 )
-from poseviewer.files.formats.matrices import as_4x4, frame_as_json, from_4x4
-from poseviewer.files.pose import PoseRecord, set_frame
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -60,7 +61,7 @@ def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Writ
     ``out``.
     """
     cameras: dict[str, int] = {}
-    images, frame = "", set_frame(record)
+    images = ""
     for image, one in enumerate((record, *(other for other, _ in request.others)), 1):
         camera, (model, distortion) = seen_as_taken(one, "COLMAP", colmap_lens)
         transform = one.pose.camera_from_model
@@ -74,8 +75,7 @@ def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Writ
     texts = {
         "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
         + "".join(f"{number} {said}\n" for said, number in cameras.items()),
-        "images.txt": ("" if frame is None else f"# {frame.sentence}\n")
-        + "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+        "images.txt": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
         "# POINTS2D[] as (X, Y, POINT3D_ID)\n" + images,
         "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
         "POINT2D_IDX)\n",
@@ -170,9 +170,7 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> 
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = as_4x4(world_from_camera).tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    frame = set_frame(record)
-    said = {} if frame is None else {"set": frame_as_json(frame)}
-    return write_new(request, {out: json_text({**shared, **said, "frames": frames})})
+    return write_new(request, {out: json_text({**shared, "frames": frames})})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:

@@ -15,14 +15,9 @@ from poseviewer.files.formats.conversion import (
     size_of,
 )
 from poseviewer.files.formats.gltf import GLTF, write_gltf_scene
-from poseviewer.files.formats.matrices import MATRICES, OPENCV
+from poseviewer.files.formats.meshlab import MESHLAB, write_meshlab_scene
+from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
-from poseviewer.files.formats.scenes import (
-    BLENDER,
-    MESHLAB,
-    write_blender_scene,
-    write_meshlab_scene,
-)
 from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json, save_pose
 
 
@@ -48,17 +43,11 @@ def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
 FORMATS = {
     "poseviewer": Format(write_own, read_own, parallel=True, both_photos=True),
     "opencv": OPENCV,
-    "matrices": MATRICES,
     "bop": BOP,
     "colmap": COLMAP,
     "nerfstudio": NERFSTUDIO,
     "gltf": GLTF,
-    "blender": BLENDER,
     "meshlab": MESHLAB,
 }
-OF_SCENES = {
-    "gltf": write_gltf_scene,
-    "blender": write_blender_scene,
-    "meshlab": write_meshlab_scene,
-}
+OF_SCENES = {"gltf": write_gltf_scene, "meshlab": write_meshlab_scene}
 """Those that one file holds all objects of a scene in."""

@@ -13,17 +13,15 @@ import pytest
 import trimesh
 
 from poseviewer.cli.main import main
-from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import write_gltf
-from poseviewer.files.formats.matrices import write_opencv
+from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
+from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
-from poseviewer.files.formats.scenes import read_meshlab, write_blender, write_meshlab
-from poseviewer.files.formats.table import read_own
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import load_scene, save_scene
-from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.files.scene import load_scene
+from poseviewer.geometry.camera import Perspective
 from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.files.formats.cases import (
     HEIGHT,
@@ -34,7 +32,7 @@ from tests.files.formats.cases import (
 )
 from tests.files.formats.foreign import read_with
 from tests.meshes import make_bumpy
-from tests.several import CAMERA, make_three
+from tests.several import make_three
 
 HALF_A_PIXEL_SHOWS = 0.1
 """px: a slip between conventions moves everything by 0.5."""
@@ -113,38 +111,6 @@ def test_meshlab_finds_the_same_pixel_for_every_vertex(in_meshlab):
     np.testing.assert_array_equal(pixels[clear], np.floor(seen[clear]))
 
 
-@pytest.mark.parametrize("make_record", [perspective_record, parallel_record])
-def test_blender_draws_the_same_silhouette(tmp_path, make_record):
-    mesh, request = write_files(tmp_path)
-    record = make_record()
-    write_blender(record, tmp_path / "scene.py", request)
-    answer, drawn = draw_in_blender(tmp_path / "scene.py", WIDTH, HEIGHT)
-    assert_alike(drawn, silhouette(mesh, record))
-    assert answer["backgrounds"] == [[WIDTH, HEIGHT]]
-
-
-@pytest.mark.parametrize("camera", [CAMERA, Parallel(40.0, 150.0, 110.0, 320, 240)])
-def test_blender_draws_all_objects_of_a_scene(tmp_path, camera):
-    scene = load_scene(make_three(tmp_path))
-    box = load_mesh(scene.objects[1].model)
-    shape = trimesh.Trimesh(box.vertices, box.faces, process=False)
-    shape.export(str(tmp_path / "front.glb"))  # Blender's importer of these turns the axes
-    poses = [replace(one.record.pose, camera=camera) for one in scene.objects]
-    if isinstance(camera, Parallel):
-        poses[0] = replace(poses[0], camera=replace(camera, scale=55.0))
-    records = [PoseRecord(pose) for pose in poses]
-    scene = replace(scene.with_records(records), camera=camera)
-    objects = list(scene.objects)
-    objects[1] = replace(objects[1], model=tmp_path / "front.glb")
-    save_scene(tmp_path / "three.json", replace(scene, objects=tuple(objects)))
-    convert = ["convert", tmp_path / "three.json", tmp_path / "all.py", "--from", "scene"]
-    assert main([*map(str, convert), "--to", "blender"]) == 0
-    _, drawn = draw_in_blender(tmp_path / "all.py", 320, 240)
-    pairs = zip(objects, records, strict=True)
-    each = [silhouette(load_mesh(one.model), record) for one, record in pairs]
-    assert_alike(drawn, np.logical_or.reduce(each))
-
-
 def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
     scene = load_scene(make_three(tmp_path))
     path = tmp_path / "all.mlp"
@@ -164,15 +130,6 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]
         wanted = one.record.pose.project(points)
         np.testing.assert_allclose(camera.project(placed), wanted, atol=1e-9)
-
-
-def test_blender_draws_the_demo_on_its_photo(tmp_path):
-    case = demo_case()
-    request = ConvertOptions(case.photo, case.model)
-    record = read_own(case.truth, request)
-    write_blender(record, tmp_path / "scene.py", request)
-    _, drawn = draw_in_blender(tmp_path / "scene.py", 960, 720)
-    assert_alike(drawn, silhouette(load_mesh(case.model), record))
 
 
 @pytest.mark.parametrize("make_record", [perspective_record, parallel_record])

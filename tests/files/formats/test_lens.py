@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.matrices import write_opencv
+from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import (
     colmap_lens,
     nerfstudio_lens,
@@ -23,7 +22,7 @@ from poseviewer.files.formats.reconstructions import (
 )
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
@@ -121,25 +120,16 @@ def test_what_a_tool_has_not_is_not_said():
     assert colmap_lens(LENSES["prism"]) is None
     assert nerfstudio_lens(LENSES["eight"]) is None
     assert colmap_lens(LENSES["four"]) == ("OPENCV", K4)
-    _, request = Path(), ConvertOptions()
-    with pytest.raises(PoseFileError, match="cannot hold its lens"):
-        write_colmap(record_through(LENSES["prism"]), Path("none"), request)
 
 
-@pytest.mark.parametrize("name", [n for n in FORMATS if FORMATS[n].read])
+@pytest.mark.parametrize("name", ["poseviewer", "opencv", "colmap", "nerfstudio"])
 @pytest.mark.parametrize("lens", ["five", "fisheye"])
 def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     _, request = write_files(tmp_path)
     record = record_through(LENSES[lens], zoom=1.0)
-    if FORMATS[name].held(record) is None:
-        with pytest.raises(PoseFileError, match="--undistorted-photo"):
-            FORMATS[name].write(record, tmp_path / f"out.{ENDINGS[name]}", request)
-        return
     out = tmp_path / f"out.{ENDINGS.get(name, 'yml')}"
-    FORMATS[name].write(record, out, request)
-    read = FORMATS[name].read
-    assert read is not None
-    found = read(out, request)
+    FORMATS[name].convert(record, out, request)
+    found = FORMATS[name].read(out, request)
     assert_same(found, record)
     assert found.undistortion is not None
     model, k = found.undistortion.lens.model, found.undistortion.lens.coefficients
@@ -149,20 +139,20 @@ def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     assert not any(k[length:])
 
 
-@pytest.mark.parametrize("name", ["bop", "gltf", "blender", "meshlab"])
+@pytest.mark.parametrize("name", ["bop", "gltf", "meshlab"])
 def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, capsys, name):
     _, request = write_files(tmp_path)
     record = record_through(LENSES["five"])
     assert written(name, record, tmp_path) == 0
     said = capsys.readouterr().out
     photo = tmp_path / ("out.scene/rgb/000003.png" if name == "bop" else "000003.undistorted.png")
-    assert f"All numbers belong to {photo.name}, the undistorted photo" in said
-    assert f"undistorted photo: {photo}" in said
+    assert f"All numbers of 000003.png belong to {photo.name}, the undistorted photo" in said
+    assert f"{name}: {photo}" in said
     assert request.photo is not None
     assert record.undistortion is not None
     expected, _ = undistort(load_photo(request.photo).pixels, record.undistortion)
     np.testing.assert_array_equal(load_photo(photo).pixels, expected)
-    if name in ("blender", "meshlab"):
+    if name == "meshlab":
         out = (tmp_path / f"out.{ENDINGS[name]}").read_text()
         assert "000003.undistorted.png" in out
         assert "000003.png" not in out
@@ -172,19 +162,13 @@ def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, cap
 
 def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
     write_files(tmp_path)
-    record = record_through(LENSES["five"], zoom=0.8)
-    out = f"--undistorted-photo {tmp_path / 'flat.png'}"
-    assert written("colmap", record, tmp_path, out) == 0
+    record = record_through(LENSES["prism"], zoom=0.8)
+    assert written("colmap", record, tmp_path) == 0
     found = read_colmap(tmp_path / "out.model", ConvertOptions())
     assert found.undistortion is None
     assert_same(found, record)
     assert found.photo is not None
-    assert found.photo.file == "flat.png"
-    assert written("poseviewer", record, tmp_path, out) == 0
-    own = load_pose(tmp_path / "out.json", WIDTH, HEIGHT)
-    assert own.undistortion is None
-    assert own.photo is not None
-    assert own.photo.sha256 == load_photo(tmp_path / "flat.png").sha256
+    assert found.photo.file == "000003.undistorted.png"
 
 
 def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path, capsys):
@@ -200,39 +184,20 @@ def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path
     assert "[ 0., 0., 0., 0., 0. ]" in text
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        ("--undistorted-photo PHOTO", "the photo as taken, which is never replaced"),
-        ("--undistorted-photo OTHER", "is there already and was not touched"),
-        ("--undistorted-photo NONE/a.png", "NONE"),
-        ("--photo OTHER", "it is for a photo of 200x150 px"),
-    ],
-)
-def test_mistakes_write_nothing(tmp_path, capsys, more, says):
-    _, request = write_files(tmp_path)
-    other = tmp_path / "other.png"
-    cv2.imwrite(str(other), np.zeros((10, 10, 3), np.uint8))
-    names = {"PHOTO": str(request.photo), "OTHER": str(other), "NONE": str(tmp_path / "NONE")}
-    for word, path in names.items():
-        more = more.replace(word, path)
-    save_pose(tmp_path / "pose.json", record_through(LENSES["five"]))
-    before = contents(tmp_path)
-    assert written("blender", record_through(LENSES["five"]), tmp_path, more) == 2
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
-    assert contents(tmp_path) == before
-
-
-def test_a_photo_that_is_not_known_or_has_no_lens_is_said(tmp_path, capsys):
+def test_a_photo_that_is_in_the_way_or_not_the_one_is_said(tmp_path, capsys):
     record = record_through(LENSES["five"])
     assert written("bop", record, tmp_path) == 2
     assert "add --photo FILE" in capsys.readouterr().err
-    write_files(tmp_path)
-    more = f"--undistorted-photo {tmp_path / 'a.png'}"
-    assert written("opencv", perspective_record(), tmp_path, more) == 2
-    assert "without a lens" in capsys.readouterr().err
-    # A file that cannot be written leaves no photo behind.
-    assert written("gltf", replace(record, model=None), tmp_path) == 2
-    assert not (tmp_path / "000003.undistorted.png").exists()
+    _, request = write_files(tmp_path)
+    other = tmp_path / "other.png"
+    cv2.imwrite(str(other), np.zeros((10, 10, 3), np.uint8))
+    assert written("meshlab", record, tmp_path, f"--photo {other}") == 2
+    assert "it is for a photo of 200x150 px" in capsys.readouterr().err
+    taken = tmp_path / "out.scene" / "rgb" / "000003.png"
+    assert request.photo is not None
+    taken.parent.mkdir(parents=True, exist_ok=True)
+    request.photo.rename(taken)
+    before = contents(tmp_path / "out.scene")
+    assert written("bop", record, tmp_path, f"--overwrite --photo {taken}") == 2
+    assert "is there already and was not touched" in capsys.readouterr().err
+    assert contents(tmp_path / "out.scene") == before

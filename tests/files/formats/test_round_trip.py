@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
@@ -23,21 +22,14 @@ from tests.files.formats.cases import (
 )
 
 ENDINGS = {
-    "poseviewer": "json", "matrices": "json", "nerfstudio": "json", "gltf": "glb",
-    "blender": "py", "meshlab": "mlp", "bop": "scene", "colmap": "model",
+    "poseviewer": "json", "nerfstudio": "json", "gltf": "glb", "meshlab": "mlp", "bop": "scene",
+    "colmap": "model",
 }  # fmt: skip
 HEADINGS = (
-    "format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens", "read",
+    "format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens",
 )  # fmt: skip
 OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
 OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
-READ = [(name, out) for name, out in OUTS if FORMATS[name].read]
-
-
-def read(name: str, path: Path, request: ConvertOptions) -> PoseRecord:
-    reader = FORMATS[name].read
-    assert reader is not None
-    return reader(path, request)
 
 
 def assert_same(found: PoseRecord, wanted: PoseRecord, depth_counts: bool = True) -> None:
@@ -54,7 +46,7 @@ def assert_same(found: PoseRecord, wanted: PoseRecord, depth_counts: bool = True
     )
 
 
-@pytest.mark.parametrize(("name", "out"), READ)
+@pytest.mark.parametrize(("name", "out"), OUTS)
 @pytest.mark.parametrize("turn", [(0.4, -2.3, 0.7), (0.0, np.pi, 0.0), (0.0, 0.0, 0.0)], ids=str)
 @pytest.mark.parametrize("unit", ["m", "mm"])
 def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
@@ -64,14 +56,14 @@ def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
     record = replace(record, pose=replace(record.pose, camera_from_model=place))
     FORMATS[name].write(record, tmp_path / out, request)
     asked = replace(request, photo_size=(WIDTH, HEIGHT), unit=unit)
-    assert_same(read(name, tmp_path / out, asked), record)
+    assert_same(FORMATS[name].read(tmp_path / out, asked), record)
 
 
-@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in READ if FORMATS[n].parallel])
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if FORMATS[n].parallel])
 def test_parallel_projection_reads_back(tmp_path, name, out):
     _, request = write_files(tmp_path)
     FORMATS[name].write(parallel_record(), tmp_path / out, request)
-    found = read(name, tmp_path / out, replace(request, unit="m"))
+    found = FORMATS[name].read(tmp_path / out, replace(request, unit="m"))
     assert_same(found, parallel_record(), depth_counts=name != "gltf")
 
 
@@ -107,7 +99,7 @@ def with_focal_length(record: PoseRecord, focal: float) -> PoseRecord:
     return replace(record, pose=replace(record.pose, camera=replace(camera, fx=focal)))
 
 
-@pytest.mark.parametrize(("name", "out"), READ)
+@pytest.mark.parametrize(("name", "out"), OUTS)
 @pytest.mark.parametrize(
     "content",
     [
@@ -128,34 +120,33 @@ def test_garbage_is_one_clear_sentence(tmp_path, name, out, content):
         path.write_bytes(content)
     _, request = write_files(tmp_path)
     with pytest.raises(PoseFileError) as caught:
-        read(name, path, replace(request, photo_size=(WIDTH, HEIGHT)))
+        FORMATS[name].read(path, replace(request, photo_size=(WIDTH, HEIGHT)))
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(("name", "out"), READ)
+@pytest.mark.parametrize(("name", "out"), OUTS)
 def test_a_file_that_is_not_there_is_said(tmp_path, name, out):
     _, request = write_files(tmp_path)
     with pytest.raises(PoseFileError, match=r"[nN]o such"):
-        read(name, tmp_path / "none" / out, request)
+        FORMATS[name].read(tmp_path / "none" / out, request)
 
 
-@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in READ if n not in ("bop",)])
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n not in ("bop",)])
 def test_a_photo_of_another_size_is_refused(tmp_path, name, out):
     _, request = write_files(tmp_path)
     FORMATS[name].write(perspective_record(), tmp_path / out, request)
     with pytest.raises(PoseFileError, match="200x150"):
-        read(name, tmp_path / out, replace(request, photo_size=(100, 75)))
+        FORMATS[name].read(tmp_path / out, replace(request, photo_size=(100, 75)))
 
 
 def test_the_documentation_has_the_table():
     page = Path(__file__).resolve().parents[3] / "assets" / "docs" / "formats.md"
     lines = [line.strip("| ").split(" | ") for line in page.read_text("utf-8").splitlines()]
     rows = {
-        row[0].strip("`"): dict(zip(HEADINGS, row, strict=True)) for row in lines if len(row) > 9
+        row[0].strip("`"): dict(zip(HEADINGS, row, strict=True)) for row in lines if len(row) > 8
     }
     assert [name for name in rows if name in FORMATS] == list(FORMATS)
     for name, known in FORMATS.items():
         said = {key: value != "no" and value != "none" for key, value in rows[name].items()}
         assert said["parallel"] == known.parallel, name
-        assert said["read"] == (known.read is not None), name
         assert said["lens"] == (known.lens_as is not None or known.both_photos), name

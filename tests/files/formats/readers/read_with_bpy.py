@@ -1,29 +1,24 @@
 """Blender: FILE WIDTH HEIGHT ASPECT PICTURE.png OUT.json.
 
-Opens a script that we wrote, or imports a glTF file, and draws the model's silhouette through the
-camera it finds there. The size, and the aspect ratio of the view, are for glTF alone: its cameras
-say the latter, and Blender's importer leaves it to whoever sets the picture's size.
+Imports a glTF file, and draws the model's silhouette through the camera it finds there. glTF's
+cameras say the aspect ratio of the view, and Blender's importer leaves it to whoever sets the
+picture's size.
 """
 
 import json
-import runpy
 import sys
 from pathlib import Path
 
 import bpy  # pyright: ignore[reportMissingImports]
 
 file, width, height, aspect, picture, out = sys.argv[1:]
-if file.endswith(".py"):
-    runpy.run_path(file)
-    scene = bpy.data.scenes["poseviewer"]
-else:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.import_scene.gltf(filepath=file)
-    scene = bpy.context.scene
-    scene.camera = next(item for item in scene.objects if item.type == "CAMERA")
-    scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
-    scene.render.pixel_aspect_y = int(width) / int(height) / float(aspect)
-    scene.render.film_transparent = True
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.import_scene.gltf(filepath=file)
+scene = bpy.context.scene
+scene.camera = next(item for item in scene.objects if item.type == "CAMERA")
+scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
+scene.render.pixel_aspect_y = int(width) / int(height) / float(aspect)
+scene.render.film_transparent = True
 
 opaque = bpy.data.materials.new("opaque")
 scene.view_layers[0].material_override = opaque
@@ -38,7 +33,4 @@ scene.render.image_settings.file_format = "PNG"
 scene.render.image_settings.color_mode = "RGBA"
 scene.render.filepath = picture
 bpy.ops.render.render(write_still=True, scene=scene.name)
-sizes = [list(shown.image.size) for shown in scene.camera.data.background_images]
-places = {item.name: [list(row) for row in item.matrix_world] for item in scene.objects}
-said = {"objects": names, "backgrounds": sizes, "places": places}
-Path(out).write_text(json.dumps(said))
+Path(out).write_text(json.dumps({"objects": names}))

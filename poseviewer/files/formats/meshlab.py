@@ -1,0 +1,166 @@
+"""MeshLab's project: model, camera and photo together, to be looked at.
+
+The axes of the rows of ``RotationMatrix`` (the VCG library's ``Shot``) are OpenGL's,
+``TranslationVector`` is minus the camera's place, and ``CenterPx`` counts from the lower left
+corner of the picture, with pixel centres at i + 0.5.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from poseviewer.files.checks import Reading
+from poseviewer.files.formats.conversion import (
+    ConvertOptions,
+    Format,
+    Written,
+    as_4x4,
+    from_4x4,
+    make_record,
+    perspective_of,
+    photo_name,
+    require_file,
+    size_of,
+    the_one,
+    write_new,
+)
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene import SceneRecord
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
+from poseviewer.geometry.transform import RigidTransform
+
+SENSOR_MM = 36.0
+"""Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
+
+
+def write_meshlab(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
+    """Write a project that names model and photo by their paths from its folder."""
+    model = require_file(request.model, "model", "MeshLab")
+    return _write_project(record, {model.name: (model, np.eye(4))}, out, request)
+
+
+def write_meshlab_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
+    """Write all objects of a scene; the project's world is the camera's frame, OpenCV's axes."""
+    of_camera = replace(scene.objects[0].record, pose=Pose(scene.camera, RigidTransform.identity()))
+    models = {
+        one.id: (one.model, as_4x4(one.record.pose.camera_from_model)) for one in scene.objects
+    }
+    photo = replace(request, photo=request.photo or scene.photo)
+    return _write_project(of_camera, models, out, photo)
+
+
+def _write_project(
+    record: PoseRecord,
+    models: Mapping[str, tuple[Path, FloatArray]],
+    out: Path,
+    request: ConvertOptions,
+) -> Written:
+    """Write models, each by its label with the matrix (4, 4) that puts it into the world, which the
+    record's pose is from.
+    """
+    perspective_of(record, "MeshLab")
+    require_file(request.photo, "photo", "MeshLab")
+    add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
+    group = add(root, "MeshGroup")
+    for label, (model, place) in models.items():
+        mesh = {"label": label, "visible": "1", "filename": _from_folder(out, model)}
+        matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
+        matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
+    rasters, notes = add(root, "RasterGroup"), []
+    for one, asked in ((record, request), *request.others):
+        if asked.photo is None:
+            notes.append(f"{photo_name(one)} is not there, and is left out.")
+            continue
+        raster = add(rasters, "MLRaster", {"label": asked.photo.name})
+        add(raster, "VCGCamera", _shot(one))
+        add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, asked.photo)})
+    ElementTree.indent(root, " ")
+    text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
+    return write_new(request, {out: text}, *notes)
+
+
+def _shot(record: PoseRecord) -> dict[str, str]:
+    """MeshLab's words for a camera."""
+    camera = camera_with_rows_from_below(perspective_of(record, "MeshLab"))
+    place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
+    pixel_mm = SENSOR_MM / camera.width
+    focal_mm = camera.fx * pixel_mm
+    return {
+        "TranslationVector": _words((*-place.inverse().translation, 1.0)),
+        "LensDistortion": "0 0",
+        "ViewportPx": f"{camera.width} {camera.height}",
+        "PixelSizeMm": _words((pixel_mm, focal_mm / camera.fy)),
+        "CenterPx": _words((camera.cx, camera.cy)),
+        "FocalMm": repr(float(focal_mm)),
+        "RotationMatrix": _words(as_4x4(RigidTransform(place.rotation, np.zeros(3))).reshape(-1)),
+        "CameraType": "0",
+        "BinaryData": "0",
+    }
+
+
+def _from_folder(out: Path, path: Path) -> str:
+    """Where a file is, from the folder of ``out``."""
+    return Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
+
+
+def _words(numbers: Any) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
+    """Read one raster: ``request.image`` by its label, or the only one.
+
+    The project's world is taken for the model's frame; a mesh that the project moves is refused.
+    """
+    reading = Reading(path, kind="MeshLab project (.mlp)")
+    try:
+        root = ElementTree.fromstring(reading.load_bytes())  # expat refuses bombs of entities
+    except ElementTree.ParseError as error:
+        raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
+    for matrix in root.iter("MLMatrix44"):
+        text = matrix.text or ""
+        numbers = reading.words(text, "MLMatrix44", 16) if text.strip() else np.eye(4).reshape(-1)
+        if not np.allclose(numbers, np.eye(4).reshape(-1), rtol=0.0, atol=1e-12):
+            raise reading.error(
+                "the project moves its mesh (MLMatrix44)",
+                "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)",
+            )
+    rasters = list(root.iter("MLRaster"))
+    labels = [raster.get("label") or "" for raster in rasters]
+    raster = the_one(reading, request, "rasters", labels, rasters)
+    shot = raster.find("VCGCamera")
+    if shot is None:
+        raise reading.error("the raster has no VCGCamera", "wanted a raster with its camera")
+
+    def numbers_of(name: str, count: int) -> list[float]:
+        return reading.words(shot.get(name, ""), name, count)
+
+    if shot.get("CameraType", "0") != "0" or any(numbers_of("LensDistortion", 2)):
+        raise reading.error(
+            "its camera has distortion or is not in perspective", "wanted a pinhole camera"
+        )
+    width, height = size_of(reading, request, *numbers_of("ViewportPx", 2))
+    (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
+    if not min(focal_mm, *pixel_mm) > 0.0:
+        raise reading.error("FocalMm or PixelSizeMm is not above 0", "wanted a camera")
+    fx, fy = (focal_mm / side for side in pixel_mm)
+    cx, cy = numbers_of("CenterPx", 2)
+    camera = Perspective(fx, fy, cx, cy, width, height)
+    rows = np.reshape(numbers_of("RotationMatrix", 16), (4, 4)).tolist()
+    rotation = from_4x4(reading, rows, "RotationMatrix").rotation
+    translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
+    place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
+    pose = Pose(camera_with_rows_from_below(camera), place)
+    return make_record(reading, pose, raster.get("label"), request.unit)
+
+
+MESHLAB = Format(write_meshlab, read_meshlab)

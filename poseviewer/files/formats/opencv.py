@@ -1,0 +1,102 @@
+"""OpenCV's camera matrix, rotation vector and translation, in the files of ``cv2.FileStorage``, by
+the names of OpenCV's own calibration sample. Rows first; pixel centres are at integers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.cameras import camera_of_matrix, lens_of, opencv_storage
+from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.formats.conversion import (
+    ConvertOptions,
+    Format,
+    Written,
+    make_record,
+    seen_as_taken,
+    size_of,
+    write_new,
+)
+from poseviewer.files.pose import PoseRecord
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.lens import Lens, opencv_matrix
+from poseviewer.geometry.transform import RigidTransform
+
+STORAGES = {
+    ".yml": cv2.FILE_STORAGE_FORMAT_YAML,
+    ".yaml": cv2.FILE_STORAGE_FORMAT_YAML,
+    ".json": cv2.FILE_STORAGE_FORMAT_JSON,
+}
+
+
+def write_opencv(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
+    """Write YAML or JSON, by the ending."""
+    camera, (_, lens) = seen_as_taken(record, "OpenCV", opencv_lens)
+    ending, transform = out.suffix.lower(), record.pose.camera_from_model
+    if ending not in STORAGES:
+        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
+    mode = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | STORAGES[ending]
+    storage = cv2.FileStorage(ending, mode)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", opencv_matrix(camera))
+    coefficients = np.zeros(5) if lens is None else lens.array
+    storage.write("distortion_coefficients", coefficients.reshape(-1, 1))
+    if lens is not None and lens.model == "fisheye":
+        storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
+    storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
+    storage.write("tvec", np.array(transform.translation).reshape(3, 1))
+    return write_new(request, {out: storage.releaseAndGetString()})
+
+
+def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
+    """What OpenCV calls a lens's model, and the lens."""
+    return ("OpenCV fisheye" if lens and lens.model == "fisheye" else "OpenCV"), lens
+
+
+def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
+    """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
+    reading = Reading(path, numbers_as_text=True)
+    is_json = path.suffix.lower() == ".json"
+    data = reading.load_object() if is_json else opencv_storage(reading)
+    key, distortion = _first(data, "distortion_coefficients", "dist_coeffs")
+    coefficients = [] if distortion is None else reading.flat_numbers(distortion, key)
+    is_fisheye = bool(reading.number(data.get("fisheye_model") or 0.0, "fisheye_model"))
+    lens = lens_of(reading, "fisheye" if is_fisheye else "opencv", coefficients)
+    key, matrix = _first(data, "camera_matrix", "K")
+    camera = camera_of_matrix(reading, matrix, key)
+    width, height = size_of(reading, request, data.get("image_width"), data.get("image_height"))
+    camera = replace(camera, width=width, height=height)
+    rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
+    translation = _numbers(reading, data, ("tvec", "t"), (3,))
+    if len(rotation) == 9:
+        place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
+    else:
+        place = RigidTransform.from_rotation_vector(rotation, translation)
+    return make_record(reading, Pose(camera, place), unit=request.unit, lens=lens)
+
+
+def _first(data: dict[str, Any], *names: str) -> tuple[str, Any]:
+    """The first of the names that is there, and what it holds; (all of them, None): none is."""
+    name = next((name for name in names if data.get(name) is not None), "")
+    return name or " or ".join(names), data.get(name)
+
+
+def _numbers(
+    reading: Reading, data: dict[str, Any], names: tuple[str, str], sizes: tuple[int, ...]
+) -> FloatArray:
+    name, value = _first(data, *names)
+    numbers = reading.flat_numbers(value, name)
+    if len(numbers) not in sizes:
+        raise reading.error(f"{name} has {len(numbers)} numbers", f"wanted {sizes[0]}")
+    return np.array(numbers)
+
+
+OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens, several=False)
