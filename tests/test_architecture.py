@@ -49,6 +49,5 @@ def test_shaders_and_schema_are_in_the_package():
     package = files("poseviewer")
     assert package.joinpath("files", "pose.schema.json").is_file()
     assert package.joinpath("files", "symmetry.schema.json").is_file()
-    assert package.joinpath("files", "formats", "blender_scene.txt").is_file()
     shaders = package.joinpath("render", "opengl", "shaders", "attributes")
     assert any(entry.name.endswith(".frag") for entry in shaders.iterdir())

@@ -23,10 +23,6 @@ AnyCamera = TypeVar("AnyCamera", Perspective, Parallel, Perspective | Parallel)
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """OpenGL cameras look along -z with y up; it is its own inverse."""
-BLENDER_FROM_GLTF = RigidTransform(
-    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.zeros(3)
-)
-"""Blender's glTF importer turns y up into z up: (x, y, z) becomes (x, -z, y)."""
 
 
 def camera_from_integer_centres(camera: AnyCamera) -> AnyCamera:
