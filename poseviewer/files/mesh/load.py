@@ -37,8 +37,9 @@ Read = tuple[list[Part], list[str]]
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 for each face of the largest model; the reader takes a small multiple of it."""
 GLTF = (".glb", ".gltf")
-GLB_HEADER = 20
-"""Bytes before the JSON of a GLB file."""
+GLB_START, GLB_CHUNK = 12, 8
+"""Bytes of the headers of a GLB file and of each of its chunks; the first chunk is JSON."""
+GLB_HEADER = GLB_START + GLB_CHUNK
 
 
 def load_mesh(path: str | Path) -> Mesh:
@@ -139,9 +140,14 @@ def gltf_header(path: Path) -> Any:
             return json.loads(head + file.read())
         if len(head) < GLB_HEADER or head[:4] != b"glTF":
             raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
+        size, end = path.stat().st_size, GLB_START
         whole, text = struct.unpack("<8xII4x", head)
-        if whole > path.stat().st_size:
+        while end + GLB_CHUNK <= size:  # trimesh takes memory for what a chunk promises
+            file.seek(end)
+            end += GLB_CHUNK + struct.unpack("<I", file.read(4))[0]
+        if max(whole, end) > size:
             raise MeshFileError(f"{path.name}: is cut short; copy or export it again.")
+        file.seek(GLB_HEADER)
         return json.loads(file.read(text))
 
 

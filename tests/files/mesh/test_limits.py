@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import struct
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -254,3 +255,12 @@ def test_models_of_too_many_faces_or_parts(
     assert len(load_mesh(path).faces) == 3000
     monkeypatch.setattr(f"poseviewer.files.mesh.surface.{most}", 2)
     assert "poseviewer takes up to 2, simplify" in refusal(path)
+
+
+def test_glb_chunks_beyond_the_file(tmp_path: Path) -> None:
+    path = textured_glb(tmp_path, write_pictures(tmp_path, 1, 4))
+    data = bytearray(path.read_bytes())
+    at = 20 + struct.unpack("<I", data[12:16])[0]
+    data[at : at + 4] = struct.pack("<I", 0xFFFFFFF0)
+    path.write_bytes(data)
+    assert "is cut short" in refusal(path)
