@@ -134,15 +134,6 @@ def test_undistort_writes_the_photo_that_poses_belong_to(scene, tmp_path, capsys
     assert np.mean(back > 20) < 0.2 * np.mean(bent > 20)
 
 
-def test_info_tells_the_calibrated_camera(scene, tmp_path, capsys):
-    photo, calibration = taken_through(LENSES["opencv"], scene, tmp_path)
-    assert run("info", photo, "--calibration", calibration) == 0
-    printed = capsys.readouterr().out
-    assert "cx 82.5, cy 57.5 px" in printed
-    assert "of the undistorted photo" in printed
-    assert "opencv, -0.9, 0, 0, 0, 0" in printed
-
-
 def test_a_camera_without_distortion_leaves_the_photo_as_it_is(scene, tmp_path, capsys):
     bop = {"fx": 300.0, "fy": 300.0, "cx": 82.5, "cy": 57.5, "width": 160, "height": 120}
     (tmp_path / "camera.json").write_text(json.dumps(bop))
@@ -154,32 +145,6 @@ def test_a_camera_without_distortion_leaves_the_photo_as_it_is(scene, tmp_path, 
     assert run("undistort", scene.photo, "--calibration", tmp_path / "camera.json", "--out",
                tmp_path / "u.png") == 2  # fmt: skip
     assert "nothing to undo" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("size", "options", "words"),
-    [
-        ((320, 240), [], "--calibration-resized"),
-        ((100, 100), [], "--calibration-crop"),
-        ((100, 100), ["--calibration-resized"], "no plain resizing"),
-        ((160, 120), ["--calibration-camera", "left"], "no camera 'left'"),
-        ((160, 120), ["--calibration-crop", "0,0,500,10"], "not inside"),
-        ((160, 120), ["--calibration-fisheye"], "5 distortion coefficients"),
-    ],
-)
-def test_what_does_not_fit_the_photo_is_one_line_and_exit_code_2(
-    scene, tmp_path, capsys, size, options, words
-):
-    _, calibration = taken_through(LENSES["opencv"], scene, tmp_path)
-    calibration.write_text(calibration.read_text().replace("fisheye_model: 0", ""))
-    save_image(tmp_path / "p.png", np.zeros((size[1], size[0], 3), np.uint8))
-    assert run("fit", tmp_path / "p.png", scene.model, "--pose", scene.start, "--calibration",
-               calibration, *options, "--out", tmp_path / "o.json") == 2  # fmt: skip
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert printed.startswith("poseviewer: camera.yml: ")
-    assert printed.count("\n") == 1
-    assert not (tmp_path / "o.json").exists()
 
 
 def test_details_without_a_calibration_are_refused(scene, tmp_path, capsys):

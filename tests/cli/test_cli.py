@@ -20,20 +20,14 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.landscape import landscape
-from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_unavailable_reason
 from poseviewer.render.overlay import LOOKS
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_registration
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.gpu import require_gpu
 from tests.meshes import make_bumpy
-from tests.opengl import require_opengl
 from tests.scene import make_scene_of
 from tests.schemas import json_schema
 
@@ -87,17 +81,6 @@ def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
     assert out.exists()
 
 
-def test_locked_numbers_stay(scene, tmp_path):
-    out = tmp_path / "pose.json"
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
-               "--lock", "shift_x,log_depth", "--evaluations", 100) == 0  # fmt: skip
-    chart = json.loads(out.read_text())["chart"]
-    numbers = dict(zip(chart["names"], chart["numbers"], strict=True))
-    assert numbers["shift_x"] == pytest.approx(0.0, abs=1e-9)
-    assert numbers["log_depth"] == pytest.approx(0.0, abs=1e-9)
-    assert numbers["rotation_x"] != pytest.approx(0.0, abs=1e-3)
-
-
 def test_the_papers_method_is_said_in_the_pose_file(scene, tmp_path):
     out = tmp_path / "pose.json"
     assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
@@ -113,43 +96,6 @@ def test_what_the_paper_does_not_have_is_refused_with_its_method(scene, tmp_path
                tmp_path / "pose.json", "--method", "paper", *other) == 2  # fmt: skip
     assert other[0] in capsys.readouterr().err
     assert not (tmp_path / "pose.json").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        ["--grey", "--pixels", "whole"],
-        ["--grey", "--pixels", "clip"],
-        ["--grey", "--region", "10,10,140,100"],
-        ["--free-focal"],
-        ["--pixels", "whole", "--colour-reflectance", "--region=-5,-5,500,500"],
-    ],
-    ids=" ".join,
-)
-def test_every_setting_fits(scene, tmp_path, settings):
-    out = tmp_path / "pose.json"
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
-               *settings) == 0  # fmt: skip
-    found, truth = load_pose(out, 160, 120).pose, load_pose(scene.truth, 160, 120).pose
-    assert pose_error(load_mesh(scene.model), found, truth).reprojection_px < 1.0
-
-
-def test_a_mask_weighs_the_pixels(scene, tmp_path):
-    """With the left half masked out, what is drawn there does not matter."""
-    mask = np.zeros((120, 160, 3), np.uint8)
-    mask[:, 80:] = 255
-    save_image(tmp_path / "mask.png", mask)
-    photo = np.array(load_photo(scene.photo).pixels, np.uint8)
-    photo[:, :78] = np.random.default_rng(0).integers(0, 255, (120, 78, 3))
-    save_image(tmp_path / "spoilt.png", photo)
-    losses = []
-    for name in (scene.photo, tmp_path / "spoilt.png"):
-        out = tmp_path / "pose.json"
-        assert run("fit", name, scene.model, "--pose", scene.truth, "--out", out, "--mask",
-                   tmp_path / "mask.png", "--evaluations", 1, "--quiet") == 0  # fmt: skip
-        losses.append(json.loads(out.read_text())["loss"])
-    assert losses[0] == losses[1]
 
 
 @pytest.mark.parametrize("look", LOOKS)
@@ -176,18 +122,6 @@ def test_landscape_writes_a_sheet_and_the_numbers(scene, tmp_path, capsys):
     assert "landscape.npz" in capsys.readouterr().out
 
 
-def test_landscape_on_all_cores_gives_the_numbers_of_one(scene, tmp_path):
-    assert run("landscape", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path,
-               "--size", 5, "--range", 0.1, "--quiet") == 0  # fmt: skip
-    registration = load_registration(scene.photo, scene.model, scene.start)
-    problem, _ = make_problem(registration, FitSettings())
-    pieces = landscape(problem, SoftwareRenderer(registration.mesh), problem.start,
-                       half_width=0.1, size=5)  # fmt: skip
-    newest = {(piece.first, piece.second): piece.losses for piece in pieces}
-    with np.load(tmp_path / "landscape.npz", allow_pickle=False) as saved:
-        np.testing.assert_array_equal(saved["losses"], list(newest.values()))
-
-
 @pytest.mark.parametrize(
     ("file", "words"),
     [
@@ -200,32 +134,6 @@ def test_info_says_what_was_understood(scene, file, words, capsys):
     assert run("info", getattr(scene, file)) == 0
     printed = capsys.readouterr().out
     assert all(word in printed for word in words), printed
-
-
-def test_every_broken_input_gives_one_line_and_exit_code_2(scene, broken_inputs, tmp_path, capsys):
-    assert len(broken_inputs) >= 40
-    out = tmp_path / "never.json"
-    for broken in broken_inputs:
-        files = {"photo": scene.photo, "model": scene.model, "pose": scene.start}
-        files[broken.kind] = broken.path
-        code = run("fit", files["photo"], files["model"], "--pose", files["pose"], "--out", out,
-                   "--quiet")  # fmt: skip
-        printed = capsys.readouterr()
-        assert code == 2, broken
-        assert printed.out == "", broken
-        assert printed.err.startswith("poseviewer: "), printed.err
-        assert printed.err.count("\n") == 1, printed.err
-        assert broken.path.name in printed.err, printed.err
-        assert "Traceback" not in printed.err, broken
-    assert not out.exists()
-
-
-def test_info_refuses_broken_inputs_as_well(broken_inputs, capsys):
-    for broken in broken_inputs:
-        if broken.kind == "pose" and broken.path.suffix != ".json":
-            continue
-        assert run("info", broken.path) == 2, broken
-        assert capsys.readouterr().err.count("\n") == 1, broken
 
 
 @pytest.mark.parametrize(
@@ -256,23 +164,6 @@ def test_wrong_settings_are_said_before_any_work(scene, tmp_path, more, words, c
     assert not out.exists()
 
 
-def test_a_mask_of_another_size_is_refused(scene, tmp_path, capsys):
-    save_image(tmp_path / "mask.png", np.full((10, 10, 3), 255, np.uint8))
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
-               tmp_path / "o.json", "--mask", tmp_path / "mask.png") == 2  # fmt: skip
-    assert "10x10" in capsys.readouterr().err
-
-
-def test_a_photo_of_one_pixel_is_refused(scene, tmp_path, capsys):
-    save_image(tmp_path / "tiny.png", np.full((1, 1, 3), 128, np.uint8))
-    assert run("info", tmp_path / "tiny.png") == 0
-    assert run("fit", tmp_path / "tiny.png", scene.model, "--pose", scene.start, "--out",
-               tmp_path / "o.json", "--pixels", "whole", "--quiet") == 2  # fmt: skip
-    printed = capsys.readouterr().err
-    assert "1 pixels count" in printed
-    assert printed.count("\n") == 1
-
-
 def test_a_start_beside_the_photo_is_refused(scene, tmp_path, capsys):
     away = json.loads(scene.start.read_text())
     away["camera_from_model"]["translation"] = [500.0, 0.0, 7.0]
@@ -280,18 +171,6 @@ def test_a_start_beside_the_photo_is_refused(scene, tmp_path, capsys):
     assert run("fit", scene.photo, scene.model, "--pose", tmp_path / "away.json", "--out",
                tmp_path / "o.json", "--quiet") == 2  # fmt: skip
     assert "near the start pose" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_other_renderer_fits_as_well(scene, tmp_path):
-    require_opengl()
-    out = tmp_path / "pose.json"
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
-               "--renderer", "opengl", "--evaluations", 20) == 0  # fmt: skip
-    by_opengl = json.loads(out.read_text())["loss"]
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
-               "--evaluations", 20) == 0  # fmt: skip
-    assert json.loads(out.read_text())["loss"] == pytest.approx(by_opengl, abs=0.02)
 
 
 @pytest.mark.slow
@@ -341,12 +220,6 @@ def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):
                tmp_path / "file", "--size", 401, "--quiet") == 2  # fmt: skip
     assert "folder of yours" in capsys.readouterr().err
     assert (tmp_path / "file").read_text() == "kept"
-
-
-def test_the_folder_of_the_result_is_looked_at_first(scene, tmp_path, capsys):
-    out = tmp_path / "not there" / "pose.json"
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out) == 2
-    assert "no folder" in capsys.readouterr().err
 
 
 def test_help_imports_nothing_heavy():
