@@ -34,13 +34,11 @@ from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 
 class Strategy(enum.Enum):
-    """Where a search begins and how far it looks: the first one, and those that may follow."""
+    """Which stages a search has."""
 
-    FIRST = "from the user's start"
-    COARSE = "from the user's start, on the coarsest level alone"
-    CONTINUE = "from where the search before ended, nearby"
-    SYMMETRIC = "from there with the model turned about an axis of its own, nearby"
-    GLOBAL = "from the user's start, farther about it"
+    FIRST = "all, from the user's start"
+    COARSE = "the coarsest level alone, from the user's start"
+    CONTINUE = "all but the coarsest level, from near the end of the search before"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

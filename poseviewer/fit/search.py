@@ -1,10 +1,10 @@
 """When to restart a search, and whether to trust where it ended.
 
 Where a search has ended, what stands in front of the model there (``fit.occlusion``) counts no
-more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, further
-searches follow, each by another strategy (``RESTARTS``), and the pose of one of them is taken where
-the verdict allows it. A start that is an estimate is given back where the end is not sure to be
-better.
+more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, the search
+is continued from there, and at last from the pose turned about an axis of the model's own; the pose
+of such a search is taken where the verdict allows it. A start that is an estimate is given back
+where the end is not sure to be better.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ from poseviewer.render.types import PhotoAttributes, Renderer
 Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
 """What gives the verdict on the pose that a search ended in: ``confidence.model.judge_end``."""
 
-RESTARTS = (*(Strategy.CONTINUE,) * 3, Strategy.SYMMETRIC, Strategy.GLOBAL)
-"""The strategies of the searches that follow, until the pose is trusted. The last begins at the
-start, so it is in vain where pixels are left out by what hid them where a search had ended."""
+MOST_CONTINUED = 3
+"""Number of searches continued from the end of the one before, until the pose is trusted."""
 SURE_FROM = 0.93
 """Probability below which a search is continued even where the pose is ``found``, and a start that
 is an estimate is kept; from here on no other search follows, as none would be taken."""
@@ -43,11 +42,11 @@ where these hide something else of the model, which makes it less sure of right 
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
-"""A pose found elsewhere must be more probable by this than the one before; one that was found by
-continuing may be less probable by as much."""
-ELSEWHERE_THRESHOLD = 0.75
-"""Probability that a pose found elsewhere must have: what no pose explains is not to be looked for
-far from where the user put it."""
+"""A turned pose must be more probable by this than the one before; one that was found by continuing
+may be less probable by as much."""
+TURNED_THRESHOLD = 0.75
+"""Probability that a turned pose must have: what no pose explains is not to be looked for far from
+where the user put it."""
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 """How often a search looks for what is in front: the second time the pose is a better one. Share of
 P by which what it sees then must differ, to search again."""
@@ -59,7 +58,7 @@ number of searches in all: along the focal length the loss is nearly flat, and t
 def search(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, judge: Judge, threads: int = 1
 ) -> Iterator[FitProgress]:
-    """As ``fit_pose``, with restarts; the last progress bears a verdict.
+    """Run ``fit_pose`` with restarts; the last progress bears a verdict.
 
     Gathering the verdict's features takes a few hundred evaluations more, which are not counted.
     """
@@ -94,17 +93,17 @@ def finish(
         gain = math.inf
     best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
     sure_from = SURE_AMONG_OTHERS if among_others else SURE_FROM
-    for strategy in RESTARTS[:-1] if among_others or problem is not whole else RESTARTS:
-        again = restarted(problem, best, strategy, time.perf_counter() - began, sure_from)
+    for is_turned in (*(False,) * MOST_CONTINUED, True):
+        again = restarted(problem, best, is_turned, time.perf_counter() - began, sure_from)
         if again is None:
             break
-        if strategy is Strategy.CONTINUE and gain < GAIN_THRESHOLD:
+        if not is_turned and gain < GAIN_THRESHOLD:
             continue
         yield replace(best, status=Status.RUNNING, verdict=None)
-        if strategy is Strategy.SYMMETRIC:
+        if is_turned:
             turned = better_turn(problem, mesh, renderer, best.pose, threads)
             if turned is None:
-                continue
+                break
             again = replace(again, start=turned)
         before, after = best, best
         for after in fit_pose(again, renderer, threads):
@@ -113,7 +112,7 @@ def finish(
                 yield merge(before, after, before)
         if after.loss < before.loss:
             after = replace(after, verdict=judge(after, again, mesh, renderer, threads))
-        best = merge(before, after, after if is_taken(after, before, strategy) else before)
+        best = merge(before, after, after if is_taken(after, before, is_turned) else before)
         gain = before.loss - best.loss
     yield best
 
@@ -203,13 +202,13 @@ def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:
 def restarted(
     problem: FitProblem,
     best: FitProgress,
-    strategy: Strategy,
+    is_turned: bool,
     seconds: float,
     sure_from: float = SURE_FROM,
 ) -> FitProblem | None:
-    """The problem of a further search within what is left of the limits after ``seconds``; None
-    where there is to be none. A symmetric one is given where the search before ended: its start is
-    still to be turned.
+    """The problem of a further search within what is left of the limits after ``seconds``, from the
+    end of the search before (``is_turned``: that the caller is to turn); None where there is to be
+    none.
     """
     rest = rest_of(problem.limits, best, seconds)
     has_population = problem.method == "default" and not problem.photo.clipped
@@ -217,24 +216,23 @@ def restarted(
         return None
     if best.verdict is not None:
         is_found, is_sure = best.verdict.word == "found", best.verdict.probability >= sure_from
-        if is_sure or (is_found and strategy is not Strategy.CONTINUE):
+        if is_sure or (is_found and is_turned):
             return None
-    is_global = strategy is Strategy.GLOBAL
-    start = problem.start if is_global else best.parameters
-    seed = problem.seed + (1 if is_global else 2 + best.restart)
-    return replace(problem, strategy=strategy, start=start, seed=seed, limits=rest)
+    seed = problem.seed + 2 + best.restart
+    continued = Strategy.CONTINUE
+    return replace(problem, strategy=continued, start=best.parameters, seed=seed, limits=rest)
 
 
-def is_taken(after: FitProgress, before: FitProgress, strategy: Strategy) -> bool:
+def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     """Whether the pose of a further search replaces that of the one ``before``: it needs less loss,
     and to be probable enough, since a wrong pose can have less loss than the right one.
     """
     if after.verdict is None or after.loss >= before.loss:
         return False
     known = 0.0 if before.verdict is None else before.verdict.probability
-    if strategy is Strategy.CONTINUE:
+    if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
-    return after.verdict.probability >= max(known + PROBABILITY_MARGIN, ELSEWHERE_THRESHOLD)
+    return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
 
 
 def until_focal_settles(

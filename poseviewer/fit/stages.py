@@ -44,7 +44,6 @@ FEWEST_OF_STRUCTURE = 2000
 """The same where classes and edges are compared: they reach farther than shades do."""
 COARSE_POPULATION = CmaOptions(least_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
-GLOBAL_POPULATION = replace(COARSE_POPULATION, sigma=0.2, nearness=1.0)
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
 """On the photo itself: as wide as the coarse level can be wrong, and half as many as there, as side
 valleys are behind."""
@@ -107,9 +106,7 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
             Stage(full, restarts.minimise, fine_options(options)),
         )
     light = lighter_level(photo, renderer, start)
-    is_global = problem.strategy is Strategy.GLOBAL
-    first = GLOBAL_POPULATION if is_global else COARSE_POPULATION
-    second, last = FINE_POPULATION, LAST_MODELS
+    first, second, last = COARSE_POPULATION, FINE_POPULATION, LAST_MODELS
     if photo.structure is None:
         share = WITHOUT_STRUCTURE
         first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
@@ -119,7 +116,7 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
     widest = Stage(wide, cma_es.minimise, first, rescore_every=every)
     if problem.strategy is Strategy.COARSE:
         return (widest,)
-    if problem.strategy in (Strategy.FIRST, Strategy.GLOBAL):
+    if problem.strategy is Strategy.FIRST:
         stages = (widest, *stages)
     if problem.fine_photo is None:
         return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
