@@ -518,7 +518,6 @@ class FitResult(_Searched):
         photo, mesh, chart = case.registration.photo, case.registration.mesh, case.problem.chart
         if self.verdict is not None:
             features = {} if self.verdict.features is None else asdict(self.verdict.features)
-            features.pop("weak", None)
             verdict = RecordedVerdict(
                 self.verdict.word, self.verdict.probability, self.verdict.reasons, features
             )

@@ -41,7 +41,7 @@ DRAWS = 1000
 """Draws of a start before it is given up that one is a pose of the chart."""
 MODELS_KEPT = 16
 """In each process: more than there are in one photo."""
-FEATURES = tuple(field.name for field in fields(Features) if field.name != "weak")
+FEATURES = tuple(field.name for field in fields(Features))
 """Names of the verdict's features."""
 
 

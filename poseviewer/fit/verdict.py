@@ -14,48 +14,20 @@ WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
 
 
 @dataclass(frozen=True, slots=True)
-class WeakDirection:
-    """A motion of the pose that hardly changes the loss."""
-
-    words: str
-    """Such as ``turning about the picture's vertical``."""
-    degrees: float
-    """How far it can turn on the way, to each side."""
-    percent: float
-    """How far else: shift in per cent of the model's size, or change of distance or focal length.
-    """
-    motion: tuple[float, ...]
-    """The unit motion, in the parameters of the free-body chart about the pose."""
-
-
-@dataclass(frozen=True, slots=True)
 class Features:
-    """All finite. Margins are in robust standard deviations of the losses of wrong poses."""
+    """All finite."""
 
-    loss_margin: float
-    """How far the loss is below that of typical wrong poses of this model on this photo."""
     turn_margin: float
-    """How far it is below that of the model turned by 15 to 45 degrees about an axis of its own;
-    below 0 where such a turn is better."""
-    rival_margin: float
-    """How far it is below the best other minimum that descents from wrong poses came to; below 0
-    where that is better."""
-    rival_percent: float
-    """How far off that is: mean distance in the photo in per cent of the model's size."""
-    agreement: float
-    """Share of the descents from poses near by that came back to it, in [0, 1]."""
+    """How far the loss is below that of the model turned by 15 to 45 degrees about an axis of its
+    own, in robust standard deviations of the losses of wrong poses; below 0 where such a turn is
+    better."""
     spread_percent: float
-    """Median distance from it at which these descents ended, in per cent of the size."""
-    explained: float
-    """Share of the model's pixels that light explains, in [0, 1]."""
+    """Median distance from the pose at which descents from near by ended, in per cent of the
+    model's size in the photo."""
     outline: float
     """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
     seen: float
     """Share of the model's picture that lies on pixels that count, in [0, 1]."""
-    pixels: float
-    """Logarithm to base 10 of how many pixels the model covers where it was compared."""
-    weak: tuple[WeakDirection, ...] = ()
-    """The weakest first."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,7 +173,7 @@ def test_an_equal_pose_is_not_away():
 
 
 @pytest.mark.slow
-def test_equal_poses_are_no_rivals():
+def test_equal_poses_do_not_count_as_turned():
     """Of a can without print: by its loss alone it may be turned as one likes."""
     plain = make_mesh(CAN.vertices, CAN.faces)
     problem, renderer = fitted_from(TRUTH, plain), make_renderer(plain)
@@ -185,7 +185,5 @@ def test_equal_poses_are_no_rivals():
     assert as_any is not None
     assert as_round is not None
     assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin
-    assert as_round.agreement >= as_any.agreement
-    assert len(as_round.weak) < len(as_any.weak)
     assert found[1].probability > found[0].probability
     assert found[1].word == "found"
