@@ -142,8 +142,8 @@ def load(
             degrees.
         mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
             weights (height, width) from 0, hidden, to 1. Default: that of the pose file.
-        symmetry: a file that says what maps the model onto itself; ``"find"``: looked for on its
-            surface; ``"none"``. Default: the file beside the model, or of its BOP data set.
+        symmetry: a file that says what maps the model onto itself; or ``"none"``. Default: the
+            file beside the model, or of its BOP data set.
         watch: for ``"auto"``: called after every evaluation; what it raises ends the search.
         renderer: one of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).

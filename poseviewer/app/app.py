@@ -20,7 +20,6 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import requests as r
 from poseviewer.app.state.hiding import Grow
-from poseviewer.app.state.objects import FindSymmetry
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -41,7 +40,6 @@ from poseviewer.app.workers.tasks import (
     Found,
     Result,
     Tasks,
-    find_symmetry_of_model,
     find_wheels_in_region,
     grow,
 )
@@ -173,9 +171,6 @@ class App:
             case r.FindWheels():
                 self._tasks.add(find_wheels_in_region, draws=True)
                 self._page.working("Looking for wheels ...", STOPPED_BY)
-            case FindSymmetry():
-                self._tasks.add(find_symmetry_of_model)
-                self._page.working("Looking at its surface ...", STOPPED_BY)
             case Grow():
                 self._tasks.add(grow(request))
                 self._page.working("Finding its edge ...", STOPPED_BY)

@@ -50,8 +50,7 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--overlay OVERLAY.png", "draw the pose found", Path)
     add_look(parser, "of the overlay")
     add_settings(parser)
-    said = "what maps the model onto itself (a file beside it); find: look on its surface"
-    option(parser, "--symmetry FILE|find|none", said)
+    option(parser, "--symmetry FILE|none", "what maps the model onto itself (a file beside it)")
     add_views(parser)
     search = add_search(parser)
     for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):

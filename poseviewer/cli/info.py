@@ -88,7 +88,6 @@ def _print_model(path: Path) -> None:
     from poseviewer.files.keypoints import load_keypoints
     from poseviewer.files.mesh.load import load_mesh
     from poseviewer.files.symmetry import load_symmetry
-    from poseviewer.geometry.surface_symmetry import find_symmetry
 
     mesh = load_mesh(path)
     keypoints = load_keypoints(path, mesh)
@@ -101,8 +100,7 @@ def _print_model(path: Path) -> None:
     reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
     if mesh.textures:
         reflectance = f"{len(mesh.textures)} texture(s)"
-    given = load_symmetry(path, mesh)
-    symmetry = f"{given.words} (from a file)" if not given.is_none else find_symmetry(mesh).text
+    symmetry = load_symmetry(path, mesh)
     _print(
         model=path.name,
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
@@ -111,7 +109,7 @@ def _print_model(path: Path) -> None:
         unit=mesh.unit or "not said in the file",
         reflectance=reflectance,
         wheels=wheels,
-        symmetry=symmetry,
+        symmetry=f"{symmetry.words} (from a file)" if symmetry.words else (),
         note=mesh.notes,
     )
 

@@ -12,15 +12,17 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading, kind_of
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.surface_symmetry import GIVEN_SHAPE, worst_turn
-from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
+from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn, worst_turn
 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
 ANY = "any"
 """The fold of a continuous symmetry, in files."""
-FIND, NONE = "find", "none"
+NONE = "none"
 """What may be asked for in place of a file."""
+LARGEST_DISTANCE = 0.06
+"""Share of the diameter by which a symmetry may bring the surface off: scans of symmetric things
+come to 0.036, others from 0.066."""
 MOST_TURNS = 100
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 
@@ -69,13 +71,13 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
             reading.require_unit(data, mesh.unit)
             symmetry = symmetry_from_json(reading, data, "")
     if not symmetry.is_none:
-        words, off = worst_turn(mesh, symmetry)
-        if off > GIVEN_SHAPE:
+        turn, off = worst_turn(mesh, symmetry)
+        if off > LARGEST_DISTANCE:
             raise reading.error(
-                f"the model has no such symmetry, {words} through "
+                f"the model has no such symmetry, {turn.words} through "
                 f"{np.round(symmetry.centre, 3).tolist()} brings its surface off by {off:.0%} of "
                 "its size",
-                f"wanted {GIVEN_SHAPE:.0%} at most; mend the axis and the centre, or leave it out",
+                f"wanted {LARGEST_DISTANCE:.0%} at most; mend axis and centre, or leave it out",
             )
     return symmetry
 

@@ -21,14 +21,13 @@ from poseviewer.files.photo import (
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene import SceneRecord
-from poseviewer.files.symmetry import FIND, NONE, load_symmetry, read_symmetry
+from poseviewer.files.symmetry import NONE, load_symmetry, read_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
-from poseviewer.geometry.surface_symmetry import find_symmetry
 from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
@@ -186,20 +185,15 @@ def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
 
 
 def with_symmetry(own: Registration, which: str | Path) -> Registration:
-    """The same with the symmetry of a file, with the one that its mesh is found to have, or with
-    none.
+    """The same with the symmetry of a file, or with none.
 
     Raises:
         PoseViewerError: the file cannot be used, or the model has no such symmetry.
     """
     if which == NONE:
         return replace(own, whole_symmetry=NO_SYMMETRY)
-    if which != FIND:
-        symmetry = read_symmetry(Path(which), own.mesh.whole, own.mesh_name)
-        return replace(own, whole_symmetry=symmetry)
-    found = find_symmetry(own.mesh.whole)
-    note = f"{own.mesh_name}: {found.text}."
-    return replace(own, whole_symmetry=found.symmetry, warnings=(*own.warnings, note))
+    symmetry = read_symmetry(Path(which), own.mesh.whole, own.mesh_name)
+    return replace(own, whole_symmetry=symmetry)
 
 
 def load_scene_registrations(

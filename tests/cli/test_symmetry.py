@@ -13,17 +13,17 @@ import trimesh
 from poseviewer.cli import main as cli
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.symmetry import read_symmetry
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.surface_symmetry import find_symmetry
 from tests.meshes import make_mesh
 from tests.scene import Scene, make_scene_of
 
 
-def test_info_says_what_the_mesh_has(tmp_path: Path, capsys) -> None:
+def test_info_says_what_a_file_says(tmp_path: Path, capsys) -> None:
     model = tmp_path / "can.ply"
     trimesh.creation.cylinder(1.0, 3.0, sections=64).export(model)
     assert cli.main(["info", str(model)]) == 0
-    assert "symmetric by every turn about (0, 0, 1), half a turn about" in capsys.readouterr().out
+    assert "symmetry" not in capsys.readouterr().out
     turns = [{"axis": [0, 0, 1], "fold": 3}]
     symmetry = {"centre": [0, 0, 0], "turns": turns}
     (tmp_path / "can.symmetry.json").write_text(json.dumps(symmetry))
@@ -44,15 +44,17 @@ def of_box(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 @pytest.mark.slow
 def test_fits_from_equal_starts_are_written_as_one_pose(of_box: Scene, tmp_path: Path) -> None:
     mesh, start = load_mesh(of_box.model), load_pose(of_box.start, 160, 120)
-    symmetry = find_symmetry(mesh).symmetry
-    assert len(symmetry.transforms()) == 4
+    centre, turns = [0.3, 0, 0], [{"axis": axis, "fold": 2} for axis in ([1, 0, 0], [0, 0, 1])]
+    beside = tmp_path / "given.json"
+    beside.write_text(json.dumps({"centre": centre, "turns": turns}))
+    symmetry = read_symmetry(beside, mesh)
     found = []
     for number, motion in enumerate(symmetry.transforms()[::3]):
         equal, out = tmp_path / f"start{number}.json", tmp_path / f"pose{number}.json"
         turned = replace(start.pose, camera_from_model=start.pose.camera_from_model @ motion)
         save_pose(equal, PoseRecord(turned))
         arguments = ["fit", str(of_box.photo), str(of_box.model), "--pose", str(equal)]
-        more = ["--out", str(out), "--quiet", "--evaluations", "700", "--symmetry", "find"]
+        more = ["--out", str(out), "--quiet", "--evaluations", "700", "--symmetry", str(beside)]
         assert cli.main([*arguments, *more]) == 0
         found.append(load_pose(out, 160, 120))
         assert len(found[-1].symmetry.transforms()) == 4

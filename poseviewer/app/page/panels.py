@@ -23,7 +23,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
-from poseviewer.app.state.objects import DropSymmetry, FindSymmetry, symmetry_text
+from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp, UseLastPose
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
@@ -59,7 +59,6 @@ WAITING = '<div class="pv-wait"></div>'
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 SAVE, SAVE_ALL = "Save pose (S)", "Save scene and pose (S)"
-SYMMETRIC = "Symmetric"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
@@ -100,10 +99,6 @@ class OpenPanel:
     def __init__(self, controls: Controls) -> None:
         with controls.step(STEPS[0]):
             self._what = controls.gui.add_markdown("")
-            self._symmetry = controls.field(
-                controls.gui.add_checkbox(SYMMETRIC, False),
-                lambda on: FindSymmetry() if on else DropSymmetry(),
-            )
             controls.upload("Photo ...", "photo", "photo")
             controls.upload("Model ...", "model", "cube")
             controls.upload("Folder ...", None, "folder-open")
@@ -121,7 +116,6 @@ class OpenPanel:
             f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
             f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
         )
-        self._symmetry.show(not registration.whole_symmetry.is_none)
         set_properties(self._what, content=text)
         self._more.show(session)
 

@@ -11,12 +11,9 @@ from poseviewer.app.state.commands import Command, WorkerUpdate
 from poseviewer.app.state.document import Marks, SceneObject
 from poseviewer.app.state.dragging import moved, radius_in_photo
 from poseviewer.app.state.photo_set import FEWEST_COMPARED
-from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Outlines, Session, Strip
 from poseviewer.errors import SettingsError
 from poseviewer.fit.registration import LoadedModel, Registration
-from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
 from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
@@ -176,32 +173,6 @@ class StripDrawn(WorkerUpdate, eq=False):
 
     def __call__(self, session: Session) -> Session:
         return replace(session, strip=self.strip)
-
-
-class FindSymmetry(Request):
-    """Use what a file says of the model's symmetry, or what its surface has."""
-
-
-class UseSymmetry(Command, eq=False):
-    """Use a symmetry that was found for a model."""
-
-    mesh: Mesh
-    """The whole model."""
-    symmetry: Symmetry
-
-    def __call__(self, session: Session) -> Session:
-        if session.document.registration.mesh.whole is not self.mesh:  # another one by now
-            return session
-        return session.with_document(session.document.compared_by(whole_symmetry=self.symmetry))
-
-
-class DropSymmetry(Command):
-    """All poses are told apart."""
-
-    def __call__(self, session: Session) -> Session:
-        if session.document.registration.whole_symmetry.is_none:
-            return session
-        return session.with_document(session.document.compared_by(whole_symmetry=NO_SYMMETRY))
 
 
 def symmetry_text(own: Registration) -> str:

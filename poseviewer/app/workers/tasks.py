@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LayWheels, SetTool
 from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
-from poseviewer.app.state.objects import UseSymmetry
 from poseviewer.app.state.requests import Download, Request, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
@@ -28,11 +27,8 @@ from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
-from poseviewer.files.symmetry import load_symmetry
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.surface_symmetry import find_symmetry
-from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.starts.registration import StartInputs
 from poseviewer.starts.wheels import find_wheels
 
@@ -144,28 +140,6 @@ class Tasks:
         """End the thread."""
         self._waiting.clear()
         self._worker.close()
-
-
-def find_symmetry_of_model(session: Session) -> Iterator[Found]:
-    """Take the symmetry that a file says of the model at hand, or look for one on its surface.
-
-    Raises:
-        QuickStartError: there is none.
-        PoseViewerError: the file cannot be used.
-    """
-    document = session.document
-    own, path = document.registration, document.model_path
-    mesh = own.mesh.whole
-    symmetry = NO_SYMMETRY if path is None else load_symmetry(path, mesh)
-    text = f"a file says {symmetry.words}"
-    if symmetry.is_none:
-        found = find_symmetry(mesh)
-        symmetry, text = found.symmetry, found.text
-    if symmetry.is_none:
-        raise QuickStartError(
-            f"{own.mesh_name}: {text}; a symmetry file beside the model can say more."
-        )
-    yield Found((UseSymmetry(mesh, symmetry),), (f"{own.mesh_name}: {text}.",))
 
 
 def find_wheels_in_region(session: Session) -> Iterator[Found]:
