@@ -68,7 +68,7 @@ class FitSettings:
     renderer: RendererName = "auto"
     """``auto`` is ``software``; ``gpu`` is experimental: it was never timed on a real GPU."""
     options: RestartOptions = field(default_factory=RestartOptions)
-    """Of the restarted simplex; in files it is called ``rules``."""
+    """Of the restarted simplex."""
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     keep_start: bool = False
@@ -110,33 +110,32 @@ class FitSettings:
         return replace(self, method=method, **{name: getattr(like, name) for name in OF_METHOD})
 
 
-_JSON_NAMES = {
-    "options": "rules",
-    "multi_starts": "scouts",
-    "multi_start_x_tolerance": "scout_x_tolerance",
-    "multi_start_f_tolerance": "scout_f_tolerance",
+OLD_NAMES = {
+    "rules": "options",
+    "scouts": "multi_starts",
+    "scout_x_tolerance": "multi_start_x_tolerance",
+    "scout_f_tolerance": "multi_start_f_tolerance",
 }
-"""What files call some fields."""
+"""Fields by their names in files of version 0.1.0."""
 
 
 def settings_as_json(settings: FitSettings) -> dict[str, Any]:
     """The settings as JSON holds them; what is not set is left out."""
     return asdict(
         settings,
-        dict_factory=lambda pairs: {
-            _JSON_NAMES.get(key, key): value for key, value in pairs if value is not None
-        },
+        dict_factory=lambda pairs: {key: value for key, value in pairs if value is not None},
     )
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """The settings from ``settings_as_json``; what is not known, or makes no sense, is left out."""
-    given = {f.name: data[key] for f in fields(FitSettings) if (key := _json_name(f.name)) in data}
-    known = {_json_name(f.name): f.name for f in fields(RestartOptions)}
+    """The settings from ``settings_as_json``, of version 0.1.0 too; what is not known, or makes no
+    sense, is left out.
+    """
+    names = {f.name for f in fields(FitSettings)}
+    given = {key: value for key, value in _with_new_names(data).items() if key in names}
     try:
         if "options" in given:
-            options = {str(known.get(key, key)): x for key, x in given["options"].items()}
-            given["options"] = RestartOptions(**options)
+            given["options"] = RestartOptions(**_with_new_names(given["options"]))
         if "limits" in given:
             given["limits"] = Limits(**given["limits"])
         for key in ("lock", "region", "without"):
@@ -147,5 +146,5 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
         return FitSettings()
 
 
-def _json_name(field_name: str) -> str:
-    return _JSON_NAMES.get(field_name, field_name)
+def _with_new_names(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {OLD_NAMES.get(key, key): value for key, value in data.items()}

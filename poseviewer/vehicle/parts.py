@@ -18,24 +18,21 @@ from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
 
 WHEEL_WORDS = (
     r"wheels?|tires?|tyres?|rims?|hubcaps?|rad|raeder|rader|reifen|felgen?|vorderrad|hinterrad"
-    r"|ruedas?|llantas?|neumaticos?|roues?|pneus?|jantes?|ruot[ae]|cerchi[o]?|rodas?|kolo|hjul|wiel"
     r"|(front|rear|back|left|right|[lrfb]{1,2})wheel|wheel(front|rear|back|left|right|[lrfb]{1,2})"
 )
 NOT_A_WHEEL_WORDS = (
-    r"steer\w*|spare|arch\w*|hous\w*|well\w*|wheelarch\w*|wheelhous\w*|wheelwell\w*|lenkrad|ersatz"
-    r"|reserverad|volante?|direcc\w*|recambio|repuesto|secours|scorta|estepe|kasten|radkasten|fender"
+    r"steer\w*|spare|arch\w*|hous\w*|well\w*|wheelarch\w*|wheelhous\w*|wheelwell\w*|fender"
+    r"|lenkrad|ersatz|reserverad|kasten|radkasten"
 )
-FRONT_WORDS = (
-    r"f[lr]|[lr]f|v[lr]|front\w*|vorn\w*|vorder\w*|delant\w*|avant\w*|anter\w*|diant\w*|av"
-)
-REAR_WORDS = r"[rb]l|[lrb]r|h[lr]|rear\w*|back\w*|hint\w*|tras\w*|arri\w*|poster\w*|ar"
+FRONT_WORDS = r"f[lr]|[lr]f|v[lr]|front\w*|vorn\w*|vorder\w*"
+REAR_WORDS = r"[rb]l|[lrb]r|h[lr]|rear\w*|back\w*|hint\w*"
 FRONT_BODY_WORDS = (
     r"head(light|lamp)s?|bonnet|hood|gr[iy]lle?|radiator|windscreen|windshield|engine|front\w*"
-    r"|scheinwerfer|motorhaube|kuhlergrill|faros?|capot?|phares?|cofano|fari|farol|farois"
+    r"|scheinwerfer|motorhaube|kuhlergrill"
 )
 REAR_BODY_WORDS = (
     r"tail(light|lamp|gate)s?|trunk|boot|exhaust|muffler|tailpipe|rear\w*|heck\w*|rucklicht\w*"
-    r"|auspuff|kofferraum|maletero|escape|coffre|baule|portamalas"
+    r"|auspuff|kofferraum"
 )
 MISLEADING_BODY_WORDS = r"mirrors?|view|spiegel\w*|seats?|doors?"
 """A rear-view mirror is in front; seats and doors lie in the middle."""
@@ -60,7 +57,7 @@ class _Layout:
 def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
     """The key points of a vehicle whose wheels are named parts, else None.
 
-    Parts called wheel, tyre, rim, Rad, rueda, roue, ... (not steering or spare wheels, not wheel
+    Parts called wheel, tyre, rim, Rad, Reifen, ... (not steering or spare wheels, not wheel
     arches) must fall into exactly four clumps on a rectangle. The front is told by, in this order:
     lamps, bonnet, boot and the like beyond the axles; the names of the wheels; the roof, which
     stands behind the middle of the wheelbase in most cars. A key point is the centre of the

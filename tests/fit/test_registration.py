@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_box
 
@@ -89,7 +92,12 @@ def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
     made = compared(make_photo(30.0), settings)
     assert made.channels.shape == (120, 160, 1)
     assert not made.colour_reflectance
-    assert settings_from_json(settings_as_json(settings)) == settings
+    written = settings_as_json(settings)
+    assert settings_from_json(written) == settings
+    old = {**written, "rules": {"scouts": 7, "scout_x_tolerance": 0.5}}  # of version 0.1.0
+    del old["options"]
+    options = RestartOptions(multi_starts=7, multi_start_x_tolerance=0.5)
+    assert settings_from_json(old) == replace(settings, options=options)
 
 
 def test_what_a_mask_hides_does_not_count():
