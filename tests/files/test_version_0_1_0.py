@@ -153,7 +153,6 @@ def test_autosaved_sessions_open(name: str) -> None:
     assert settings_from_json(kept.settings).method == "default"
     assert kept.mask is not None
     assert kept.mask.weights.shape == (120, 160)
-    assert kept.unsaved
 
 
 def test_autosaved_sessions_of_several_objects_and_photos_open() -> None:

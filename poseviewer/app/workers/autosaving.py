@@ -94,12 +94,8 @@ class Autosaver:
             return
         self._next = time.monotonic() + PERIOD_S
         self._saved = document
-        kept = replace(
-            _as_picked(document, document.photo_path, session.unsaved),
-            others=tuple(
-                _as_picked(one, document.photo_path, session.unsaved) for one in document.others
-            ),
-        )
+        others = tuple(_as_picked(one, document.photo_path) for one in document.others)
+        kept = replace(_as_picked(document, document.photo_path), others=others)
 
         def write() -> Iterator[None]:
             self._file.save(kept)
@@ -196,7 +192,7 @@ class Autosaver:
             self._offered = None
 
 
-def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> AutosavedSession:
+def _as_picked(one: SceneObject, photo_path: Path | None) -> AutosavedSession:
     """The session in which an object is the only one."""
     own = one.registration
     photo = own.photo
@@ -206,7 +202,6 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         photo_sha256=photo.sha256,
         model=_absolute(one.model_path),
         model_name=own.mesh_name,
-        model_sha256=own.mesh_sha256,
         pose=PoseRecord(
             one.pose,
             undistortion=photo.undistortion,
@@ -217,7 +212,6 @@ def _as_picked(one: SceneObject, photo_path: Path | None, unsaved: bool) -> Auto
         else one.searched.record,
         start=PoseRecord(own.start, undistortion=photo.undistortion),
         settings=settings_as_json(one.settings),
-        unsaved=unsaved,
         saved_at=time.time(),
         mask=one.compared_mask,
         number=one.number,

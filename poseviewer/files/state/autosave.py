@@ -63,14 +63,11 @@ class AutosavedSession:
     photo_sha256: str | None
     model: Path | None
     model_name: str
-    model_sha256: str | None
     pose: PoseRecord
     start: PoseRecord
     """Where the fit started."""
     settings: Mapping[str, Any]
     """What JSON can hold."""
-    unsaved: bool
-    """Whether there is something in it that the user has not saved."""
     saved_at: float
     """Seconds since 1970."""
     candidates: tuple[Path, ...] = ()
@@ -339,11 +336,9 @@ _CHECKS = {
     "photo_sha256": Reading.text,
     "model": _path,
     "model_name": _name,
-    "model_sha256": Reading.text,
     "pose": _pose_from_json,
     "start": _pose_from_json,
     "settings": Reading.object,
-    "unsaved": _truth,
     "saved_at": Reading.number,
     "candidates": _paths,
     "mask": _mask,

@@ -50,7 +50,7 @@ def kept_of(opened: Opened) -> AutosavedSession:
     paths = opened.document.photo_path, opened.document.model_path
     return AutosavedSession(
         paths[0], photo.name, photo.sha256, paths[1], registration.mesh_name,
-        registration.mesh_sha256, record, PoseRecord(registration.start), {}, True, 0.0,
+        record, PoseRecord(registration.start), {}, 0.0,
     )  # fmt: skip
 
 

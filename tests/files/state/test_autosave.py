@@ -50,11 +50,9 @@ def session(**changes: Any) -> AutosavedSession:
         photo_sha256=SHA,
         model=Path("car.glb"),
         model_name="car.glb",
-        model_sha256=SHA[::-1],
         pose=record(),
         start=record(turn=0.4),
         settings={"restarts": 8, "loss": "invariant", "limits": [0.1, 0.2], "mask": None},
-        unsaved=True,
         saved_at=1.7e9 + 1.0 / 3.0,
     )
     return dataclasses.replace(whole, **changes)
@@ -87,9 +85,7 @@ def assert_same(a: AutosavedSession, b: AutosavedSession) -> None:
 def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     whole = session()
     assert_same(load_autosave(saved(tmp_path / "new", whole)), whole)
-    empty = session(
-        photo=None, photo_sha256=None, model=None, model_sha256=None, settings={}, unsaved=False
-    )
+    empty = session(photo=None, photo_sha256=None, model=None, settings={})
     assert_same(load_autosave(saved(tmp_path, empty)), empty)
 
 
@@ -138,7 +134,7 @@ def test_paths_that_are_no_text_come_back(tmp_path: Path) -> None:
 def test_a_session_stays_with_its_app_until_that_ends(tmp_path: Path) -> None:
     file = SessionFile(tmp_path)
     file.save(session())
-    file.save(session(unsaved=False))
+    file.save(session(name="again"))
     assert left_behind(tmp_path) is None
     assert list(tmp_path.glob("*.json")) == [file.path]
     file.close()
@@ -146,7 +142,7 @@ def test_a_session_stays_with_its_app_until_that_ends(tmp_path: Path) -> None:
     found = left_behind(tmp_path)
     assert found is not None
     assert found[0] == file.path
-    assert not found[1].unsaved
+    assert found[1].name == "again"
 
 
 CHILD = """
@@ -206,7 +202,7 @@ def _changed(data: dict[str, Any], where: str, value: Any) -> str:
     [
         ("format", "poseviewer-pose"),
         ("photo", 5),
-        ("unsaved", "yes"),
+        ("hidden", "yes"),
         ("saved_at", None),
         ("start.file", {}),
         ("pose.exact.width", 0),
