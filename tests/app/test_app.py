@@ -439,7 +439,8 @@ def test_uploads_that_another_app_has_open_stay(running: RunningApp) -> None:
         page.key("ArrowLeft")
         own = page.wait_until(lambda: next(running.state.glob("sessions/*.json"), None))
         kept = load_autosave(own)
-        SessionFile(own.parent).save(replace(kept, photo=theirs.resolve()))
+        other = SessionFile(own.parent)
+        other.save(replace(kept, photo=theirs.resolve()))
         for _ in range(3):
             page.key("KeyZ")
         for number in range(5):  # until undo no longer reaches that photo
@@ -448,6 +449,7 @@ def test_uploads_that_another_app_has_open_stay(running: RunningApp) -> None:
         for number in range(KEPT + 2):
             page.upload("Pose file ...", f"{number}.json", b"[%d]" % number)
             page.wait_until(lambda n=number: any(f"{n}.json" in t for _, t in page.shown.notices))
+    other.close()
     assert theirs not in running.app.session.paths
     assert theirs.is_file()
 

@@ -106,7 +106,9 @@ class SessionFile:
         folder = self.path.parent
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._lock = self._lock or lock_file(_lock_path(self.path))
+            if not _lock_path(self.path).exists():  # at first, and where the folder was removed
+                self.close()
+                self._lock = lock_file(_lock_path(self.path))
         except OSError as error:
             raise AutosaveError(
                 f"{self.path.name}: cannot be written to {folder} ({error.strerror}); check that "

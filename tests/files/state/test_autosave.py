@@ -4,6 +4,7 @@ import dataclasses
 import json
 import logging
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -134,6 +135,7 @@ def test_paths_that_are_no_text_come_back(tmp_path: Path) -> None:
 def test_a_session_stays_with_its_app_until_that_ends(tmp_path: Path) -> None:
     file = SessionFile(tmp_path)
     file.save(session())
+    shutil.rmtree(tmp_path)
     file.save(session(name="again"))
     assert left_behind(tmp_path) is None
     assert list(tmp_path.glob("*.json")) == [file.path]
