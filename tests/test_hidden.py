@@ -17,17 +17,15 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     open_files,
-    open_photo,
     open_pose,
     open_scene,
     restore,
 )
 from poseviewer.batch.run import open_batch, run_batch, save_outcome
 from poseviewer.cli.main import main
-from poseviewer.errors import PhotoFileError, SettingsError
+from poseviewer.errors import SettingsError
 from poseviewer.files.file_set import sort_set
 from poseviewer.files.masks import mask_as_png
-from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import (
     PhotoReference,
     PoseRecord,
@@ -85,15 +83,6 @@ def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
     assert by_file.problem.photo.weights.sum() < 0.8 * everything.problem.photo.weights.sum()
     assert by_file.start.record.settings is not None
     assert by_file.start.record.settings["mask"] == "hidden.png"
-
-
-def test_a_mask_of_another_size_is_one_sentence(scene, tmp_path):
-    path = tmp_path / "small.png"
-    path.write_bytes(mask_as_png(Mask.of(np.ones((12, 16)))))
-    with pytest.raises(PhotoFileError, match=r"small\.png: the mask has 16x12 px, the photo 160x"):
-        poseviewer.load(scene.photo, scene.model, scene.start, mask=path)
-    with pytest.raises(SettingsError, match=r"the mask has 16x12 px, the photo p\.png has 160x120"):
-        poseviewer.load(scene.photo, scene.model, scene.start, mask=Mask.of(np.ones((12, 16))))
 
 
 def test_a_start_is_found_without_what_is_hidden(scene, mask):
@@ -202,14 +191,6 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     assert found.mesh.left_out == ("right",)
     assert found.mask is not None
     assert np.array_equal(found.mask.weights, half_hidden().weights)
-
-
-def test_another_photo_has_nothing_hidden(scene, tmp_path):
-    document = opened(scene).document.compared_by(mask=half_hidden())
-    again = open_photo(document, scene.photo).document
-    assert again.registration.mask is document.registration.mask
-    save_image(tmp_path / "q.png", load_photo(scene.photo).pixels[:, ::-1])
-    assert open_photo(document, tmp_path / "q.png").document.registration.mask is None
 
 
 def test_a_mask_that_comes_with_its_pose_is_no_photo(scene, mask, tmp_path):

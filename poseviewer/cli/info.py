@@ -136,11 +136,9 @@ def _print_pose(path: Path) -> None:
     record = load_pose(path, *recorded_size(path))
     camera = camera_as_integer_centres(record.pose.camera)
     transform = record.pose.camera_from_model
-    projection, scale = "parallel", ""
-    if isinstance(camera, Perspective):
-        projection, scale = "perspective", f"fx {camera.fx:.6g}, fy {camera.fy:.6g}"
-    else:
-        scale = f"scale {camera.scale:.6g}"
+    kind = "perspective" if isinstance(camera, Perspective) else "parallel"
+    scales = ("fx", "fy") if isinstance(camera, Perspective) else ("scale",)
+    scale = ", ".join(f"{name} {getattr(camera, name):.6g}" for name in scales)
     photo = (record.photo.file if record.photo else None) or "not said"
     if record.photo and record.photo.width and record.photo.height:
         photo += f", {record.photo.width} x {record.photo.height} px"
@@ -148,32 +146,22 @@ def _print_pose(path: Path) -> None:
     if record.undistortion is not None:
         model = record.undistortion.lens.model
         distortion = f"{model}, undone: the camera is that of the undistorted photo"
-    chart = "not said"
-    if record.chart is not None:
-        pairs = zip(record.chart.names, record.chart.parameters, strict=True)
-        values = ", ".join(f"{name} {value:.5f}" for name, value in pairs)
-        chart = f"{record.chart.name}: {values}"
-    frame = set_frame(record)
-    photos = f"one of {1 + len(frame.others)} photos" if frame else ""
+    frame, sure = set_frame(record), record.covariance
     _print(
         pose=path.name,
         photo=photo,
         model=(record.model.file if record.model else None) or "not said",
-        projection=projection,
+        projection=kind,
         camera=f"{scale}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px (pixel centres at integers)",
         distortion=distortion,
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
-        chart=chart,
         unexplained=_number(record.unexplained, "{:.3f} (0: all explained, 1: nothing)"),
-        loss=_number(record.loss, "{:.6f}"),
         verdict="not said" if record.verdict is None else record.verdict.word,
-        sure=()
-        if record.covariance is None
-        else record.covariance.words(record.model and record.model.unit),
+        sure=() if sure is None else sure.words(record.model and record.model.unit),
         mask=record.mask or (),
         without=record.without,
-        set=() if frame is None else f"{photos}: {frame.sentence}",
+        set=() if frame is None else f"one of {1 + len(frame.others)} photos: {frame.sentence}",
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )

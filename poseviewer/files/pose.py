@@ -428,15 +428,10 @@ class SetFrame:
 
     @property
     def sentence(self) -> str:
-        """What it says, for comments in files."""
+        """What it says, for people."""
         rows = ", ".join(str([float(x) for x in row]) for row in self.set_from_model)
         unit = f" ({self.unit})" if self.unit else ""
         return f"The frame of {self.name}{unit}: x_in_set = [{rows}] @ x_in_model"
-
-    def camera_from_set(self, pose: Pose) -> RigidTransform:
-        """How the camera of a pose stands in the set's frame, by lengths of the model's unit."""
-        scaled = RigidTransform(self.place.rotation, self.place.translation / self.size)
-        return pose.camera_from_model @ scaled.inverse()
 
 
 def set_frame(record: PoseRecord) -> SetFrame | None:

@@ -24,7 +24,6 @@ from poseviewer.files.pose import (
     load_pose,
     save_pose,
 )
-from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
@@ -74,10 +73,11 @@ def with_rotation(matrix: np.ndarray) -> dict[str, Any]:
 
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
 def test_what_is_written_is_read_to_the_last_digit(
-    tmp_path: Path, camera: Perspective | Parallel
+    tmp_path: Path, camera: Perspective | Parallel, validator: Any
 ) -> None:
     record = full_record(camera)
     save_pose(tmp_path / "pose.json", record)
+    validator.validate(json.loads((tmp_path / "pose.json").read_text(encoding="utf-8")))
     read = load_pose(tmp_path / "pose.json", WIDTH, HEIGHT)
     assert read.pose.camera == camera
     np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
@@ -182,26 +182,6 @@ def test_a_rotation_off_by_less_than_a_degree_is_repaired_with_a_warning(tmp_pat
     assert "pose.json: the rotation was not quite orthonormal" in read.warnings[0]
 
 
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        (np.diag([1.0, 1.0, -1.0]), "reflection"),
-        (-TRANSFORM.rotation, "reflection"),
-        (1.05 * TRANSFORM.rotation, "not a rotation"),
-        (-1.5 * np.eye(3), "not a rotation"),
-        (np.ones((3, 3)), "not a rotation"),
-        (np.zeros((3, 3)), "not a rotation"),
-        (1e20 * np.eye(3), "entries beyond 1"),
-    ],
-)
-def test_what_is_not_a_rotation_is_refused(
-    tmp_path: Path, matrix: np.ndarray, message: str
-) -> None:
-    path = write(tmp_path / "pose.json", with_rotation(matrix))
-    with pytest.raises(PoseFileError, match=rf"^pose\.json: .*{message}"):
-        load_pose(path, WIDTH, HEIGHT)
-
-
 def test_another_size_of_the_photo_is_a_warning(tmp_path: Path) -> None:
     save_pose(tmp_path / "pose.json", full_record())
     read = load_pose(tmp_path / "pose.json", 320, 240)
@@ -220,12 +200,6 @@ def test_fingerprints_are_compared() -> None:
     assert "another model (car.glb)" in model
 
 
-def test_fingerprints_are_sha256(tmp_path: Path) -> None:
-    (tmp_path / "abc").write_bytes(b"abc")
-    expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    assert sha256_of(tmp_path / "abc") == expected
-
-
 def test_saving_replaces_a_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "pose ü.json"
     save_pose(path, full_record())
@@ -239,12 +213,6 @@ def test_saving_replaces_a_file_whole(tmp_path: Path, monkeypatch: pytest.Monkey
         save_pose(path, full_record(PARALLEL))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_saving_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PoseFileError, match=r"^pose\.json: cannot be written to .*gone"):
-        save_pose(tmp_path / "gone" / "pose.json", full_record())
-    assert not (tmp_path / "gone").exists()
 
 
 @pytest.mark.parametrize(
@@ -266,17 +234,6 @@ def validator() -> jsonschema.Draft202012Validator:
     schema = json_schema("pose")
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
-
-
-@pytest.mark.parametrize(
-    "record",
-    [full_record(), full_record(PARALLEL), PoseRecord(Pose(PERSPECTIVE, TRANSFORM))],
-)
-def test_every_file_written_passes_the_schema(
-    tmp_path: Path, record: PoseRecord, validator: jsonschema.Draft202012Validator
-) -> None:
-    save_pose(tmp_path / "pose.json", record)
-    validator.validate(json.loads((tmp_path / "pose.json").read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize(

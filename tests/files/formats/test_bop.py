@@ -112,11 +112,6 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_name_says_the_image(tmp_path):
-    write_bop(perspective_record(), tmp_path, ConvertOptions(image="000012.png"))
-    assert list(load_scene(tmp_path)[1]) == [12]
-
-
 def test_one_of_many_poses_is_chosen(tmp_path):
     record = perspective_record("mm")
     for image in ("3", "12"):

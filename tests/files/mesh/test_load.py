@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
@@ -233,14 +232,6 @@ def test_all_ways_of_writing_an_obj_face(tmp_path: Path, face: str) -> None:
     np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1], (len(mesh.vertices), 1)))
 
 
-def test_a_truncated_obj_that_is_a_surface_still_loads(tmp_path: Path) -> None:
-    text: Any = cube().export(file_type="obj")
-    lines = text.splitlines()
-    last = max(i for i, line in enumerate(lines) if line.startswith("f "))
-    (tmp_path / "cut.obj").write_text("\n".join(lines[:last]))
-    assert len(load_mesh(tmp_path / "cut.obj").faces) == 11
-
-
 def test_libraries_do_not_talk_to_the_user(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -257,22 +248,6 @@ def test_names_in_any_script_load(tmp_path: Path) -> None:
     for suffix in (".ply", ".obj", ".glb", ".stl"):
         cube().export(folder / f"würfel 立方{suffix}")
         assert_is_cube(load_mesh(folder / f"würfel 立方{suffix}"))
-
-
-def test_a_mesh_is_read_only(tmp_path: Path) -> None:
-    cube().export(tmp_path / "cube.ply")
-    mesh = load_mesh(tmp_path / "cube.ply")
-    for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.colours, mesh.uvs):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-
-
-def test_hundred_thousands_of_triangles_load(tmp_path: Path) -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=7)
-    sphere.export(tmp_path / "large.stl")
-    mesh = load_mesh(tmp_path / "large.stl")
-    assert len(mesh.faces) == len(sphere.faces) > 300_000
-    np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -298,8 +273,3 @@ def test_real_models_load(
     normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
     agree = np.einsum("fij,fj->fi", mesh.normals[mesh.faces], normals) > 0.0
     assert areas[agree.all(axis=1)].sum() > 0.97 * areas.sum()
-
-
-def test_a_mesh_without_wheels_has_no_key_points(tmp_path: Path) -> None:
-    cube().export(tmp_path / "cube.ply")
-    assert load_keypoints(tmp_path / "cube.ply", load_mesh(tmp_path / "cube.ply")) is None
