@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ from poseviewer.cli.terminal import progress_bar, require_writable, say, tell
 from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
-    from poseviewer.confidence.identify import Ranked
     from poseviewer.fit.progress import FitProgress
 
 
@@ -57,37 +55,42 @@ def run(options: Namespace) -> int:
         ranked = identify(opened, settings, watch)
     _print_ranking(ranked)
     if options.json:
-        pairs = zip_longest(ranked, ranked[1:])
-        write_json(options.json, [_as_json(*pair) for pair in pairs], SettingsError)
+        write_json(options.json, _as_json(ranked), SettingsError)
         say(f"json: {options.json}")
     return 0
 
 
-def _print_ranking(ranked: Sequence[Ranked]) -> None:
-    width = max(len(one.candidate.name) for one in ranked)
+def _print_ranking(ranked: Sequence[tuple[str, FitProgress]]) -> None:
+    width = max(len(name) for name, _ in ranked)
     say(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
-    for one in ranked:
-        fit, margin = one.candidate.fit, "" if one.margin is None else f"{one.margin:+.3f}"
+    shares_left = [fit.unexplained for _, fit in ranked]
+    for rank, (name, fit) in enumerate(ranked, 1):
+        margin = f"{shares_left[rank] - fit.unexplained:+.3f}" if rank < len(ranked) else ""
         shares = f"{fit.unexplained:11.3f}  {margin:>7}  {fit.start_unexplained:6.3f}"
-        say(f"{one.rank:<3}{one.candidate.name:{width}}  {shares}")
+        say(f"{rank:<3}{name:{width}}  {shares}")
     say("unexplained, of the same pixels: 0, all explained, to 1, nothing")
     say("margin: how much more the next model leaves unexplained")
 
 
-def _as_json(one: Ranked, after: Ranked | None) -> dict[str, Any]:
-    """Rank, name, losses, their margin to the next one, and pose (OpenCV axes) of a model."""
+def _as_json(ranked: Sequence[tuple[str, FitProgress]]) -> list[dict[str, Any]]:
+    """Rank, name, losses, their margin to the next one, and pose (OpenCV axes) of each model."""
     from poseviewer.files.pose import PoseRecord, record_as_json
 
-    found, fit = one.candidate, one.candidate.fit
-    pose = record_as_json(PoseRecord(fit.pose))
-    return {
-        "rank": one.rank,
-        "model": found.name,
-        "loss": fit.loss,
-        "start_loss": fit.start_loss,
-        "margin": None if after is None else after.candidate.fit.loss - fit.loss,
-        "unexplained": fit.unexplained,
-        "start_unexplained": fit.start_unexplained,
-        "status": fit.status.value,
-        **{key: pose[key] for key in ("projection", "camera", "camera_from_model")},
-    }
+    losses = [fit.loss for _, fit in ranked]
+    entries = []
+    for rank, (name, fit) in enumerate(ranked, 1):
+        pose = record_as_json(PoseRecord(fit.pose))
+        entries.append(
+            {
+                "rank": rank,
+                "model": name,
+                "loss": fit.loss,
+                "start_loss": fit.start_loss,
+                "margin": losses[rank] - fit.loss if rank < len(ranked) else None,
+                "unexplained": fit.unexplained,
+                "start_unexplained": fit.start_unexplained,
+                "status": fit.status.value,
+                **{key: pose[key] for key in ("projection", "camera", "camera_from_model")},
+            }
+        )
+    return entries
