@@ -45,7 +45,7 @@ class FreeBodyChart:
     """Of the centre, at the start."""
     _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     """The model's radius in the picture at the start, px along u and v."""
-    _focal_gain: float = field(init=False, repr=False, compare=False)
+    focal_gain: float = field(init=False, repr=False, compare=False)
     """Depth over radius: a change of the focal length, with the depth to match, moves the picture
     by this factor less than a change of scale does."""
 
@@ -60,7 +60,7 @@ class FreeBodyChart:
         object.__setattr__(self, "_place_px", tuple(camera.project(centre).tolist()))
         object.__setattr__(self, "_depth", depth)
         object.__setattr__(self, "_radius_px", radius_px)
-        object.__setattr__(self, "_focal_gain", gain)
+        object.__setattr__(self, "focal_gain", gain)
 
     @classmethod
     def near(cls, mesh: Mesh, pose: Pose, free_focal: bool = False) -> FreeBodyChart:
@@ -89,11 +89,6 @@ class FreeBodyChart:
         return "free-body"
 
     @property
-    def focal_gain(self) -> float:
-        """How many times less the picture moves with the focal length than with the scale."""
-        return self._focal_gain
-
-    @property
     def names(self) -> tuple[str, ...]:
         """What each number is called."""
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"
@@ -106,7 +101,7 @@ class FreeBodyChart:
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that lies ``numbers`` away from the start."""
         values = np.asarray(parameters, dtype=float).tolist()
-        log_zoom = values[6] * self._focal_gain if self.free_focal else 0.0
+        log_zoom = values[6] * self.focal_gain if self.free_focal else 0.0
         sound = all(abs(value) <= LARGEST for value in values)  # and so is none that is nan
         if not (sound and max(abs(values[5]), abs(log_zoom)) <= LARGEST_LOGARITHM):
             raise OutsideChartError(f"numbers {parameters} out of all proportion")
@@ -143,7 +138,7 @@ class FreeBodyChart:
         zoom = camera.fx / first.fx if self.free_focal else 1.0
         parameters = [*turn, *shift, np.log(centre[2] / was[2] / zoom)]
         if self.free_focal:
-            parameters.append(np.log(zoom) / self._focal_gain)
+            parameters.append(np.log(zoom) / self.focal_gain)
         return np.array(parameters)
 
 

@@ -81,25 +81,12 @@ def test_loss_is_symmetric_in_photo_and_model(seed, channels):
     assert lighting_loss(make_moments(model, photo)) == pytest.approx(forward, abs=1e-9)
 
 
-@given(SEEDS)
-def test_one_channel_each_is_one_minus_squared_correlation(seed):
-    _, photo, model = make_samples(seed, 1, 1)
-    correlation = np.corrcoef(photo[:, 0], model[:, 0])[0, 1]
-    assert lighting_loss(make_moments(photo, model)) == pytest.approx(1.0 - correlation**2)
-
-
 @given(SEEDS, st.floats(0.0, 100.0), CHANNELS)
 @settings(deadline=None)
 def test_loss_stays_in_its_range(seed, noise, channels):
     n, m = channels
     _, photo, model = make_samples(seed, n, m, noise)
     assert 0.0 <= lighting_loss(make_moments(photo, model)) <= min(n, m)
-
-
-@given(SEEDS)
-def test_any_lighting_of_the_model_costs_nothing(seed):
-    _, photo, model = make_samples(seed, 3, 4, noise=0.0)
-    assert lighting_loss(make_moments(photo, model)) < 1e-9
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -131,11 +118,6 @@ def test_too_few_pixels_cost_the_most(pixels):
     moments = make_moments(joint[:, :1], joint[:, 1:])
     moments = Moments(pixels, float(pixels), moments.mean, moments.covariance, 1)
     assert lighting_loss(moments) == 1.0
-
-
-def test_nothing_at_all_costs_the_most():
-    moments = Moments(0, 0.0, np.zeros(7), np.zeros((7, 7)), 3)
-    assert lighting_loss(moments) == 3.0
 
 
 def test_the_light_direction_is_recovered():

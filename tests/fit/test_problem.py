@@ -11,7 +11,7 @@ import pytest
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
-from poseviewer.fit.stages import FEWEST_PIXELS, coarse_options, fine_options, fit_pose, make_stages
+from poseviewer.fit.stages import FEWEST_PIXELS, fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
@@ -191,15 +191,6 @@ def test_a_search_ends_without_what_is_hidden_there():
     away = pose.project(MESH.vertices) - end.pose.project(MESH.vertices)
     assert np.abs(away).max() < 2.0
     assert end.loss == pose_loss(problem, RENDERER, end.parameters)
-
-
-def test_coarse_searches_are_wide_and_fine_ones_near():
-    options = RestartOptions()
-    coarse, fine = coarse_options(options), fine_options(options)
-    assert coarse.multi_starts > options.multi_starts > fine.multi_starts == 0
-    assert coarse.step > options.step > fine.step
-    assert coarse.x_tolerance > options.x_tolerance == fine.x_tolerance
-    assert fine.f_tolerance == options.f_tolerance
 
 
 def test_a_model_out_of_sight_is_said():

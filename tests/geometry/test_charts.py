@@ -232,15 +232,11 @@ def test_free_body_numbers_move_the_picture_by_comparable_amounts(camera, free_f
 
 
 def test_parallel_projection_has_no_focal_length_to_find():
-    from tests.meshes import make_box
-
     with pytest.raises(SettingsError, match="perspective"):
         FreeBodyChart.near(make_box(), Pose(PARALLEL, RigidTransform.identity()), free_focal=True)
 
 
 def test_a_model_behind_the_camera_is_refused():
-    from tests.meshes import make_box
-
     behind = RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0]))
     with pytest.raises(SingularChartError, match="behind"):
         FreeBodyChart.near(make_box(), Pose(PERSPECTIVE, behind))
