@@ -114,7 +114,7 @@ class SessionFile:
                 f"{self.path.name}: cannot be written to {folder} ({error.strerror}); check that "
                 "the folder is yours to write to."
             ) from error
-        text = json.dumps(_as_json(session), indent=1, allow_nan=False)
+        text = json.dumps(session, default=_as_json, indent=1, allow_nan=False)
         write_whole(self.path, text.encode(), AutosaveError)
 
     def close(self) -> None:
@@ -194,37 +194,23 @@ def _lock_path(path: Path) -> Path:
     return path.with_suffix(".lock")
 
 
-def _as_json(session: AutosavedSession) -> dict[str, Any]:
-    values = {f.name: getattr(session, f.name) for f in fields(session) if f.name != "candidates"}
-    for name in ("photo", "model"):
-        values[name] = None if values[name] is None else str(values[name])
-    for name in ("pose", "start"):
-        values[name] = _pose_as_json(values[name])
-    if session.mask is not None:
-        values["mask"] = _mask_as_text(session.mask)
-    if session.views is not None:
-        values["views"] = _set_as_json(session.views)
-    values["others"] = [_as_json(one) for one in session.others]
-    return {"format": FORMAT, "version": VERSION, **values, "settings": dict(session.settings)}
-
-
-def _mask_as_text(mask: Mask) -> str:
-    return base64.b64encode(mask_as_png(mask)).decode()
-
-
-def _set_as_json(views: KeptSet) -> dict[str, Any]:
-    choice = views.choice
-    return {
-        "path": str(views.path),
-        "photos": list(choice.photos),
-        "folder": None if choice.folder is None else str(choice.folder),
-        "rig_object": choice.rig_object,
-        "scale": views.scale,
-        "start_scale": views.start_scale,
-        "free_size": views.free_size,
-        "left_out": list(views.left_out),
-        "masks": {name: _mask_as_text(mask) for name, mask in views.masks.items()},
-    }
+def _as_json(value: Any) -> Any:
+    """Simpler content for what ``json`` cannot write."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mask):
+        return base64.b64encode(mask_as_png(value)).decode()
+    if isinstance(value, PoseRecord):
+        return _pose_as_json(value)
+    if isinstance(value, Mapping):
+        return dict(value)
+    named = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, KeptSet):
+        return named | _as_json(named.pop("choice"))
+    if isinstance(value, AutosavedSession):
+        del named["candidates"]
+        return {"format": FORMAT, "version": VERSION, **named}
+    return named
 
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
@@ -244,11 +230,7 @@ def _name(reading: Reading, value: Any, what: str) -> str:
 
 
 def _paths(reading: Reading, value: Any, what: str) -> tuple[Path, ...]:
-    """Sessions of earlier versions have none."""
-    if value is None:
-        return ()
-    reading.texts(value, what)
-    return tuple(map(Path, value))
+    return () if value is None else tuple(map(Path, reading.texts(value, what)))
 
 
 def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
@@ -275,9 +257,9 @@ def _views(reading: Reading, value: Any, what: str) -> KeptSet | None:
     if value is None:
         return None
     path, photos, folder, rig_object, scale, start_scale, free_size, left_out, masks = (
-        reading.fields(value, what, path=_path, photos=_texts, folder=_path,
+        reading.fields(value, what, path=_path, photos=Reading.texts, folder=_path,
         rig_object=Reading.size, scale=Reading.positive, start_scale=Reading.positive,
-        free_size=_truth, left_out=_texts, masks=Reading.object)
+        free_size=_truth, left_out=Reading.texts, masks=Reading.object)
     )  # fmt: skip
     if path is None:
         raise reading.error(f"{what}.path is missing", "wanted a file or a folder")
@@ -285,10 +267,6 @@ def _views(reading: Reading, value: Any, what: str) -> KeptSet | None:
     known = {name: mask for name, mask in read.items() if mask is not None}
     choice = SetChoice(photos, folder, rig_object)
     return KeptSet(path, choice, scale, start_scale, free_size, left_out, known)
-
-
-def _texts(reading: Reading, value: Any, what: str) -> tuple[str, ...]:
-    return tuple(reading.texts(value, what))
 
 
 def _truth(reading: Reading, value: Any, what: str) -> bool:
