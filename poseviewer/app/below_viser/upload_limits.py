@@ -19,7 +19,7 @@ import viser
 from viser import _messages
 from viser.infra import ClientId
 
-from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, too_large
+from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, why_unfit
 
 SMALLEST_PART = 65_536
 """viser's page sends parts of 512 KiB; a page that announces far more and smaller ones is not
@@ -132,7 +132,7 @@ class _Bounds:
         others = sum(upload["total_bytes"] for upload in self._running.values())
         if others and size + others > LARGEST_UPLOAD >= size:
             return f"{name}: another upload is under way; wait for its end, then try again."
-        return too_large(name, size)
+        return why_unfit(name, size)
 
     def _end(self, client: ClientId, message: Any, problem: str) -> None:
         """Take the progress bar off the page, and say why."""

@@ -53,8 +53,7 @@ class Autosaver:
         self._moving = False
         self._trouble = self._adopted = False
         self._own: set[Path] = set()
-        found = left_behind(state / "sessions")
-        self._offered, self._offer = found or (None, None)
+        self._offered, self._offer = left_behind(state / "sessions") or (None, None)
         self._file = SessionFile(state / "sessions")
 
     def offer(self) -> AutosavedSession | None:

@@ -130,27 +130,20 @@ def safe_path(name: str) -> PurePosixPath:
     return PurePosixPath(*[part for part in parts if part] or ["unnamed"])
 
 
-def too_large(name: str, size: int) -> str:
-    """Why ``size`` bytes of a file, shown as ``name``, are too many; "" where they are not."""
-    if size <= LARGEST_UPLOAD:
-        return ""
-    return (
-        f"{name}: {size:,} bytes; up to {LARGEST_UPLOAD:,} can be uploaded, make it smaller or "
-        "start poseviewer with its path."
-    )
-
-
 def why_unfit(name: str, size: int, count: int = 1) -> str:
-    """Why a page does not send a file, or ``count`` files together, of the name and the size
-    (bytes) that the browser gives.
-    """
+    """Why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
     shown = display_name(name)
     if count > MOST_FILES:
         return (
             f"{shown}: more than {MOST_FILES:,} files; drop those alone that belong to one photo "
             "and its model."
         )
-    return too_large(shown if count == 1 else f"{shown} ({count:,} files)", size)
+    if size <= LARGEST_UPLOAD:
+        return ""
+    return (
+        f"{shown}{f' ({count:,} files)' if count > 1 else ''}: {size:,} bytes; up to "
+        f"{LARGEST_UPLOAD:,} can be uploaded, make it smaller or start poseviewer with its path."
+    )
 
 
 def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
