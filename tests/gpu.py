@@ -6,7 +6,17 @@ import os
 
 import pytest
 
-from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_unavailable_reason
+from poseviewer.errors import RendererUnavailableError
+from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_device
+
+
+def gpu_unavailable_reason() -> str | None:
+    """Why there is no GPU here, in a sentence, or None."""
+    try:
+        gpu_device()
+    except RendererUnavailableError as error:
+        return str(error)
+    return None
 
 
 def require_gpu(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,10 +23,10 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.gpu.device import ADAPTER_VARIABLE, gpu_unavailable_reason
+from poseviewer.render.gpu.device import ADAPTER_VARIABLE
 from poseviewer.render.overlay import LOOKS
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.gpu import require_gpu
+from tests.gpu import gpu_unavailable_reason, require_gpu
 from tests.meshes import make_bumpy
 from tests.scene import make_scene_of
 from tests.schemas import json_schema

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -128,29 +126,6 @@ def test_smooth_light_is_no_edge_to_be_made_steep():
     weights = np.ones(u.shape, np.float32)
     plain, steep = (make_structure(smooth.astype(np.float32), weights, on) for on in (False, True))
     np.testing.assert_array_equal(plain.labels, steep.labels)
-
-
-def test_colours_in_another_order_are_the_same_photo():
-    channels = make_channels(make_pose())
-    weights = np.ones(channels.shape[:2], np.float32)
-    renderer = SoftwareRenderer(MESH)
-    losses = []
-    for order in ([0, 1, 2], [2, 0, 1]):
-        structure = make_structure(channels, weights)
-        turned = np.ascontiguousarray(channels[..., order])
-        again = replace(
-            structure,
-            first=np.concatenate([structure.first[order], structure.first[3:]]),
-            second=_reordered(structure.second, order),
-        )
-        photo = PhotoAttributes(turned, weights, False, structure=again)
-        losses.append(lighting_loss(renderer.moments(make_pose(0.1), photo)))
-    assert losses[0] == pytest.approx(losses[1], rel=1e-9)
-
-
-def _reordered(matrix, order):
-    index = np.array([*order, *range(3, len(matrix))])
-    return matrix[np.ix_(index, index)]
 
 
 def test_a_photo_of_few_colours_has_as_many_classes():

@@ -51,15 +51,6 @@ PARAMETERS = (
 _making = threading.Lock()
 
 
-def gpu_unavailable_reason() -> str | None:
-    """Why there is no GPU here, in a sentence, or None."""
-    try:
-        gpu_device()
-    except RendererUnavailableError as error:
-        return str(error)
-    return None
-
-
 @lru_cache(maxsize=2)
 def _device(software: bool) -> Device | str:
     """The device, or why there is none: an error that is kept would keep the frames it passed."""

@@ -19,12 +19,12 @@ import numpy as np
 
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.software.kernel import kernel
-from poseviewer.render.software.rasterise import COLUMN_OF, GRADED, GREY, MAPPED, ROW_OF
+from poseviewer.render.software.rasterise import COLUMN_OF, GREY, MAPPED, ROW_OF
 
 NO_WEIGHT = np.float32(1e-20)
 """A paint's fourth number that is no greater is that of no face, or of one seen edge-on."""
 TINY = np.float32(1e-30)
-_GRADED, _MAPPED, _ZERO = np.float32(-GRADED), np.float32(-MAPPED), np.float32(0.0)
+_MAPPED, _ZERO = np.float32(-MAPPED), np.float32(0.0)
 _RED, _GREEN, _BLUE = (np.float32(weight) for weight in GREY_WEIGHTS)
 
 _jit: Any = kernel()

@@ -22,7 +22,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.structure import make_structure
 from poseviewer.render.types import Moments, PhotoAttributes
-from tests.gpu import require_gpu
+from tests.gpu import gpu_unavailable_reason, require_gpu
 from tests.meshes import make_box, make_bumpy, make_painted, make_soup, make_sphere
 
 WIDTH, HEIGHT = 96, 72
@@ -157,16 +157,6 @@ def test_threads_share_the_gpu():
                 assert disagreement(software.moments(pose, photo), one) < AGREEMENT
 
 
-def test_what_a_task_raises_comes_out_of_the_pool():
-    photo = make_photo("region", np.random.default_rng(1))
-
-    def task(renderer, pose):
-        raise ValueError(f"{renderer.moments(pose, photo).pixels} px")
-
-    with RendererPool(GpuRenderer(MESHES["box"])) as pool, pytest.raises(ValueError, match="px"):
-        list(pool.map(task, make_poses(3)))
-
-
 def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
     device = device_of.Device(device_of.find_adapter(software=True))
     monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
@@ -187,23 +177,9 @@ def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
         assert pool.threads == 2
 
 
-def test_a_photo_too_large_for_the_gpu_is_judged_without_it(caplog, monkeypatch):
-    device = device_of.Device(device_of.find_adapter(software=True))
-    monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
-    renderer = GpuRenderer(MESHES["box"])
-    width = height = 4_200  # 8 bytes a pixel: more than lavapipe binds
-    photo = PhotoAttributes(
-        np.zeros((height, width, 1), np.float32), np.ones((height, width), np.float32)
-    )
-    pose = Pose(Parallel(8.0, 48.0, 36.0, width, height), make_poses(1)[0].camera_from_model)
-    wanted = SoftwareRenderer(MESHES["box"]).moments(pose, photo)
-    assert disagreement(wanted, renderer.moments(pose, photo)) == 0.0
-    assert "goes on without it" in caplog.text
-
-
 def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
     monkeypatch.delenv(device_of.ADAPTER_VARIABLE)
-    if device_of.gpu_unavailable_reason() is None:
+    if gpu_unavailable_reason() is None:
         pytest.skip("a real GPU is here")
     with pytest.raises(RendererUnavailableError, match="--renderer software") as refused:
         make_renderer(MESHES["box"], "gpu")
@@ -213,7 +189,7 @@ def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
 WITHOUT_WGPU = """
 import sys
 sys.modules["wgpu"] = None
-from poseviewer.render.gpu.device import gpu_unavailable_reason
+from tests.gpu import gpu_unavailable_reason
 print(gpu_unavailable_reason())
 """
 

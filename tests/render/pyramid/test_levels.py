@@ -51,34 +51,6 @@ def make_photo(pose: Pose, **settings) -> PhotoAttributes:
 
 
 @pytest.mark.parametrize("parallel", [False, True])
-@pytest.mark.parametrize("factor", [2, 4])
-def test_the_minimum_along_lines_is_that_of_the_full_photo(parallel, factor):
-    """Along each of the chart's numbers, and a line askew, to within a pixel of the level."""
-    pose = make_pose(parallel)
-    photo = make_photo(pose, clipped=False, colour_reflectance=True)
-    renderer, chart = SoftwareRenderer(MESH), FreeBodyChart.near(MESH, pose)
-    level, small = LevelRenderer(renderer, factor), coarser(photo, factor)
-    truth = chart.from_pose(pose)
-    lines = [*np.eye(len(truth)), np.random.default_rng(2).normal(size=len(truth))]
-    steps = np.linspace(-1.0, 1.0, 41)
-    for line in lines:
-        reach = 4.0 * factor / _pixels_moved(chart, pose, truth, line)
-        poses = [chart.to_pose(truth + step * reach * line) for step in steps]
-        full = [lighting_loss(renderer.moments(p, photo)) for p in poses]
-        coarse = [lighting_loss(level.moments(p, small)) for p in poses]
-        apart = abs(steps[np.argmin(coarse)] - steps[np.argmin(full)]) * 4.0 * factor
-        assert apart <= factor
-        assert min(coarse[0], coarse[-1]) > min(coarse) + 0.01
-
-
-def _pixels_moved(chart, pose, parameters, line) -> float:
-    """How far a vertex goes in the picture, at the most, for a unit step along ``line``."""
-    step = 1e-3
-    moved = chart.to_pose(parameters + step * line).project(MESH.vertices)
-    return float(np.linalg.norm(moved - pose.project(MESH.vertices), axis=1).max() / step)
-
-
-@pytest.mark.parametrize("parallel", [False, True])
 def test_pixels_of_a_level_are_those_that_its_poses_project_to(parallel):
     pose = make_pose(parallel)
     points = pose.project(MESH.vertices)
@@ -143,15 +115,6 @@ def test_models_have_no_more_triangles_than_the_level_shows():
         area = pixels / factor**2
         assert 0.1 * area < len(shown) < area
     assert make_level(photo, renderer, 1, pixels).renderer is renderer
-
-
-def test_clones_of_a_level_give_its_moments():
-    pose = make_pose(True)
-    photo, renderer = make_photo(pose), SoftwareRenderer(MESH)
-    level = make_level(photo, renderer, 4, 5000)
-    assert isinstance(level.renderer, LevelRenderer)
-    ours, theirs = (r.moments(pose, level.photo) for r in (level.renderer, level.renderer.clone()))
-    assert np.array_equal(ours.covariance, theirs.covariance)
 
 
 def test_the_coarsest_level_still_shows_enough():

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from poseviewer.files.demo import demo_case
@@ -87,29 +86,6 @@ def test_a_simplified_model_looks_the_same(case):
     assert np.mean(np.concatenate(apart)) < mean
 
 
-def points_on(mesh: Mesh, count: int) -> np.ndarray:
-    """Random points of the surface, evenly spread."""
-    random = np.random.default_rng(0)
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    faces = random.choice(len(area), count, p=area / area.sum())
-    shares = random.dirichlet([1.0, 1.0, 1.0], count)
-    return np.einsum("nk,nki->ni", shares, mesh.vertices[mesh.faces[faces]])
-
-
-@pytest.mark.parametrize("faces", [5000, 1000])
-def test_surfaces_lie_on_one_another(faces):
-    original = make_bumpy(5)
-    small = simplify(original, faces)
-    dense, new = points_on(original, 200_000), points_on(small, 20_000)
-    out = KDTree(dense).query(new)[0]
-    back = KDTree(points_on(small, 200_000)).query(points_on(original, 20_000))[0]
-    # A sphere's facets of this number bulge by 4 pi / (faces * 3 sqrt 3) of the radius or so.
-    bulge = 3.0 * 4.0 * np.pi / (faces * 5.2) * original.diameter / 2
-    spacing = 0.01 * original.diameter
-    assert max(out.max(), back.max()) < bulge + spacing
-
-
 def test_sharp_edges_stay_sharp_and_parts_keep_their_colour():
     """A finely cut box of six parts, each of a colour of its own."""
     box = make_box((2.0, 1.2, 0.8))
@@ -139,12 +115,6 @@ def divided(vertices, faces, parts):
     pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     corners = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.tile(parts, 4)
-
-
-def test_the_same_mesh_gives_the_same_model():
-    first, second = simplify(make_bumpy(5), 1500), simplify(make_bumpy(5), 1500)
-    for name in ("vertices", "faces", "normals", "colours", "face_part"):
-        assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
 @pytest.mark.parametrize("mesh", [make_box(), make_bumpy(2), make_soup(1, triangles=900)])

@@ -9,9 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.files.demo import demo_case
-from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
@@ -253,30 +250,6 @@ def test_what_a_pose_hides_is_left_out():
     assert np.count_nonzero(whole.mask) > 1000
     kept = whole.mask & (left.face_ids == whole.face_ids)
     assert np.count_nonzero(kept) < 0.2 * np.count_nonzero(whole.mask)
-
-
-def test_a_clone_has_its_own_buffers():
-    renderer = SoftwareRenderer(make_box())
-    random = np.random.default_rng(5)
-    here, there = random_pose(random, False), random_pose(random, True)
-    expected = renderer.render(here).face_ids
-    twin = renderer.clone()
-    twin.render(there)
-    assert np.array_equal(renderer.render(here).face_ids, expected)
-    assert np.array_equal(twin.render(here).face_ids, expected)
-
-
-def test_a_picture_does_not_depend_on_earlier_ones():
-    """Which clusters are projected together does: a vertex must come to the same place in all."""
-    case = demo_case()
-    renderer = SoftwareRenderer(load_mesh(case.model))
-    start = load_pose(case.start, 640, 480).pose
-    used, random = renderer.clone(), np.random.default_rng(0)
-    for _ in range(60):
-        turn = RigidTransform.from_rotation_vector(*random.normal(0.0, 0.05, (2, 3)))
-        pose = replace(start, camera_from_model=turn @ start.camera_from_model)
-        expected = renderer.clone().render(pose).normals
-        assert np.array_equal(used.render(pose).normals, expected)
 
 
 @pytest.mark.parametrize("name", MESHES)
