@@ -12,7 +12,7 @@ from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.real_cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.marks import load_wheels
+from poseviewer.files.marks import wheels_from_text
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -89,7 +89,7 @@ def test_wheels_laid_by_eye_place_the_demo():
     case = demo_case()
     photo, mesh = load_photo(case.photo), load_mesh(case.model)
     material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
-    start = start_from_wheels(material, load_wheels(WHEELS), StartCamera())
+    start = start_from_wheels(material, wheels_from_text(WHEELS), StartCamera())
     truth = load_pose(case.truth, photo.width, photo.height).pose
     assert pose_error(mesh, start.pose, truth).percent < 4.0
     assert "start from two wheels of radius 0.3" in start.notes[0]
