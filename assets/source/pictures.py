@@ -277,7 +277,6 @@ def make_methods(folder: Path) -> None:
         for label, option in (("Method", "Jayawardena 2010"), ("Whose loss", "both")):
             tab.page.get_by_label(label, exact=True).click()
             tab.page.get_by_role("option", name=option, exact=True).click()
-        tab.page.get_by_label("Outlines of the candidates").check()
         tab.page.mouse.move(600, 60)  # no tooltip stays
         tab.page.keyboard.press("Space")
         tab.page.wait_for_function(WIDE_SIMPLEX)

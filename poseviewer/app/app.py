@@ -124,7 +124,6 @@ class App:
         """Take what has come, start what is wanted, show what is new."""
         busy = self._searcher.busy or self._mapper.busy
         busy = busy or self._overlay.is_unfinished(self._is_moving())
-        busy = busy or (self.session.look.swings and self.session.covariance is not None)
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
             try:
                 self._handle(request)
@@ -266,10 +265,9 @@ class App:
     def _start_jobs(self) -> None:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
-        swung = session.swung_pose(time.monotonic()) if session.preparation is None else None
-        self._overlay.start(session, self._is_moving() or swung is not None, swung)
+        self._overlay.start(session, self._is_moving())
         self._others.start(session, self._is_moving())
-        self._strip.start(session, swung)
+        self._strip.start(session)
         ready = session.preparation is None
         self._searcher.follow(session.search, run_search, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)

@@ -26,7 +26,6 @@ from scipy.special import chdtri
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import Chart
-from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE, ViewChart
@@ -178,29 +177,6 @@ class PoseCovariance:
         if isinstance(chart, ViewChart) and chart.free_size and not self.has_size:
             found[-1] = found[:, -1] = np.nan
         return found
-
-    def swung(self, mesh: Mesh, share: float) -> Pose:
-        """The pose at a ``share``, from -1 to 1, of the half axis of the region along which it is
-        least sure: by what is seen of it, as the free-body chart compares motions.
-
-        Raises:
-            OutsideChartError, SingularChartError: there is none so far off.
-        """
-        chart = FreeBodyChart.near(mesh, self.pose, self.has_focal)
-        values, axes = np.linalg.eigh(self.in_chart(chart))
-        # Which of its two ends comes first is all the same, but must not change on the way.
-        axis = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
-        return chart.to_pose(share * self.reach * math.sqrt(max(values[-1], 0.0)) * axis)
-
-    def log_size_at(self, pose: Pose) -> float:
-        """The likeliest logarithm of the model's size where the pose in this photo is another; 0
-        where the size is none of the numbers.
-        """
-        if not self.has_size:
-            return 0.0
-        scales = self.scales[:6]
-        of_pose = np.linalg.pinv(self._of_pose / np.outer(scales, scales))
-        return float(self.matrix[6, :6] / scales @ of_pose @ (self.deviation(pose)[:6] / scales))
 
     @property
     def degrees(self) -> float:

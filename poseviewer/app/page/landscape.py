@@ -363,10 +363,6 @@ class LandscapePanel:
             gui.add_dropdown("Whose loss", tuple(WHOSE), order=CHOICES_ORDER),
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
-        self._surface = controls.field(
-            gui.add_checkbox("As a surface", False, visible=False, order=LARGE_ORDER + 0.3),
-            lambda on: c.ChangeLandscape(surface=on),
-        )
         self._close = controls.button(
             "Close the large map",
             c.ChangeLandscape(close_large=True),
@@ -415,7 +411,6 @@ class LandscapePanel:
             figure = _large_figure(session, latest)
             figures += [] if figure is None else [figure]
         set_properties(self._close, visible=bool(figures))
-        self._surface.show(session.maps.surface, visible=bool(figures))
         if figures:
             self._large_next = time.monotonic() + LARGE_PERIOD_S
         for place, figure in enumerate(figures):
@@ -465,11 +460,8 @@ def _large_figure(session: Session, latest: LandscapeUpdate) -> go.Figure | None
         return None
     chart, markers = latest.case.problem.chart, markers_of(session, latest)
     what = latest.case.problem.scale.name
-    if session.maps.surface:
-        figure = surface_figure(piece, chart.names, markers, what)
-    else:
-        scales = chart.scales(latest.parameters)
-        figure = contour_figure(piece, chart.names, markers, scales, latest.parameters, what)
+    scales = chart.scales(latest.parameters)
+    figure = contour_figure(piece, chart.names, markers, scales, latest.parameters, what)
     whose = {"text": latest.case.settings.method_name, "x": 0.01, "y": 0.985, "font": {"size": 12}}
     return figure.update_layout(title=whose)
 
@@ -579,46 +571,6 @@ def contour_figure(
         for parameter, values in ((first, x), (second, y))
     ]
     return go.Figure(traces, {**_layout(), "xaxis": axes[0], "yaxis": axes[1]})
-
-
-def surface_figure(
-    piece: Slice, names: Sequence[str], markers: Markers, what: str = "loss"
-) -> go.Figure:
-    """The map as a surface over its two parameters, the loss upwards, that the mouse can turn."""
-    piece = known_part(piece)
-    losses = piece.filled()
-    surface = go.Surface(
-        x=piece.first_values,
-        y=piece.second_values,
-        z=np.round(losses, 6),
-        colorscale=COLOURS,
-        showscale=False,
-        contours={"z": {"show": True, "color": "rgba(20,22,26,.5)", "width": 1}},
-    )
-    points = [("pose", markers.pose[[[piece.first, piece.second]]], POSE_COLOUR)]
-    least = slice_minimum(piece)
-    if least is not None:
-        place = np.array([[least.first_value, least.second_value]])
-        points.append(("least", place, LEAST_COLOUR))
-    if markers.candidates is not None:
-        inside = np.abs(on_map(piece, markers.candidates) - 0.5).max(axis=1) <= 0.5
-        places = markers.candidates[inside][:, [piece.first, piece.second]]
-        points.append(("candidates", places, SIMPLEX_COLOUR))
-    traces = []
-    for name, places, colour in points:
-        rows = np.abs(piece.second_values[:, None] - places[:, 1]).argmin(axis=0)
-        columns = np.abs(piece.first_values[:, None] - places[:, 0]).argmin(axis=0)
-        x, y, z = places[:, 0], places[:, 1], losses[rows, columns]
-        marker = {"size": 4, "color": colour}
-        traces.append(go.Scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker=marker))
-    axis = {"gridcolor": GRID, "backgroundcolor": CLEAR, "color": TEXT}
-    scene = {
-        "xaxis": {**axis, "title": short_name(names[piece.first])},
-        "yaxis": {**axis, "title": short_name(names[piece.second])},
-        "zaxis": {**axis, "title": what},
-        "camera": {"eye": {"x": -1.5, "y": -1.75, "z": 1.25}},
-    }
-    return go.Figure([surface, *traces], {**_layout(left=0, below=0), "scene": scene})
 
 
 def known_part(piece: Slice) -> Slice:

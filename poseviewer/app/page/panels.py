@@ -48,7 +48,6 @@ PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near"
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
-SWING_HINT = "The outline swings through the region of 90 %, the way that is least sure"
 METHODS_HINT = (
     "Classes and edges: CMA-ES, then quadratic models, on what light, classes of colour and edges "
     "leave unexplained. Jayawardena 2010: the paper's restarted simplex on its loss of light alone."
@@ -349,10 +348,6 @@ class FitPanel:
                 padding=(10, 12, 0, 0),
                 visible=False,
             )
-            self._candidates = controls.field(
-                gui.add_checkbox("Outlines of the candidates", False),
-                lambda on: c.ChangeView(candidates=on),
-            )
             self._hide = HidePanel(controls)
             self._methods = MethodsPanel(controls)
             with gui.add_folder("Settings", expand_by_default=False):
@@ -418,7 +413,6 @@ class FitPanel:
         set_properties(self._all, visible=several and not self._running)
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
-        self._candidates.show(session.look.candidates)
         self._hide.show(session)
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
@@ -474,10 +468,6 @@ class JudgePanel:
         self._hidden = field(
             gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
         )
-        self._swing = field(
-            gui.add_checkbox("Swing", False, visible=False, hint=SWING_HINT),
-            lambda on: c.ChangeView(swings=on),
-        )
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
@@ -487,7 +477,6 @@ class JudgePanel:
         self._opacity.show(look.opacity, visible=look.name == "solid")
         self._wipe.show(look.wipe)
         self._hidden.show(look.hidden)
-        self._swing.show(look.swings, visible=session.covariance is not None)
 
 
 class SavePanel:

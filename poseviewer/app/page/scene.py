@@ -31,7 +31,7 @@ DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
-PICTURE, TINT, CANDIDATES, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9975, 0.9973, 0.9971
+PICTURE, TINT, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9973, 0.9971
 HALO, OUTLINE, HANDLES = 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 MARKS, MARK_LINES = 0.994, 0.9945
@@ -44,7 +44,6 @@ PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
 )
 """And where they lie: the axle's tip may be close to the rear wheel."""
 RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
-CANDIDATE_COLOUR = (160, 132, 66)
 """Faint: there are many of them."""
 LINK_COLOUR = (230, 230, 230)
 REGION_COLOUR = (255, 226, 120)
@@ -80,7 +79,6 @@ class PhotoScene:
         self._tints: dict[str, viser.ImageHandle] = {}
         self._shown: dict[str, Any] = {}
         self._size = (1.0, 1.0)
-        self._candidates = self._lines("/model/candidates", CANDIDATE_COLOUR, 1.0)
         self._halo = self._lines("/model/halo", HALO_COLOUR, 4.6)
         self._outline = self._lines("/model/outline", LINE_COLOUR, 2.0)
         self._links = self._lines("/links", LINK_COLOUR, 1.2)
@@ -242,8 +240,6 @@ class PhotoScene:
         look = session.look
         hidden = _is_hidden(session) or look.name == "none"
         if self._is_new("model", (overlay, hidden, look.wipe)):
-            compared = overlay.candidates[: 0 if hidden else None]
-            self._draw(self._candidates, compared, CANDIDATES)
             edge = look.wipe * self._size[0]
             lines = overlay.outline
             lines = lines[(lines[:, :, 0] <= edge).all(axis=1)][: 0 if hidden else None]

@@ -177,10 +177,7 @@ class DragTo(DragCommand):
         require_in_sight(document)
         if session.before_drag is None:
             anchor = session.anchor or session.document.pose
-            look = replace(session.look, swings=False)
-            session = replace(
-                session, search=None, anchor=anchor, before_drag=session.document, look=look
-            )
+            session = replace(session, search=None, anchor=anchor, before_drag=session.document)
         return replace(session, document=document)
 
 
@@ -830,11 +827,9 @@ class ChangeView(DragCommand):
     hidden: bool | None = None
     rings: bool | None = None
     before: bool | None = None
-    candidates: bool | None = None
-    swings: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "wipe", "hidden", "rings", "before", "candidates", "swings")
+        names = ("opacity", "wipe", "hidden", "rings", "before")
         given = {"name": self.look, **{name: getattr(self, name) for name in names}}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(session, look=replace(session.look, **changes))
@@ -847,11 +842,10 @@ class ChangeLandscape(DragCommand):
     shared_scale: bool | None = None
     large: tuple[int, int] | None = None
     close_large: bool = False
-    surface: bool | None = None
     whose: Whose | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("half_width", "shared_scale", "surface", "large", "whose")
+        names = ("half_width", "shared_scale", "large", "whose")
         given = {name: getattr(self, name) for name in names}
         changes = {name: value for name, value in given.items() if value is not None}
         if self.close_large:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from poseviewer.api import Case
 from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
 from poseviewer.app.state.dragging import Drag, radius_in_photo
-from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.landscape import Slice
 from poseviewer.fit.progress import FitProgress
@@ -26,14 +25,11 @@ from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery
 
-SWING_S = 4.0
-"""From one end of the region to the other and back: slow enough to look at one edge."""
 Whose = Literal["chosen", "default", "paper", "both"]
 
 
@@ -49,8 +45,6 @@ class OverlayRequest:
     the way can be compared."""
     look: str
     opacity: float = 0.8
-    candidates: SearchUpdate | None = None
-    """A search, if the outlines of what it compares are wanted."""
     moving: bool = False
     """Whether the next pose will follow at once: then the quick drawing is all there is."""
     document: Document | None = None
@@ -85,8 +79,6 @@ class Overlay:
     """Why there is no loss, or no such look."""
     loss_is_current: bool = True
     """False: the loss is still that of the pose before, its own will follow."""
-    candidates: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
-    """(N, 2, 2): the outlines of the request's candidates, in px of the photo."""
     start_loss: float | None = None
     """Of the pose that the pixels are about: where a drag began."""
     of_photos: Mapping[int, Unexplained] = field(default_factory=dict)
@@ -139,15 +131,6 @@ class SearchUpdate:
     """Of a search for several objects."""
     of_photos: tuple[SearchEnd, ...] = ()
     """Of the last update of a search over a set: what was found, for each of its photos."""
-
-    @property
-    def candidate_poses(self) -> tuple[Pose, ...]:
-        """What is compared now, the best first, as far as it stands for a pose."""
-        poses = []
-        for parameters in self.progress.candidates:
-            with suppress(OutsideChartError):
-                poses.append(self.case.problem.chart.to_pose(parameters))
-        return tuple(poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,10 +198,6 @@ class Look:
     """Whether the rotation rings are shown."""
     before: bool = False
     """Whether, after a search, the pose before it is shown."""
-    candidates: bool = False
-    """Whether the outlines of what a search compares are shown."""
-    swings: bool = False
-    """Whether the outline swings through the region that the pose is sure to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,8 +209,6 @@ class LandscapeView:
     shared_scale: bool = False
     large: tuple[int, int] | None = None
     """The pair whose map is open large."""
-    surface: bool = False
-    """Whether the large map is a surface in space."""
     whose: Whose = "chosen"
     """Whose loss is shown: that of the method that is chosen, of one of them, or both."""
 
@@ -356,17 +333,6 @@ class Session:
             found = self.document.own_of_photos[views.index_of(photo)].end
         return None if found is None else found.record.covariance
 
-    def swung_pose(self, seconds: float) -> Pose | None:
-        """The pose that the outline has swung to at a time; None where it does not swing."""
-        sure, held = self.covariance, self.drag is not None or self.searching
-        if not self.look.swings or sure is None or held or self.look.before:
-            return None
-        share = math.sin(2.0 * math.pi * seconds / SWING_S)
-        try:
-            return sure.swung(self.document.registration.mesh, share)
-        except (PoseViewerError, OutsideChartError):
-            return None
-
     @property
     def paths(self) -> frozenset[Path]:
         """The files of all photos and models that are at hand or that undo and redo can bring
@@ -385,11 +351,6 @@ class Session:
         """The rectangle about the object, while it is drawn and starts are taken from it."""
         at_hand = self.proposals is not None and self.search is None
         return self.document.marks.box if at_hand or self.tool == "box" else None
-
-    @property
-    def shows_candidates(self) -> bool:
-        """Whether the outlines of what a search compares are to be drawn."""
-        return self.look.candidates and self.searching and self.own_search is not None
 
     @property
     def own_search(self) -> SearchUpdate | None:

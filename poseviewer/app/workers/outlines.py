@@ -4,7 +4,6 @@ one is not dragged, and of the model in each photo of a set.
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -109,19 +108,13 @@ class OthersWorker(OutlineWorker[OutlinesDrawn]):
 class StripWorker(OutlineWorker[StripDrawn]):
     """Draws the model in every photo of the set, small."""
 
-    def start(self, session: Session, swung: Pose | None) -> None:
-        """Begin what is to be drawn by now; ``swung``: the pose in the large photo, in place of the
-        session's.
-        """
+    def start(self, session: Session) -> None:
+        """Begin what is to be drawn by now."""
         document = session.shown
         views = document.views
         if views is None or not self._is_idle(session):
             return
         poses, mesh = views.poses, document.registration.mesh
-        sure = session.covariance
-        if swung is not None and sure is not None:  # the size swings along
-            scale = views.scale * math.exp(-sure.log_size_at(swung))
-            poses = views.views.posed(views.at, swung, scale)
         self._start(lambda: self._draw(mesh, poses), mesh, views.views, *poses)
 
     def _draw(self, mesh: Mesh, poses: tuple[Pose, ...]) -> StripDrawn:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LossComputed, OverlayDrawn
 from poseviewer.app.state.photo_set import PhotoSet
-from poseviewer.app.state.session import Overlay, OverlayRequest, SearchUpdate, Session
+from poseviewer.app.state.session import Overlay, OverlayRequest, Session
 from poseviewer.app.workers.jobs import compared_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
@@ -71,12 +71,10 @@ class OverlayDrawer:
             mesh, pose = request.registration.mesh, request.pose
             quick = replace(quick, outline=quick_silhouette(mesh, self._quick, pose))
             if request.moving:
-                if request.candidates is not None:
-                    quick = replace(quick, candidates=self._candidates(request.candidates))
                 yield replace(quick, loss_is_current=False)
         self._last_loss = self._find_loss(request)
         if lines or request.look == "none":
-            yield replace(self._overlay(request, quick.outline), candidates=quick.candidates)
+            yield self._overlay(request, quick.outline)
             if lines and not request.moving:
                 yield self._fine_lines(request)
         else:
@@ -101,12 +99,6 @@ class OverlayDrawer:
             start_loss=self._start_loss,
             of_photos=self._of_photos,
         )
-
-    def _candidates(self, update: SearchUpdate) -> FloatArray:
-        """(N, 2, 2): the outlines of what the search compares, in px of the photo."""
-        mesh, poses = update.case.registration.mesh, update.candidate_poses
-        lines = [quick_silhouette(mesh, self._quick, pose) for pose in poses]
-        return np.concatenate([np.zeros((0, 2, 2)), *lines])
 
     def _find_loss(self, request: OverlayRequest) -> Unexplained | None:
         if self._anchored is None or not request.compares_same(self._anchored):
@@ -255,24 +247,21 @@ class OverlayWorkers:
         """Whether the fine drawing of what is shown is still to be begun."""
         return self._moved_at > 0.0 and not moving and not self._quick.busy
 
-    def start(self, session: Session, moving: bool, swung: Pose | None = None) -> None:
-        """Begin what is to be drawn by now; ``swung``: in place of the session's pose, as an
-        outline without a loss of its own.
-        """
+    def start(self, session: Session, moving: bool) -> None:
+        """Begin what is to be drawn by now."""
         document, look = session.document, session.look
         request = OverlayRequest(
             document.registration,
             document.settings,
-            swung or session.shown_pose,
+            session.shown_pose,
             session.anchor or document.pose,
-            look.name if swung is None else "outline",
+            look.name,
             look.opacity,
-            session.search.latest if session.search and session.shows_candidates else None,
             document=None if document.views is None else session.shown,
         )
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (
-            self._loss_asked or self._loss.busy or session.searching or swung is not None
+            self._loss_asked or self._loss.busy or session.searching
         )
         if self._drawn is None or not _same_picture(request, self._drawn):
             if may_find_loss and self._drawn is not None:
@@ -286,7 +275,6 @@ class OverlayWorkers:
             self._drawn, self._moved_at, self._loss_asked = request, time.monotonic(), False
             draw = self._drawers[0].draw if self._drawers else self._sketcher.draw
             self._fine.stop()
-            self._loss_asked = swung is not None
             self._quick.start(lambda: islice(draw(replace(request, moving=True)), 1))
             return
         if may_find_loss:
@@ -330,8 +318,7 @@ def _shows_same(request: OverlayRequest, session: Session) -> bool:
 
 def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
     looks = (one.look, one.opacity) == (other.look, other.opacity)
-    same_candidates = one.candidates is other.candidates
-    return looks and same_candidates and one.has_loss_of(other)
+    return looks and one.has_loss_of(other)
 
 
 def _last(overlays: Iterator[Overlay]) -> Iterator[Overlay]:

@@ -21,7 +21,6 @@ from poseviewer.app.page.landscape import (
     known_part,
     landscape_grid,
     on_map,
-    surface_figure,
 )
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.fit.landscape import Slice, slice_minimum
@@ -126,13 +125,10 @@ def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
         wanted = 100.0 * on_map(piece, corners)
         wanted[:, 1] = 100.0 - wanted[:, 1]
         np.testing.assert_allclose(places, wanted, atol=0.01)
-    for figure in (
-        contour_figure(slices[0], NAMES, Markers(CENTRE, corners), np.ones(6), CENTRE),
-        surface_figure(slices[0], NAMES, Markers(CENTRE, corners)),
-    ):
-        (dots,) = [trace for trace in traces_of(figure) if trace.get("name") == "candidates"]
-        np.testing.assert_allclose(dots["x"], corners[:, 0])
-        np.testing.assert_allclose(dots["y"], corners[:, 1])
+    figure = contour_figure(slices[0], NAMES, Markers(CENTRE, corners), np.ones(6), CENTRE)
+    (dots,) = [trace for trace in traces_of(figure) if trace.get("name") == "candidates"]
+    np.testing.assert_allclose(dots["x"], corners[:, 0])
+    np.testing.assert_allclose(dots["y"], corners[:, 1])
 
 
 def test_every_map_shows_the_region_that_the_pose_is_sure_to():
@@ -191,21 +187,19 @@ def test_contours_are_drawn_through_known_losses_only(known_step: int):
     np.testing.assert_allclose(np.asarray(drawn["x"]), part.first_values)
 
 
-def test_both_figures_mark_the_pose_and_the_least_loss():
+def test_the_large_map_marks_the_pose_and_the_least_loss():
     piece = make_slices(41)[3]
     least = slice_minimum(piece)
     assert least is not None
-    contours = contour_figure(piece, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
-    surface = surface_figure(piece, NAMES, Markers(CENTRE))
-    for figure in (contours, surface):
-        marked = [
-            (float(trace["x"][0]), float(trace["y"][0]))
-            for trace in traces_of(figure)
-            if "markers" in str(trace.get("mode"))
-        ]
-        assert (CENTRE[piece.first], CENTRE[piece.second]) in marked
-        assert (least.first_value, least.second_value) in marked
-        assert len(str(figure.to_json())) < 300_000
+    figure = contour_figure(piece, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
+    marked = [
+        (float(trace["x"][0]), float(trace["y"][0]))
+        for trace in traces_of(figure)
+        if "markers" in str(trace.get("mode"))
+    ]
+    assert (CENTRE[piece.first], CENTRE[piece.second]) in marked
+    assert (least.first_value, least.second_value) in marked
+    assert len(str(figure.to_json())) < 300_000
 
 
 def test_the_page_says_how_good_the_maps_are():

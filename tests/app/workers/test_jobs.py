@@ -197,21 +197,6 @@ def test_the_papers_loss_is_drawn_as_it_is_searched(registration, renderer, pixe
     assert 0.0 < loss <= 1.0
 
 
-def test_candidates_are_drawn_where_they_are(registration, renderer):
-    updates = search(registration, registration.start, FitSettings("paper"), renderer)
-    now = next(item for item in updates if item.progress.evaluations == 9)
-    assert len(now.candidate_poses) == 7  # a corner more than there are parameters
-    request = replace(request_of(registration, moving=True), candidates=now)
-    first, _ = OverlayDrawer(renderer).draw(request)
-    seen = np.concatenate(
-        [pose.project(registration.mesh.vertices) for pose in now.candidate_poses]
-    )
-    points = first.candidates.reshape(-1, 2)
-    assert points.min(axis=0) == pytest.approx(seen.min(axis=0), abs=1.0)
-    assert points.max(axis=0) == pytest.approx(seen.max(axis=0), abs=1.0)
-    assert len(points) > len(first.outline.reshape(-1, 2))
-
-
 def test_two_losses_are_mapped_about_one_pose(registration, renderer):
     session = Session(Document(registration, registration.start, SETTINGS))
     session = update(session, c.ChangeLandscape(whose="both"))
