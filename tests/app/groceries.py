@@ -1,5 +1,5 @@
-"""Groceries in one photo, one in front of another, and a post in front of the demo's car. The
-things are ours, shaded and noisy: for testing the app, not for judging fits.
+"""Groceries in one photo, one in front of another: ours, shaded and noisy, for testing the app, not
+for judging fits.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo, save_image
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -50,13 +49,10 @@ def box(*sides: float) -> trimesh.Trimesh:
     return shape
 
 
-THREE = {
+THINGS = {
     "crackers.ply": Thing(box(1.6, 0.6, 2.1), (230, 70, 50), (-0.55, 0.1, 10.0), 4.0),
     "tea.ply": Thing(box(1.5, 1.0, 0.9), (60, 170, 90), (0.15, 0.55, 8.2), -5.0),
     "sugar.ply": Thing(box(0.9, 0.7, 1.7), (235, 210, 90), (1.35, 0.0, 9.6), 6.0),
-}
-"""The tea stands in front of the crackers."""
-TWO_MORE = {
     "can.ply": Thing(
         trimesh.creation.cylinder(0.5, 1.2, sections=96).subdivide().subdivide(),
         (90, 130, 220), (2.5, 0.5, 9.0), 5.0,
@@ -66,8 +62,7 @@ TWO_MORE = {
         (240, 150, 40), (-2.4, 0.5, 9.0), -6.0,
     ),
 }  # fmt: skip
-POST = Thing(box(0.16, 1.5, 0.16), (225, 215, 70), (-0.3, 0.25, 5.5), 7.0)
-"""Metres; in front of the demo's car. A glTF file's y points upwards: it stands."""
+"""The tea stands in front of the crackers."""
 
 
 @dataclass(frozen=True)
@@ -81,35 +76,17 @@ class Groceries:
     """Of the first one."""
 
 
-def make_groceries(folder: Path, five: bool = False) -> Groceries:
-    """Write photo, models, and a start of the first model; of three things or ``five``."""
+def make_groceries(folder: Path) -> Groceries:
+    """Write photo, five models, and a start of the first model."""
     folder.mkdir(exist_ok=True)
     table = np.full((HEIGHT, WIDTH, 3), TABLE)
-    things = THREE | TWO_MORE if five else THREE
-    picture, models, truths = _photographed(folder, table, CAMERA, things)
+    picture, models, truths = _photographed(folder, table, CAMERA, THINGS)
     photo, start = folder / "shelf.png", folder / "start.json"
     save_image(photo, picture)
     first = truths[0].camera_from_model
     moved = RigidTransform(first.rotation, first.translation + np.array([0.12, -0.08, 0.3]))
     save_pose(start, PoseRecord(Pose(CAMERA, moved)))
     return Groceries(photo, models, truths, start)
-
-
-def make_car_behind_post(folder: Path) -> Groceries:
-    """The demo at half its size, with a post in front of its car."""
-    folder.mkdir(exist_ok=True)
-    demo = demo_case()
-    opened, start = load_photo(demo.photo), folder / "start.json"
-    car, begin = (
-        load_pose(path, opened.width, opened.height).pose.scaled(0.5)
-        for path in (demo.truth, demo.start)
-    )
-    small = cv2.resize(opened.pixels, (480, 360), interpolation=cv2.INTER_AREA)
-    behind = np.asarray(small, float) / 255.0
-    picture, models, truths = _photographed(folder, behind, car.camera, {"post.glb": POST})
-    save_image(folder / "car.png", picture)
-    save_pose(start, PoseRecord(begin))
-    return Groceries(folder / "car.png", (demo.model, *models), (car, *truths), start)
 
 
 def _photographed(

@@ -13,7 +13,7 @@ from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.workers.opening import open_files
 from poseviewer.geometry.camera import Pose
-from tests.app.socket_page import PICTURE, SocketPage
+from tests.app.below_viser.socket_page import SocketPage
 from tests.scene import Scene
 
 
@@ -33,7 +33,7 @@ class RunningApp:
 
     @contextmanager
     def page(self) -> Iterator[SocketPage]:
-        """A page that shows the model at rest: its fine lines are drawn."""
+        """A page whose panels are there."""
         with SocketPage(self.url) as page:
             settle(page)
             yield page
@@ -59,5 +59,5 @@ def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
 
 
 def settle(page: SocketPage) -> None:
-    """Wait for the fine drawing of what is shown."""
-    page.wait_until(lambda: page.is_shown(PICTURE) and len(page.outline()))
+    """Wait for the panels."""
+    page.wait_until(lambda: "Seed" in page.labels() and page.text_with(" px  \n"))

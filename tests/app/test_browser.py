@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from poseviewer.app.page.controls import STEPS
-from poseviewer.files.demo import demo_case
-from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import load_pose
-from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.stages import fit_pose
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_registration
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
 
@@ -29,8 +18,6 @@ pytestmark = pytest.mark.slow
 DEMO_PHOTO = (960, 720)
 LARGE = (1400, 900)
 """The window in which maps beside the photo are large enough to be pressed, px."""
-EVALUATIONS = 300
-"""Of the demo's search in the browser: a browser without a GPU leaves little time for it."""
 
 
 @pytest.fixture(scope="module")
@@ -89,48 +76,6 @@ def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, demo: App
     tab.open_step(3)
     tab.page.get_by_role("button", name="Go back").click()
     tab.page.close()
-
-
-def test_the_page_opens_on_the_demo(page: AppPage):
-    assert page.page.title() == "poseviewer"
-    assert page.page.locator("link[rel~=icon]").get_attribute("href", timeout=5000)
-    page.open_step(1)
-    page.wait_for_text("demo_photo.jpg")
-    page.wait_for_text("89,728 triangles")
-    page.wait_for_text("at this pose")
-
-
-def test_the_camera_cannot_be_knocked_off_the_photo(page: AppPage):
-    before = page.view()
-    corner = (30.0, 700.0)  # beside the model
-    for keys in ((), ("Shift",), ("Control",)):
-        page.drag(corner, (300.0, 650.0), DEMO_PHOTO, keys)
-    for key in ("w", "a", "d", "q", "e"):
-        page.page.keyboard.press(key, delay=80)
-    page.page.wait_for_timeout(300)
-    assert page.view() == before
-    camera = page.page.evaluate("window.__viserMutable.camera.position.toArray()")
-    np.testing.assert_allclose(camera, 0.0, atol=1e-6)
-
-
-COUNT_DRAWINGS = """new Promise((done) => {
-    const viewer = window.__viserMutable, draw = viewer.requestRender;
-    let count = 0;
-    viewer.requestRender = (...all) => { count += 1; draw(...all); };
-    let frames = 0;
-    requestAnimationFrame(function next() {
-        frames += 1;
-        if (frames < 30) { requestAnimationFrame(next); return; }
-        viewer.requestRender = draw;
-        done(count);
-    });
-})"""
-
-
-def test_a_page_on_which_nothing_moves_is_not_drawn_anew(page: AppPage):
-    page.wait_for_text("at this pose")
-    page.settled_picture()
-    assert page.page.evaluate(COUNT_DRAWINGS) < 10  # of 30 frames
 
 
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
@@ -212,20 +157,6 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     assert page.saved_pose(path)["chart"]["numbers"] == before
 
 
-def test_a_saved_pose_loads_to_the_last_digit(page: AppPage, demo: AppProcess, tmp_path: Path):
-    path = demo.folder / "demo_photo.pose.json"
-    page.page.keyboard.press("ArrowRight")
-    page.page.keyboard.press("Shift+J")
-    saved = page.saved_pose(path)
-    kept = tmp_path / "kept.json"
-    kept.write_text(json.dumps(saved))
-    page.page.keyboard.press("ArrowDown")
-    assert page.saved_pose(path)["camera_from_model"] != saved["camera_from_model"]
-    page.reload()
-    page.choose_file("Pose file ...", kept)
-    page.until(lambda: same_pose(page.saved_pose(path), saved))
-
-
 def same_pose(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two pose files have the same pose, to the last digit."""
     return all(one[key] == other[key] for key in ("camera_from_model", "camera"))
@@ -256,37 +187,6 @@ def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
     page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
 
 
-def test_a_file_that_is_too_large_is_not_sent(page: AppPage, tmp_path: Path):
-    huge = tmp_path / "huge.ply"
-    with huge.open("wb") as file:
-        file.truncate(200_000_001)
-    page.choose_file("Model ...", huge)
-    page.wait_for_text("huge.ply: 200,000,001 bytes; up to 200,000,000 can be uploaded")
-    assert page.page.get_by_text("Uploading huge.ply").count() == 0
-
-
-def test_the_help_has_the_keys_until_it_is_closed(page: AppPage):
-    for closing in ("Escape", "?"):
-        page.page.keyboard.press("?")
-        page.wait_for_text("turn it as a ball about its centre")
-        page.page.keyboard.press("g")  # would show the rings
-        page.page.keyboard.press(closing)
-        page.page.get_by_role("dialog").wait_for(state="detached")
-    assert not page.page.get_by_label("Rotation rings (G)").is_checked()
-
-
-def test_one_step_is_open_and_offers_the_next_one(page: AppPage):
-    page.open_step(2)
-    search = page.page.get_by_role("button", name="Search (space)")
-    search.wait_for(state="hidden")
-    page.page.get_by_role("button", name="Next: fit").click()
-    search.wait_for()
-    page.page.get_by_role("button", name="Undo (Z)").wait_for(state="hidden")
-    page.page.get_by_text(STEPS[4], exact=True).click()
-    page.page.get_by_role("button", name="Save pose (S)").wait_for()
-    search.wait_for(state="hidden")
-
-
 def is_registered(page: AppPage) -> bool:
     """Whether the photo's middle is that of its box, for the page as well; not while that moves."""
     left, top, width, height = page.view()["box"]
@@ -309,24 +209,6 @@ def test_the_photo_has_the_room_that_the_maps_leave(page: AppPage):
     assert page.page.evaluate("localStorage.getItem('poseviewer.maps')") == "below"
 
 
-def test_a_dropdown_that_is_closed_leaves_the_keys_alone(page: AppPage):
-    page.open_step(4)
-    look = page.page.get_by_label("Model (1-5, 0)")
-    look.click()
-    page.page.get_by_role("option", name="solid").click()
-    look.focus()
-    page.page.keyboard.press("4")
-    page.until(lambda: look.input_value() == "normals")
-    page.page.keyboard.press("1")
-    page.until(lambda: look.input_value() == "outline")
-
-
-def test_a_page_is_light_where_the_browser_prefers_it(page: AppPage, dark: AppPage):
-    scheme = "document.documentElement.dataset.mantineColorScheme"
-    for tab, wanted in ((page, "light"), (dark, "dark")):
-        tab.page.wait_for_function(f"{scheme} === '{wanted}'")
-
-
 def test_two_tabs_agree(page: AppPage, dark: AppPage):
     def shown(tab: AppPage) -> list[str]:
         fields = tab.page.locator("input[inputmode]")
@@ -340,34 +222,3 @@ def test_two_tabs_agree(page: AppPage, dark: AppPage):
     page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
     page.until(lambda: before != shown(page) == shown(dark))
     page.page.keyboard.press("z")
-
-
-def test_a_search_ends_where_the_command_line_ends(page: AppPage, demo: AppProcess):
-    path, case = demo.folder / "demo_photo.pose.json", demo_case("perspective")
-    start = json.loads(case.start.read_text())
-    page.choose_file("Pose file ...", case.start)  # another test may have set the start
-    page.until(lambda: same_pose(page.saved_pose(path), start))
-    page.open_step(3)
-    page.page.get_by_text("Settings", exact=True).click()
-    limit = page.page.get_by_label("Most evaluations")
-    limit.fill(str(EVALUATIONS))
-    limit.press("Enter")
-    page.page.keyboard.press("Space")
-    page.wait_for_text("Stopped at the limit of evaluations")
-    found = page.saved_pose(path)
-    registration = load_registration(case.photo, case.model, case.start)
-    problem, _ = make_problem(registration, FitSettings(limits=Limits(EVALUATIONS)))
-    (last,) = deque(fit_pose(problem, SoftwareRenderer(registration.mesh)), maxlen=1)
-    # The file's numbers are worked out from the pose: they may differ in the last digit.
-    np.testing.assert_allclose(found["chart"]["numbers"], last.parameters, rtol=1e-12)
-    assert found["loss"] == last.loss
-    page.page.get_by_role("button", name="Go back").click()
-
-
-def test_the_saved_file_is_a_pose_of_the_photo(page: AppPage, demo: AppProcess):
-    path = demo.folder / "demo_photo.pose.json"
-    page.saved_pose(path)
-    photo = load_photo(demo_case("perspective").photo)
-    record = load_pose(path, photo.width, photo.height)
-    assert record.photo is not None
-    assert record.photo.sha256 == photo.sha256

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
-from tests.app.browser import READY, AppPage
+from tests.app.browser import AppPage
 from tests.scene import Scene
 
 OFFER = "An earlier session ended without saving"
@@ -45,54 +45,3 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
         tab.until(lambda: not np.array_equal(tab.photo_picture(), picture))
         assert tab.errors == []
         tab.page.close()
-
-
-@pytest.mark.slow
-def test_an_upload_that_is_cut_off_is_one_sentence_and_nothing_is_lost(
-    browser: Browser, tmp_path: Path, scene: Scene
-):
-    large = tmp_path / "slow.ply"
-    with large.open("wb") as file:
-        file.truncate(180_000_000)
-    files = (scene.photo, scene.model, "--pose", scene.start)
-    with AppProcess(tmp_path, *files) as app:
-        tab = AppPage(browser, app.url)
-        tab.wait_for_text("at this pose")
-        begin_upload(tab, large)
-        tab.page.reload()
-        assert_cut_off(tab)
-        begin_upload(tab, large)
-        tab.wait_for_text("Esc stops the upload")
-        tab.page.keyboard.press("Escape")
-        tab.page.locator("[id^=upload-]").wait_for(state="detached")
-        begin_upload(tab, large)
-        app.kill()
-    port = int(app.url.rstrip("/").rpartition(":")[2])
-    with AppProcess(tmp_path, *files, port=port):
-        assert_cut_off(tab)
-        assert not [path for path in (tmp_path / "state").rglob("*") if path.is_file()]
-        tab.choose_file("Photo ...", scene.photo)
-        tab.page.get_by_text("Uploading").wait_for(state="hidden")
-        assert tab.errors == []
-        tab.page.close()
-
-
-def begin_upload(tab: AppPage, path: Path) -> None:
-    """Drop a file, and wait until a part of it has come."""
-    tab.drop_files([path])
-    tab.page.wait_for_function(
-        """() => {
-            const bar = document.querySelector("[id^=upload-] [role=progressbar]");
-            return bar && Number(bar.getAttribute("aria-valuenow")) > 0;
-        }"""
-    )
-
-
-def assert_cut_off(tab: AppPage) -> None:
-    """The page says so, once, shows no upload any more, and has what it had."""
-    said = tab.page.get_by_text("slow.ply: the upload was cut off")
-    said.wait_for()
-    assert said.count() == 1
-    tab.page.wait_for_function(READY)
-    tab.page.locator("[id^=upload-]").wait_for(state="detached")
-    tab.page.get_by_text("1,280 triangles").wait_for(state="attached")

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator
+from playwright.sync_api import Browser
 from playwright.sync_api import TimeoutError as NotInTime
 
 from poseviewer.api import load
@@ -23,7 +23,6 @@ EVALUATIONS = 60
 MAPS = 15
 PRESS_MS = 5000
 DOTS = "document.querySelectorAll('.pv-cell .pv-dots').length"
-SHOWN = "document.querySelectorAll('.pv-cell image').length"
 CORNERS = """() => [...document.querySelectorAll('.pv-cell .pv-dots')].map(
     dots => dots.lastChild.getAttribute('d').split('M').length - 1)"""
 
@@ -88,12 +87,10 @@ def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     assert chosen(page, "Method") == "Jayawardena 2010"
     page.until(lambda: chosen(page, "Pixels") == "what the model covers")
     page.wait_for_text("Jayawardena 2010, clipped")  # over the maps
-    page.page.get_by_label("Outlines of the candidates").click()
     page.page.keyboard.press("Space")
     # A corner more than there are parameters, on every map: the first simplex is small.
     page.page.wait_for_function(f"{DOTS} === {MAPS}")
     assert page.page.evaluate(CORNERS) == MAPS * [7]
-    page.until(lambda: outlines_of_candidates(page) > 0)
     keep_picture(page, "paper")
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped: the best pose so far is shown")
@@ -107,51 +104,6 @@ def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     assert fitted.at(pose).loss == pytest.approx(found["loss"], abs=1e-6)
     page.page.get_by_role("button", name="Go back").click()
     choose(page, "Method", "classes and edges")
-
-
-def outlines_of_candidates(page: AppPage) -> int:
-    """Whether the page's scene has them (1) or not (0)."""
-    return page.page.evaluate(
-        """() => {
-            const node = window.__viserMutable.nodeRefFromName["/model/candidates"];
-            return node && node.visible ? 1 : 0;
-        }"""
-    )
-
-
-def test_both_landscapes_can_be_compared_and_opened_large(page: AppPage):
-    page.page.evaluate("window.poseviewer.placeMaps('below')")
-    choose(page, "Whose loss", "both")
-    page.page.wait_for_function(
-        f"document.querySelectorAll('.pv-cell image').length === {2 * MAPS}"
-    )
-    shown = page.page.locator(".pv-key b").all_text_contents()
-    assert shown == ["classes and edges", "Jayawardena 2010, clipped"]
-    centres = page.page.locator(".pv-land").evaluate_all("maps => maps.map(m => m.dataset.centre)")
-    assert centres[0] == centres[1]
-    cell = page.page.locator(".pv-cell").first
-    cell.hover()
-    cell.get_by_role("button").dispatch_event("pointerdown")
-    plots = page.page.locator(".js-plotly-plot")
-    page.until(lambda: plots.count() == 2)
-    titles = page.page.locator(".js-plotly-plot .gtitle")
-    page.until(lambda: titles.all_text_contents() == shown)
-    page.until(lambda: is_seen_whole(plots))
-    keep_picture(page, "both_large")
-    page.page.get_by_role("button", name="Close the large map").click()
-    plots.first.wait_for(state="hidden")
-    keep_picture(page, "both")
-    choose(page, "Whose loss", "the chosen method's")
-    page.page.wait_for_function(f"{SHOWN} === {MAPS}")
-    page.page.evaluate("window.poseviewer.placeMaps('beside')")
-
-
-def is_seen_whole(plots: Locator) -> bool:
-    """Whether they are large and lie inside the window."""
-    return plots.evaluate_all(
-        """plots => plots.map(plot => plot.getBoundingClientRect()).every(
-            box => box.width > 300 && box.right < innerWidth && box.bottom < innerHeight)"""
-    )
 
 
 def test_both_methods_are_compared_and_either_end_can_be_taken(page: AppPage, demo: AppProcess):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator
 
-from poseviewer.app.workers.opening import open_scene
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene import load_scene
@@ -17,7 +16,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture, table_texts
-from tests.app.groceries import Groceries, make_car_behind_post, make_groceries
+from tests.app.groceries import Groceries, make_groceries
 
 pytestmark = pytest.mark.slow
 
@@ -38,12 +37,7 @@ def opened(browser: Browser, folder: Path, made: Groceries) -> Iterator[Made]:
 
 @pytest.fixture
 def five(browser: Browser, tmp_path: Path) -> Iterator[Made]:
-    yield from opened(browser, tmp_path, make_groceries(tmp_path, five=True))
-
-
-@pytest.fixture
-def car_behind_post(browser: Browser, tmp_path: Path) -> Iterator[Made]:
-    yield from opened(browser, tmp_path, make_car_behind_post(tmp_path))
+    yield from opened(browser, tmp_path, make_groceries(tmp_path))
 
 
 def size_of(made: Groceries) -> tuple[int, int]:
@@ -165,19 +159,3 @@ def test_five_objects_are_placed_fitted_saved_and_opened_again(
     assert tea.model is not None
     assert tea.model.file == "tea.ply"
     opens_again(browser, tmp_path, scene, cells(page))
-
-
-def test_a_car_is_fitted_behind_a_post(car_behind_post: Made):
-    page, made = car_behind_post
-    place_others(page, made)
-    keep_picture(page, "post_placed")
-    search(page, "Search all")
-    keep_picture(page, "post_found")
-    # What is in front is picked where it is pressed, and hides the outline behind it.
-    press_on(page, made, 0)
-    page.until(lambda: picked(page) == "demo_car.glb")
-    press_on(page, made, 1)
-    page.until(lambda: picked(page) == "post.glb")
-    assert dict(cells(page))["demo_car.glb"] == "found"
-    again = open_scene(saved_near(page, made, [2.0] * 2)).document.objects
-    assert [[one.label, one.verdict] for one in again] == cells(page)

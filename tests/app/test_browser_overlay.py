@@ -11,7 +11,7 @@ from playwright.sync_api import Browser
 
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
@@ -21,7 +21,7 @@ ZOOMS = (1.0, 3.3, 9.0)
 PHOTO = (640, 400)
 
 
-def make_dots(folder: Path, camera: Camera) -> np.ndarray:
+def make_dots(folder: Path, camera: Perspective) -> np.ndarray:
     """A model of small balls, and a photo with a white dot wherever numpy projects one; (k, 2)."""
     places = np.array([[-1.6, -0.8, 0.2], [1.5, -0.7, -0.3], [0.1, 0.1, 0.5], [1.2, 0.9, 0.0]])
     balls = [trimesh.creation.icosphere(4, 0.1).apply_translation(place) for place in places]
@@ -61,22 +61,14 @@ def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("camera", "sizes"),
-    [
-        (Perspective(900.0, 900.0, 290.3, 231.7, *PHOTO), SIZES),
-        (Parallel(112.0, 331.2, 190.9, *PHOTO), SIZES[:1]),
-    ],
-    ids=["perspective", "parallel"],
-)
-def test_model_and_photo_coincide(browser: Browser, tmp_path: Path, camera: Camera, sizes):
-    seen = make_dots(tmp_path, camera)
+def test_model_and_photo_coincide(browser: Browser, tmp_path: Path):
+    seen = make_dots(tmp_path, Perspective(900.0, 900.0, 290.3, 231.7, *PHOTO))
     files = (tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json")
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
         tab.wait_for_text("at this pose")
         tab.page.evaluate("window.poseviewer.placeMaps('away')")
-        for size in sizes:
+        for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})
             tab.until(lambda: tab.view()["covered"] == 0 and is_at_rest(tab))
             for zoom in ZOOMS:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, pack
+from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
-from tests.app.socket_page import SocketPage
 from tests.scene import Scene
 
 

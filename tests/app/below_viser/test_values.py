@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app, settle
-from tests.app.socket_page import SocketPage
 from tests.scene import Scene
 
 ODD_VALUES: tuple[tuple[str, Any], ...] = (
@@ -27,6 +27,41 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
     ("Name", ["a"]),
     ("fx  (px)", [1.0]),
     ("fx  (px)", math.inf),
+)
+
+NOT_REPORTS = (
+    "",
+    "drag",
+    "[1, 2]",
+    "{}",
+    '{"kind": 7}',
+    '{"kind": "press"}',
+    '{"kind": "press", "x": NaN, "y": 60}',
+    '{"kind": "press", "x": 86, "y": 60, "zoom": Infinity}',
+    '{"kind": "press", "x": 1e300, "y": -1e300}',
+    '{"kind": "press", "x": {}, "y": []}',
+    '{"kind": "press", "x": 1' + 400 * "0" + ', "y": 60}',
+    '{"kind": "drag", "x": null, "y": 60}',
+    '{"kind": "drag", "x": 3, "y": 60}',
+    '{"kind": "release"}',
+    '{"kind": "double", "x": "here", "y": 60}',
+    '{"kind": "pick", "first": 0, "second": 1}',
+    '{"kind": "pick", "first": Infinity, "second": 1, "u": 0.1, "v": 0.1}',
+    '{"kind": "pick", "first": 77, "second": -3, "u": 0.1, "v": 0.1}',
+    '{"kind": "enlarge", "first": NaN, "second": []}',
+    '{"kind": "key"}',
+    '{"kind": "key", "code": ["Space"]}',
+    '{"kind": "key", "code": "NoSuchKey"}',
+    '{"kind": "unfit"}',
+    '{"kind": "unfit", "name": "a", "size": "many"}',
+    '{"kind": "unfit", "name": "a", "size": 3}',
+    '{"kind": "empty"}',
+    '{"kind": "no such kind"}',
+    200_000 * "[",
+    7,
+    None,
+    [1.0],
+    {"kind": "release"},
 )
 
 
@@ -69,3 +104,15 @@ def test_settings_are_bounded_as_their_fields_are(running: RunningApp) -> None:
         page.set("Most evaluations", 3)
         page.wait_until(lambda: running.app.session.document.settings.limits.evaluations == 10)
         assert running.app.session.document.settings.seed == 0
+
+
+def test_reports_that_make_no_sense_change_nothing(running: RunningApp) -> None:
+    with running.page() as page:
+        document = running.app.session.document
+        for text in NOT_REPORTS:
+            page.change(page.shown.channel, text)
+        page.key("KeyG")  # answered after all of those
+        page.wait_until(lambda: running.app.session.look.rings)
+        assert running.app.session.document is document
+        assert running.app.session.drag is None
+        assert not running.app.session.searching

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,15 +15,12 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.placing import look_from, surface_point
 from poseviewer.starts.registration import load_registration
-from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.wheel_pose import wheel_rims
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
 
 pytestmark = pytest.mark.slow
 
 PHOTO = (960, 720)
-TYRE_RADIUS = 0.31
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 """Places in the photo, on the car, that are seen from the app's own first view as well."""
 
@@ -120,25 +116,6 @@ def test_four_point_pairs_place_the_model(
     page.wait_for_text("1 more to a pose")
     page.page.keyboard.press("Escape")
     page.wait_for_text("roll, scale")
-
-
-def test_ten_clicks_on_two_wheels_place_the_car(
-    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
-):
-    assert registration.keypoints is not None
-    side = visible_side(registration.keypoints, truth)
-    page.page.get_by_role("button", name="Wheels", exact=True).click()
-    rims = wheel_rims(truth, side, TYRE_RADIUS)
-    for name, rim in zip(("rear", "front"), rims, strict=True):
-        page.wait_for_text(f"click the {name} wheel's rim: point 1 of 5")
-        for point in rim[[0, 5, 10, 14, 19]]:
-            click(page, point)
-    page.wait_for_text("10 of 10 points on the rims")
-    keep_picture(page, "wheels")
-    found = saved(page, app)
-    assert pose_error(registration.mesh, found, truth).percent < 5.0
-    axles = [pose.camera_from_model.rotation @ side.axle for pose in (found, truth)]
-    assert math.degrees(math.acos(min(1.0, float(axles[0] @ axles[1])))) < 8.0
 
 
 CAR, ROAD = ((810.0, 550.0), (140.0, 220.0)), ((600.0, 600.0), (900.0, 690.0))

@@ -1,0 +1,62 @@
+"""A review in real Chromium: the list of rows, verdicts, a corrected pose."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser
+
+from poseviewer.batch.job import run_job
+from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.fit.settings import FitSettings, Limits
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage, keep_picture
+from tests.scene import Scene
+
+pytestmark = pytest.mark.slow
+
+
+def test_rows_are_accepted_rejected_corrected_and_noted(
+    browser: Browser, tmp_path: Path, scene: Scene
+) -> None:
+    lines = [f"{name}.png,{scene.model},{scene.start}" for name in "abc"]
+    for name in "abc":
+        shutil.copy(scene.photo, tmp_path / f"{name}.png")
+    (tmp_path / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
+    out = tmp_path / "out"
+    batch = open_batch(tmp_path / "jobs.csv", out, FitSettings(limits=Limits(10, 600.0)))
+    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    with AppProcess(tmp_path, "review", out) as app:
+        tab = AppPage(browser, app.url)
+        is_open, note = tab.page.locator(".pv-rows .pv-at"), tab.page.get_by_label("Note")
+        tab.wait_for_text("3 rows, 0 accepted, 0 rejected")
+        tab.wait_for_text("at this pose")
+        assert tab.page.locator(".pv-rows img[src^='data:image/jpeg']").count() == 3
+        first = is_open.inner_text()
+        tab.page.keyboard.press("a")
+        tab.wait_for_text("3 rows, 1 accepted, 0 rejected")
+        tab.until(lambda: is_open.inner_text() != first)
+        note.fill("blurred")
+        note.press("Enter")
+        tab.page.evaluate("document.activeElement.blur()")
+        tab.page.keyboard.press("ArrowRight")
+        tab.wait_for_text("● pose changed")
+        tab.page.keyboard.press("n")
+        tab.wait_for_text("The pose is changed: accept it (A)")
+        keep_picture(tab, "review")
+        tab.page.get_by_role("button", name="Accept (A)").click()
+        tab.wait_for_text("3 rows, 2 accepted, 0 rejected")
+        tab.page.get_by_text("pose changed").wait_for(state="hidden")
+        tab.until(lambda: note.input_value() == "")
+        tab.page.keyboard.press("x")
+        tab.wait_for_text("3 rows, 2 accepted, 1 rejected")
+        tab.page.locator(".pv-rows > div").first.click()
+        tab.until(lambda: is_open.inner_text().split("\n")[0] == first.split("\n")[0])
+        assert tab.errors == []
+        tab.page.close()
+        assert app.interrupt() == 0
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "2 accepted and 1 rejected" in report
+    assert "<q>blurred</q>" in report
