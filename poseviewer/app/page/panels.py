@@ -133,9 +133,6 @@ class PlacePanel:
             controls.field(self._view, self._look_from)
             controls.choices("History", {"Undo (Z)": c.Undo(), "Redo (Y)": c.Redo()})
             controls.choices("Start", {"Go there (R)": c.ResetToStart(), "Set here": c.MakeStart()})
-            self._rings = controls.field(
-                gui.add_checkbox("Rotation rings (G)", False), lambda on: c.ChangeView(rings=on)
-            )
             self._quick_start = QuickStartPanel(controls)
             with gui.add_folder("Numbers", expand_by_default=False):
                 self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
@@ -158,12 +155,11 @@ class PlacePanel:
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
         self._quick_start.show(session)
-        key = (session.document, session.history, session.look.rings)
+        key = (session.document, session.history)
         # After a refusal the fields still hold what was typed.
         if self._shown == key and self._error_message is session.error_message:
             return
         self._shown, self._error_message, self._session = key, session.error_message, session
-        self._rings.show(session.look.rings)
         self._names = session.document.chart.names
         parameters = session.document.parameters
         for index, field in enumerate(self._parameters):

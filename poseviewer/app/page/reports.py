@@ -64,7 +64,7 @@ PLAIN: Mapping[str, Request] = {
     "KeyS": SavePose(),
     "Escape": c.CancelDrag(),
 }
-TOGGLES = ("Space", "KeyB", "KeyG", "KeyH", "KeyZ")
+TOGGLES = ("Space", "KeyB", "KeyH", "KeyZ")
 """Keys whose meaning depends on the session or on shift."""
 OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "pick": o.PickObject,
@@ -84,12 +84,12 @@ PHOTOS: Mapping[str, Callable[[int], Request]] = {
 """What is wanted of a photo in the strip."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
-LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyG", "KeyH", "Digit0", "Digit1", *REVIEW]
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", "Digit0", "Digit1", *REVIEW]
 """Not taken where ctrl is held: find, reload, and so on."""
 HELP = """
 | | |
 |---|---|
-| **drag** | move the model; a pin, a ring, if you hit one |
+| **drag** | move the model; a pin, if you hit one |
 | **shift + drag** | turn it as a ball about its centre |
 | **ctrl + drag** | roll it, and make it larger or smaller |
 | **double-click** | pin the surface there, or take the pin away |
@@ -101,7 +101,6 @@ HELP = """
 | **space** | start and stop the search |
 | **1 2 3 4 5**, **0** | outline, solid, relit, normals, residual, nothing |
 | **B** | blink: photo, model |
-| **G** | rotation rings |
 | **H** | hide what is in front: wheel brush size, **alt** erase |
 | **R** | back to the start pose |
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
@@ -184,8 +183,6 @@ def _key(content: Mapping[str, Any], session: Session, client: int) -> Request |
             return c.ChangeView(hidden=not session.look.hidden)
         case "KeyH":
             return c.SetTool("pose" if session.tool in h.HIDING else "brush")
-        case "KeyG":
-            return c.ChangeView(rings=not session.look.rings)
     return PLAIN.get(code)
 
 

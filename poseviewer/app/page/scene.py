@@ -1,4 +1,4 @@
-"""The middle of the page: the photo, and over it the model, the pins, the rings and the region.
+"""The middle of the page: the photo, and over it the model, the pins and the region.
 
 Everything is drawn by the server, in photo coordinates, and lies on planes that the fixed camera
 sees at the same place: model and photo coincide under any camera model, as exactly as the loss sees
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import set_properties
-from poseviewer.app.state.dragging import pins_in_photo, rings_in_photo
+from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.marking import MARKING, marks_in_photo
 from poseviewer.app.state.session import Overlay, Session
@@ -43,8 +43,6 @@ PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
     ("axle", "top-left"),
 )
 """And where they lie: the axle's tip may be close to the rear wheel."""
-RING_COLOURS = ((255, 95, 87), (110, 220, 90), (88, 150, 255))
-"""Faint: there are many of them."""
 LINK_COLOUR = (230, 230, 230)
 REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
@@ -84,7 +82,6 @@ class PhotoScene:
         self._links = self._lines("/links", LINK_COLOUR, 1.2)
         self._region = self._lines("/region", REGION_COLOUR, 1.6)
         self._box = self._lines("/box", BOX_COLOUR, 1.6)
-        self._rings = self._lines("/rings", (255, 255, 255), 2.4)
         self._pair_lines = self._lines("/marks/lines", MODEL_MARK_COLOUR)
         self._rims = self._lines("/marks/rims", MARK_COLOUR)
         self._others: dict[int, tuple[Any, Any]] = {}
@@ -113,7 +110,6 @@ class PhotoScene:
                 self._show_model(overlay, session)
             self._show_others(session)
             self._show_pins(session)
-            self._show_rings(session)
             self._show_rectangle("region", self._region, session.document.settings.region)
             self._show_rectangle("box", self._box, session.shown_box)
             self._show_marks(session)
@@ -298,23 +294,6 @@ class PhotoScene:
         self._put(self._labels, pins if vehicle else pins[:0], HANDLES)
         linked = vehicle and len(pins) == 3
         self._draw(self._links, pins[[[0, 1], [0, 2]]] if linked else pins[:0], OUTLINE)
-
-    def _show_rings(self, session: Session) -> None:
-        shown = session.look.rings and not _is_hidden(session)
-        if not self._is_new("rings", (shown, session.document.pose if shown else None)):
-            return
-        if shown:
-            rings = rings_in_photo(session.document)
-            ends = np.stack([rings[:, :-1], rings[:, 1:]], axis=2)
-            near = ends[..., 2].mean(axis=2) <= 0.0
-            colours = np.repeat(np.array(RING_COLOURS, float)[:, None], near.shape[1], axis=1)
-            colours = np.where(near[..., None], colours, 0.35 * colours)
-            places = self.place(ends[..., :2].reshape(-1, 2, 2), HANDLES)
-            self._rings.points = places.astype(np.float32)
-            shades = np.repeat(colours.reshape(-1, 1, 3), 2, axis=1)
-            # Colours of single points are taken to be linear, those of whole lines are not.
-            self._rings.colors = np.rint(255.0 * (shades / 255.0) ** 2.2).astype(np.uint8)
-        set_properties(self._rings, visible=shown)
 
     def _show_rectangle(self, name: str, node: Any, shown: Rectangle | None) -> None:
         if not self._is_new(name, (shown, self._size)):

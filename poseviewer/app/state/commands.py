@@ -133,11 +133,11 @@ class Press(Command):
             drag = RectangleDrag(tool, point)
         else:
             kind = "roll" if self.ctrl else "turn" if self.shift else "move"
-            drag = take_hold(document, point, self.zoom, kind, session.look.rings)
+            drag = take_hold(document, point, self.zoom, kind)
             if not document.awaits_place and (drag is None or isinstance(drag, ModelDrag)):
                 session = session.picking(nearest_object(document, point))
                 if session.document is not document:
-                    drag = take_hold(session.document, point, self.zoom, kind, rings=False)
+                    drag = take_hold(session.document, point, self.zoom, kind)
             if drag is None and document.awaits_place:
                 return _placed(session, point)
         return session if drag is None else replace(session, drag=drag, before_drag=None)
@@ -825,11 +825,10 @@ class ChangeView(DragCommand):
     opacity: float | None = None
     wipe: float | None = None
     hidden: bool | None = None
-    rings: bool | None = None
     before: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "wipe", "hidden", "rings", "before")
+        names = ("opacity", "wipe", "hidden", "before")
         given = {"name": self.look, **{name: getattr(self, name) for name in names}}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(session, look=replace(session.look, **changes))

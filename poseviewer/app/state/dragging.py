@@ -27,13 +27,10 @@ from poseviewer.render.overlay.contour import within
 from poseviewer.starts.placing import surface_point
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 
-PIN_REACH, RING_REACH = 14.0, 8.0
-"""A pin, or a rotation ring, is taken within this distance (px of the screen)."""
+PIN_REACH = 14.0
+"""A pin is taken within this distance (px of the screen)."""
 MODEL_REACH = 12.0
 """The model is taken also this far (px of the screen) beside its convex outline."""
-RING_STEPS = 72
-LEAST_RING_SPEED = 0.3
-"""Where a ring runs towards the eye, it turns no faster than by this share of its radius."""
 LEAST_LEVER = 8.0
 """Rolls and scales are taken as if grabbed at least this far (px) from the centre."""
 LARGEST_ZOOM = 20.0
@@ -98,24 +95,6 @@ class PinDrag:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RingDrag:
-    """One of the rings about the model's axes."""
-
-    held: Document
-    axis: int
-    start: FloatArray
-    tangent: FloatArray
-    """(2,): px that the ring runs for each radian, where it was taken."""
-
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The turn that the pointer's way along the ring amounts to."""
-        angle = float((point - self.start) @ self.tangent) / float(self.tangent @ self.tangent)
-        axis = self.held.pose.camera_from_model.rotation[:, self.axis]
-        centre = self.held.registration.mesh.centre
-        return replace(document, pose=turned(self.held.pose, centre, angle * axis))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class RectangleDrag:
     """A rectangle that is being drawn: ``tool`` is "region", or "box" (about the object)."""
 
@@ -136,11 +115,9 @@ class RectangleDrag:
         return replace(document, marks=replace(document.marks, box=rectangle))
 
 
-def take_hold(
-    document: Document, point: FloatArray, zoom: float, kind: str, rings: bool
-) -> Drag | None:
-    """What of the picked object lies under ``point``: a pin, a ring, or the model; None for
-    nothing, and where the object is hidden or locked.
+def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
+    """What of the picked object lies under ``point``: a pin, or the model; None for nothing, and
+    where the object is hidden or locked.
 
     ``zoom``: screen px per photo px; ``kind``: what holding the model does.
     """
@@ -152,9 +129,6 @@ def take_hold(
         pin = int(np.argmin(away))
         if away[pin] <= PIN_REACH:
             return PinDrag(document, pin, pins[pin] - point)
-    ring = _ring_at(document, point, zoom) if rings else None
-    if ring is not None:
-        return ring
     if within(point, document.pose, document.registration.mesh, MODEL_REACH / zoom):
         return ModelDrag(document, point, kind)
     return None
@@ -187,40 +161,6 @@ def pins_in_photo(document: Document) -> FloatArray:
     if isinstance(chart, VehicleChart):
         return vehicle_pins(chart, chart.from_pose(document.pose))
     return np.zeros((0, 2))
-
-
-def rings_in_photo(document: Document) -> FloatArray:
-    """(3, RING_STEPS + 1, 3): circles about the model's axes, as seen from afar; the last
-    coordinate is below 0 on the near side.
-    """
-    axes = document.pose.camera_from_model.rotation.T
-    angles = np.linspace(0.0, 2.0 * math.pi, RING_STEPS + 1)[:, None]
-    rings = [np.cos(angles) * axes[i - 2] + np.sin(angles) * axes[i - 1] for i in range(3)]
-    found = np.array(rings) * _ring_radius(document)
-    found[..., :2] += document.pose.project(document.registration.mesh.centre)
-    return found
-
-
-def _ring_radius(document: Document) -> float:
-    """In px of the photo: beyond most of the model, within most photos."""
-    photo = document.registration.photo
-    radius = radius_in_photo(document.pose, document.registration.mesh)
-    return float(np.clip(0.8 * radius, 30.0, 0.45 * min(photo.width, photo.height)))
-
-
-def _ring_at(document: Document, point: FloatArray, zoom: float) -> RingDrag | None:
-    rings = rings_in_photo(document)
-    away = np.linalg.norm(rings[..., :2] - point, axis=2) * zoom
-    away = np.where(rings[..., 2] <= 1e-9, away, np.inf)  # the far half is behind the model
-    axis, step = np.unravel_index(int(np.argmin(away)), away.shape)
-    if not away[axis, step] <= RING_REACH:
-        return None
-    ring, step = rings[axis, :-1, :2], int(step) % RING_STEPS
-    tangent = (ring[(step + 1) % RING_STEPS] - ring[step - 1]) * (RING_STEPS / (4.0 * math.pi))
-    least, speed = LEAST_RING_SPEED * _ring_radius(document), float(np.linalg.norm(tangent))
-    if speed < least:
-        tangent = tangent / max(speed, 1e-9) * least
-    return RingDrag(document, int(axis), point, tangent)
 
 
 # --- motions of a pose --------------------------------------------------------------------------

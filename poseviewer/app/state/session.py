@@ -194,8 +194,6 @@ class Look:
     """The model is shown left of this share of the photo's width."""
     hidden: bool = False
     """Blinked away: the photo alone."""
-    rings: bool = False
-    """Whether the rotation rings are shown."""
     before: bool = False
     """Whether, after a search, the pose before it is shown."""
 

@@ -111,8 +111,8 @@ def test_reports_that_make_no_sense_change_nothing(running: RunningApp) -> None:
         document = running.app.session.document
         for text in NOT_REPORTS:
             page.change(page.shown.channel, text)
-        page.key("KeyG")  # answered after all of those
-        page.wait_until(lambda: running.app.session.look.rings)
+        page.key("KeyB")  # answered after all of those
+        page.wait_until(lambda: running.app.session.look.hidden)
         assert running.app.session.document is document
         assert running.app.session.drag is None
         assert not running.app.session.searching

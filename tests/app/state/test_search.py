@@ -204,7 +204,7 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
         c.SetCamera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
         c.Open(others[pick(len(others))]),
         c.SetTool("region" if flip[0] else "pose"),
-        c.ChangeView(rings=flip[0], before=flip[1]),
+        c.ChangeView(hidden=flip[0], before=flip[1]),
         c.ChangeLandscape(large=(0, 1), close_large=flip[0]),
         c.PickInLandscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
         *[c.StartSearch()] * 2,

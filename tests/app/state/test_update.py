@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo, rings_in_photo
+from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.fit.settings import FitSettings
@@ -152,25 +152,6 @@ def test_pins_are_refused_beside_the_model_and_on_vehicles():
     refused(make_session(), c.DoublePress(1.0, 1.0))
     session = make_session(vehicle=True)
     refused(session, c.DoublePress(*centre_of(session)))
-
-
-@CAMERAS
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_ring_turns_about_its_axis(camera, axis):
-    session = after(make_session(camera), c.ChangeView(rings=True))
-    ring = rings_in_photo(session.document)[axis]
-    step = int(np.argmin(ring[:, 2]))  # its nearest point
-    x, y = ring[step, :2]
-    along = ring[(step + 1) % 72, :2] - ring[step - 1, :2]
-    along = along / np.linalg.norm(along)
-    first = after(session, c.Press(x, y, zoom=4.0))
-    turned = after(first, c.DragTo(x + 3.0 * along[0], y + 3.0 * along[1]))
-    before, now = (s.document.pose.camera_from_model.rotation for s in (session, turned))
-    turn = before.T @ now
-    assert turn[axis, axis] == pytest.approx(1.0, abs=1e-9)
-    other = (axis + 1) % 3
-    assert turn[(axis + 2) % 3, other] > 0.01  # the way the ring runs
-    assert centre_of(turned) == pytest.approx(centre_of(session), abs=1e-9)
 
 
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
