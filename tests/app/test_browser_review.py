@@ -30,7 +30,8 @@ def test_rows_are_accepted_rejected_corrected_and_noted(
     save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
     with AppProcess(tmp_path, "review", out) as app:
         tab = AppPage(browser, app.url)
-        is_open, note = tab.page.locator(".pv-rows .pv-at"), tab.page.get_by_label("Note")
+        is_open = tab.page.locator(".pv-rows .pv-at")
+        note = tab.page.locator("input.mantine-TextInput-input").filter(visible=True).first
         tab.wait_for_text("3 rows, 0 accepted, 0 rejected")
         tab.wait_for_text("at this pose")
         assert tab.page.locator(".pv-rows img[src^='data:image/jpeg']").count() == 3
