@@ -66,7 +66,7 @@ class MoreObjects:
     def __init__(self, controls: Controls) -> None:
         self._number = 1
         with controls.gui.add_folder("Several objects", expand_by_default=False):
-            controls.upload("Add another object ...", "model", "cube-plus", "object")
+            controls.upload("Add another object ...", "model", "cube-plus", adds=True)
             controls.button("Add the same model again", AddObject(), icon="copy")
             self._name = controls.gui.add_text("Name", "")
             controls.field(self._name, lambda name: AlterObject(self._number, name=name))

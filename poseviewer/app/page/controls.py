@@ -13,7 +13,7 @@ from typing import Any
 import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
-from poseviewer.app.state.requests import Becomes, Download, Export, Request, Upload
+from poseviewer.app.state.requests import Download, Export, Request, Upload
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 
@@ -116,9 +116,7 @@ class Controls:
         """A button that sends ``what`` to the page on which it is pressed."""
         self.button_for(label, lambda client: Download(what, client), icon=icon)
 
-    def upload(
-        self, label: str, kind: Kind | None, icon: Any, becomes: Becomes = "at hand"
-    ) -> None:
+    def upload(self, label: str, kind: Kind | None, icon: Any, adds: bool = False) -> None:
         """A button that takes files of a kind, or (None) a folder, and what is dropped."""
         accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
@@ -127,7 +125,7 @@ class Controls:
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 file = take_upload(handle)
-                self.post(Upload(kind, file.name, file.content, becomes))
+                self.post(Upload(kind, file.name, file.content, adds))
 
 
 def show_at_hand(choices: Any, label: str | None) -> None:

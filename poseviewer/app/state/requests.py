@@ -8,8 +8,6 @@ from typing import Any, Literal, dataclass_transform
 from poseviewer.batch.results import JobResult
 from poseviewer.files.file_set import Kind
 
-Becomes = Literal["at hand", "object"]
-"""What models that come are: the one at hand, or objects beside it."""
 Export = Literal["pose", "overlay", "sheet", "maps-npz"]
 
 
@@ -31,7 +29,8 @@ class Upload(Request, eq=False):
     name: str
     data: bytes
     """See ``files.state.uploads.pack``."""
-    becomes: Becomes = "at hand"
+    adds: bool = False
+    """Whether models are added as further objects, instead of replacing the active one."""
 
 
 class Unfit(Request):

@@ -88,11 +88,10 @@ class Tasks:
             # Other apps may have the same state folder.
             in_use = now.paths | files_of_sessions(self._state / "sessions")
             root = keep_set(self._uploads, upload.data, in_use=in_use)
-            beside = upload.becomes != "at hand"
-            at_hand = None if beside else now.document.model_path
+            at_hand = None if upload.adds else now.document.model_path
             files = sort_set(files_below(root), upload.kind, at_hand)
             models = [gathered(self._uploads, model, in_use=in_use) for model in files.models]
-            if not beside:
+            if not upload.adds:
                 yield open_file_set(now.document, files, models)
                 return
             if not models:
