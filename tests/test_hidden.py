@@ -38,7 +38,7 @@ from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import Start, load_model
+from poseviewer.starts.registration import load_model
 from tests.scene import Scene
 from tests.several import make_three
 
@@ -83,17 +83,6 @@ def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
     assert by_file.problem.photo.weights.sum() < 0.8 * everything.problem.photo.weights.sum()
     assert by_file.start.record.settings is not None
     assert by_file.start.record.settings["mask"] == "hidden.png"
-
-
-def test_a_start_is_found_without_what_is_hidden(scene, mask):
-    seen = []
-
-    def find(inputs):
-        seen.append(inputs.mask)
-        return Start(load_pose(scene.start, 160, 120).pose, ())
-
-    case = poseviewer.load(scene.photo, scene.model, find, QUICK, mask=mask)
-    assert case.registration.mask is seen[0] is not None
 
 
 def test_parts_are_left_out_by_name_and_by_the_pose_file(scene, halves, tmp_path):
