@@ -76,8 +76,6 @@ class Format:
     write: Callable[[PoseRecord, Path, ConvertOptions], Written]
     """Pose, where to, and what else is known."""
     read: Callable[[Path, ConvertOptions], PoseRecord]
-    parallel: bool = False
-    """Whether it can say parallel projection."""
     lens_as: LensAs | None = None
     several: bool = True
     """Whether it can say the cameras of several photos."""

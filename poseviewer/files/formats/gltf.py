@@ -411,4 +411,4 @@ def _camera(
     )
 
 
-GLTF = Format(write_gltf, read_gltf, parallel=True)
+GLTF = Format(write_gltf, read_gltf)

@@ -41,7 +41,7 @@ def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
 
 
 FORMATS = {
-    "poseviewer": Format(write_own, read_own, parallel=True, both_photos=True),
+    "poseviewer": Format(write_own, read_own, both_photos=True),
     "opencv": OPENCV,
     "bop": BOP,
     "colmap": COLMAP,
