@@ -10,36 +10,25 @@ LOW_TURN_MARGIN = 0.3
 """Turn margin that right poses seldom have."""
 GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 """Shares of the outline."""
+LEAST_WHOLE = 0.9
+"""Share of the model below which it is said to be hidden in part."""
 
 
 def reasons_for(features: Features) -> tuple[str, ...]:
     """What speaks for and against the pose, a sentence each."""
-    sentences = (part(features) for part in (_spread, _turned, _outline, _hidden))
-    return tuple(sentence for sentence in sentences if sentence)
-
-
-def _spread(features: Features) -> str:
-    spread = features.spread_percent
-    if spread < SMALL_SPREAD_PERCENT:
-        return "Searches from near by came back to it."
-    return f"Searches from near by ended {spread:.0f} % of the model's size away."
-
-
-def _turned(features: Features) -> str:
-    if features.turn_margin < 0.0:
-        return "Turned about one of its own axes the model costs less on the coarse photo."
-    if features.turn_margin < LOW_TURN_MARGIN:
-        return "Turned about one of its own axes the model costs hardly more: it may be turned."
-    return ""
-
-
-def _outline(features: Features) -> str:
-    share = features.outline
-    how = "" if share >= GOOD_OUTLINE else "only " if share < POOR_OUTLINE else "some "
-    return f"Along {how}{share:.0%} of its outline the photo has an edge of that direction."
-
-
-def _hidden(features: Features) -> str:
-    if features.seen < 0.9:
-        return f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out."
-    return ""
+    spread, turn, outline = features.spread_percent, features.turn_margin, features.outline
+    is_back = spread < SMALL_SPREAD_PERCENT
+    end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"
+    reasons = [f"Searches from near by {end}."]
+    if turn < LOW_TURN_MARGIN:
+        cost = "less on the coarse photo" if turn < 0.0 else "hardly more: it may be turned"
+        reasons.append(f"Turned about one of its own axes the model costs {cost}.")
+    how = "" if outline >= GOOD_OUTLINE else "only " if outline < POOR_OUTLINE else "some "
+    reasons.append(
+        f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction."
+    )
+    if features.seen < LEAST_WHOLE:
+        reasons.append(
+            f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out."
+        )
+    return tuple(reasons)
