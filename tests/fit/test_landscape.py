@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.landscape import GOOD, Slice, landscape, slice_minimum, strides
+from poseviewer.fit.landscape import GOOD, Slice, landscape, slice_minimum
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -101,15 +101,6 @@ def test_ends_equal_to_the_direct_grid():
             assert piece.losses[row, column] == pose_loss(problem, CountingRenderer(), parameters)
 
 
-def test_in_the_middle_is_the_loss_at_the_centre():
-    problem, centre = make_problem(6), np.array([0.1, 0.0, -0.2, 0.3, 0.01, 0.0])
-    expected = pose_loss(problem, CountingRenderer(), centre)
-    for (first, second), piece in finished(problem, centre, size=11).items():
-        assert piece.losses[5, 5] == expected
-        assert piece.first_values[5] == centre[first]
-        assert piece.second_values[5] == centre[second]
-
-
 @pytest.mark.parametrize("size", [3, 5, 9, 21])
 def test_no_point_is_evaluated_twice(size):
     renderer = CountingRenderer()
@@ -141,13 +132,6 @@ def test_what_is_known_stays_and_grows():
         before[piece.first, piece.second] = piece
 
 
-def test_strides_reach_the_borders():
-    assert strides(41) == [8, 4, 2, 1]
-    assert strides(21) == [4, 2, 1]
-    assert strides(33) == [8, 4, 2, 1]
-    assert strides(3) == [1]
-
-
 def test_numbers_without_a_pose_cost_the_most():
     slices = finished(make_problem(2, limit=0.15), np.zeros(2), size=5)
     assert slices[0, 1].losses[0, 0] == WORST
@@ -170,12 +154,6 @@ def test_minimum_is_found_in_the_numbers_of_the_chart():
 def test_minimum_of_nothing_is_none():
     values = np.linspace(-1, 1, 3)
     assert slice_minimum(Slice(0, 1, values, values, np.full((3, 3), np.nan))) is None
-
-
-def test_landscapes_are_deterministic():
-    once = finished(make_problem(3), np.full(3, 0.1), size=9)
-    again = finished(make_problem(3), np.full(3, 0.1), size=9)
-    assert all(np.array_equal(once[pair].losses, again[pair].losses) for pair in once)
 
 
 @pytest.mark.parametrize(("size", "half_width"), [(40, 0.2), (1, 0.2), (41, 0.0), (41, -1.0)])
