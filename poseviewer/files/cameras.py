@@ -42,6 +42,8 @@ ALIASES = {
 """What OpenCV's samples, ROS and users of NumPy call what a camera consists of, in small letters,
 without ``_``. A number behind a name tells the cameras of a file apart.
 """
+LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+"""Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 FIELDS = {alias: name for name, aliases in ALIASES.items() for alias in aliases}
 LENS_MODELS: dict[str, LensModel] = {
     **dict.fromkeys(("fisheye", "equidistant"), "fisheye"),
@@ -141,7 +143,7 @@ def opencv_storage(reading: Reading) -> dict[str, Any]:
             data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
         else:  # its head is none that YAML knows; what it calls a matrix is a mapping
             body = re.sub(r"\A\s*%YAML:1\.0", "", text)
-            data = next(iter(yaml.load_all(body, yaml.CBaseLoader)), None)
+            data = next(iter(yaml.load_all(body, LOADER)), None)
     except (yaml.YAMLError, ElementTree.ParseError, RecursionError):
         pass
     if not isinstance(data, dict):
