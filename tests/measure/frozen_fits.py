@@ -12,30 +12,26 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from poseviewer.api import load
-from poseviewer.cli.options import whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.evaluation.photos import Kind, Studio, load_backgrounds, make_photos
-from poseviewer.evaluation.pool import run_all
 from poseviewer.evaluation.real_cases import load_cases, load_starts
 from poseviewer.evaluation.trials import draw_start
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.starts.registration import load_model
 from poseviewer.vehicle.chart import VehicleChart
+from tests.measure.real import DATA
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
 CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 1}
 """Cases of each set, spread evenly over it ..."""
 CLUTTERED = 8
@@ -77,12 +73,12 @@ class FrozenFit:
     start: Pose | Path
     settings: FitSettings
 
-    def run(self) -> tuple[str, Ending]:
+    def run(self) -> Ending:
         """Make it."""
         found = load(self.photo, self.model, self.start, self.settings).fit()
         progress, verdict, camera = found.progress, found.verdict, found.pose.camera
         assert progress is not None  # it was searched for
-        return self.name, Ending(
+        return Ending(
             found.pose.camera_from_model.rotation.tolist(),
             found.pose.camera_from_model.translation.tolist(),
             camera.scale if isinstance(camera, Parallel) else camera.fx,
@@ -103,12 +99,14 @@ def demo_fits() -> Iterator[FrozenFit]:
 
 
 def real_fits(data: Path) -> Iterator[FrozenFit]:
-    """Thirty cases from two starts each.
+    """Thirty cases from two starts each; none where there is no data.
 
     Raises:
         PoseFileError: a folder does not hold cases and starts.
     """
     for folder, counts in ((data, CASES), (data / "clutter", {"": CLUTTERED})):
+        if not (folder / "cases.json").is_file():
+            continue
         cases = load_cases(folder)
         starts = {(s.case, s.degrees): s for s in load_starts(folder, (5, 15), 1)}
         for name, count in counts.items():
@@ -152,32 +150,24 @@ def synthetic_fits(photos: Path) -> Iterator[FrozenFit]:
             seed += 1
 
 
-def difference(before: Ending, now: Ending) -> str:
+def difference(before: Ending | None, now: Ending) -> str:
     """Which of the values differ, and by how much; empty where none does."""
+    if before is None:
+        return "is not in the table"
     turn = np.array(now.rotation) @ np.array(before.rotation).T
     sine = np.linalg.norm((turn - turn.T)[[2, 0, 1], [1, 2, 0]]) / 2.0
     degrees = math.degrees(math.atan2(float(sine), (float(np.trace(turn)) - 1.0) / 2.0))
     moved = float(np.linalg.norm(np.subtract(now.translation, before.translation)))
     share = moved / float(np.linalg.norm(before.translation))
     amounts = {"rotation": f"{degrees:.3g} degrees", "translation": f"{share:.3g} of the distance"}
-    said = []
+    words = []
     for name, value in asdict(now).items():
         old = getattr(before, name)
         if value == old or (value != value and old != old):  # nan is no change from nan
             continue
         usual = f"{value - old:+.3g}" if isinstance(value, float) else f"{old} -> {value}"
-        said.append(f"{name} {amounts.get(name, usual)}")
-    return ", ".join(said)
-
-
-def compare(before: dict[str, Ending], now: dict[str, Ending]) -> list[str]:
-    """A line for each fit that differs."""
-    lines = []
-    for name, ending in now.items():
-        change = difference(before[name], ending) if name in before else "is not in the table"
-        if change:
-            lines.append(f"{name}: {change}")
-    return lines
+        words.append(f"{name} {amounts.get(name, usual)}")
+    return ", ".join(words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -187,39 +177,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     what.add_argument("--write", type=Path, metavar="TABLE.json")
     what.add_argument("--compare", type=Path, metavar="TABLE.json")
     parser.add_argument("--only", default="", metavar="TEXT", help="fits whose name holds it")
-    parser.add_argument("--evaluations", type=whole, metavar="N", help="limit of each fit")
-    parser.add_argument("--jobs", type=whole, default=1, metavar="N", help="processes")
     options = parser.parse_args(arguments)
     table: Path = options.write or options.compare
     if options.compare and not table.is_file():
         parser.error(f"{table}: there is no such table; make it with --write")
-    data = Path(os.environ.get("POSEVIEWER_DATA") or DATA)
+    endings: dict[str, Ending] = {}
     try:
-        fits = [*demo_fits()]
-        if (data / "cases.json").is_file():
-            fits += real_fits(data)
-        else:
-            print(f"no real data in {data}: these fits are left out")
+        if not (DATA / "cases.json").is_file():
+            print(f"no real data in {DATA}: these fits are left out")
+        fits = [*demo_fits(), *real_fits(DATA)]
         if not options.only or options.only in "synthetic-":
             fits += synthetic_fits(table.with_suffix(".photos"))
-        fits = [fit for fit in fits if options.only in fit.name]
-        if options.evaluations:
-            limits = Limits(evaluations=options.evaluations)
-            fits = [replace(fit, settings=replace(fit.settings, limits=limits)) for fit in fits]
-        endings: dict[str, Ending] = {}
-        for name, ending in run_all(fits, options.jobs):
-            endings[name] = ending
-            print(f"{name}: loss {ending.loss:.6f}, {ending.verdict}", flush=True)
+        for fit in (fit for fit in fits if options.only in fit.name):
+            ending = endings[fit.name] = fit.run()
+            print(f"{fit.name}: loss {ending.loss:.6f}, {ending.verdict}", flush=True)
     except PoseViewerError as error:
         sys.stderr.write(f"poseviewer: {error}\n")
         return EXIT_MENDABLE
     if options.write:
-        content: dict[str, Any] = {fit.name: asdict(endings[fit.name]) for fit in fits}
+        content = {name: asdict(ending) for name, ending in endings.items()}
         table.write_text(json.dumps(content, indent=1) + "\n")
         return 0
-    before = {name: Ending(**one) for name, one in json.loads(table.read_text()).items()}
-    lines = compare(before, endings)
-    print("\n".join([f"{len(lines)} of {len(fits)} differ:", *lines]) if lines else "equal")
+    before = {name: Ending(**ending) for name, ending in json.loads(table.read_text()).items()}
+    changes = {name: difference(before.get(name), ending) for name, ending in endings.items()}
+    lines = [f"{name}: {change}" for name, change in changes.items() if change]
+    print("\n".join([f"{len(lines)} of {len(endings)} differ:", *lines]) if lines else "equal")
     return int(bool(lines))
 
 

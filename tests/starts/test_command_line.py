@@ -19,7 +19,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, find_wheels, start_from_wheels
-from tests.measure.auto_start import careless_box
+from tests.measure.real import careless_box
 from tests.scene import Scene
 
 SIZE = (160, 120)

@@ -1,0 +1,318 @@
+"""The verdict's weights, and the factor of the covariance, against known poses.
+
+``python -m tests.measure.calibrate verdict STUDY/trials.csv``, of ``poseviewer study --real FOLDER
+--degrees 5,15,30 --draws 1 --out STUDY``, prints how well the verdict tells right from wrong on the
+half of the cases that it is made from and on the other; ``--write`` keeps the weights. Truths that
+are farther off than their source says make right fits wrong: ``--accuracy SET=PERCENT``.
+
+``python -m tests.measure.calibrate region FOLDER`` fits the cases of folders with exact truths and
+prints how often the region of a fit that is ``found`` holds the truth, on both halves, and what
+``SPREAD`` would make it 90 % on the first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import roc_auc_score
+
+from poseviewer.api import make_case
+from poseviewer.confidence import weights as verdict_weights
+from poseviewer.confidence.model import LARGEST_SCORE, scaled
+from poseviewer.confidence.uncertainty import SPREAD
+from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
+from poseviewer.evaluation.trials import RealTask, real_tasks
+from poseviewer.figures.text_table import Table
+from poseviewer.files.writing import write_whole
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.pose_covariance import REGION, region_reach
+from poseviewer.geometry.pose_error import pose_error
+from tests.measure.real import is_tuning, print_trials
+
+WEIGHTS = Path(str(verdict_weights.__file__))
+BEYOND_TRUTH_PERCENT = 1.0
+"""Error beyond the truth's accuracy below which a fit is right, by the model's size, %."""
+NAMES = ("turn_margin", "spread_percent", "outline")
+"""Features that are weighed; few, as trials are."""
+PENALTY = 1.0
+"""Twice the cost of the weights' squared length: separable trials would have infinite weights."""
+RIGHT_OF_FOUND, RIGHT_OF_LOST = 0.98, 0.3
+"""Least share of right ones among ``found``, and largest among ``lost``, in the tuning half."""
+FALLBACK = 0.9
+"""Probability of ``found`` where none separates right and wrong so well."""
+WORDS = "found", "doubtful", "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedTrial:
+    """A trial that has features."""
+
+    case: str
+    set: str
+    right: bool
+    features: tuple[float, ...]
+    """Of ``NAMES``, as they are weighed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """A logistic model, and the two probabilities at which the verdict changes."""
+
+    mean: FloatArray
+    deviation: FloatArray
+    weights: FloatArray
+    """(k,) each."""
+    offset: float
+    found_from: float
+    lost_below: float
+
+    def words(self, probabilities: FloatArray) -> list[str]:
+        """The verdict on each."""
+        return [
+            "found" if p >= self.found_from else "lost" if p < self.lost_below else "doubtful"
+            for p in probabilities
+        ]
+
+    def probabilities(self, trials: Sequence[JudgedTrial]) -> FloatArray:
+        """(N,): that each is right."""
+        away = (np.array([trial.features for trial in trials]) - self.mean) / self.deviation
+        score = np.clip(away, -LARGEST_SCORE, LARGEST_SCORE) @ self.weights + self.offset
+        return 1.0 / (1.0 + np.exp(-score))
+
+
+def load_judged(
+    tables: Sequence[Path], accuracies: Mapping[str, float] | None = None
+) -> list[JudgedTrial]:
+    """Trials with features of studies' ``trials.csv``.
+
+    ``accuracies``, %: how far off the truths of sets are, instead of what the table says.
+
+    Raises:
+        SettingsError: a table cannot be read, or is not one of such trials; or has no such set.
+    """
+    trials, known = [], dict(accuracies or {})
+    for path in tables:
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = [row for row in csv.DictReader(file) if row["evidence"]]
+            trials += [_judged(row, known) for row in rows]
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            raise SettingsError(
+                f"{path}: is no table of trials with features ({error}); make one with "
+                "poseviewer study --real"
+            ) from None
+    sets = sorted({trial.set for trial in trials})
+    if unknown := set(known) - set(sets):
+        raise SettingsError(f"no trial of set {min(unknown)!r}; the tables' sets: {sets}")
+    return trials
+
+
+def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial:
+    features = dict(part.split("=", 1) for part in row["evidence"].split())
+    limit = accuracies.get(row["set"], float(row["accuracy_percent"])) + BEYOND_TRUTH_PERCENT
+    weighed = tuple(scaled(name, float(features[name])) for name in NAMES)
+    return JudgedTrial(row["case"], row["set"], float(row["error_percent_end"]) < limit, weighed)
+
+
+def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
+    """Fit the model and its limits to all the trials given.
+
+    Raises:
+        SettingsError: they are all right, or all wrong.
+    """
+    right = np.array([trial.right for trial in trials], bool)
+    if len(set(right.tolist())) < 2:
+        raise SettingsError(
+            f"of {len(trials)} trials to tune on, {int(right.sum())} are right: there must be some "
+            "of both; run more starts, or farther ones"
+        )
+    features = np.array([trial.features for trial in trials])
+    mean, deviation = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-9)
+    away = np.clip((features - mean) / deviation, -LARGEST_SCORE, LARGEST_SCORE)
+    model = LogisticRegression(C=1.0 / PENALTY, solver="newton-cholesky", tol=1e-9).fit(away, right)
+    probabilities = model.predict_proba(away)[:, 1]
+
+    def share_right(chosen: np.ndarray, otherwise: float) -> float:
+        return float(np.mean(right[chosen])) if chosen.any() else otherwise
+
+    upwards, downwards = np.arange(0.5, 0.99, 0.01).round(2), np.arange(0.5, 0.01, -0.01).round(2)
+    found = (p for p in upwards if share_right(probabilities >= p, 0.0) >= RIGHT_OF_FOUND)
+    lost = (p for p in downwards if share_right(probabilities < p, 1.0) <= RIGHT_OF_LOST)
+    found_from = float(next(found, FALLBACK))
+    lost_below = min(float(next(lost, 1.0 - FALLBACK)), found_from)
+    weights, offset = np.ravel(model.coef_), float(np.ravel(model.intercept_)[0])
+    return Calibration(mean, deviation, weights, offset, found_from, lost_below)
+
+
+def calibration_table(calibration: Calibration, trials: Sequence[JudgedTrial]) -> Table:
+    """How well it does on the half it was tuned on and on the other, and there by set."""
+    tuning = [trial for trial in trials if is_tuning(trial.case)]
+    other = [trial for trial in trials if not is_tuning(trial.case)]
+    groups = {"tuning half": tuning, "other half": other}
+    for name in sorted({trial.set for trial in other}):
+        groups[f"  {name}"] = [trial for trial in other if trial.set == name]
+    rows = []
+    for name, some in groups.items():
+        right = np.array([trial.right for trial in some], bool)
+        probabilities = calibration.probabilities(some)
+        words = np.array(calibration.words(probabilities))
+        both = 0 < right.sum() < len(right)
+        area = f"{roc_auc_score(right, probabilities):.2f}" if both else ""
+        counts = [((words == word).sum(), right[words == word].sum()) for word in WORDS]
+        cells = [f"{given}, {correct} right" for given, correct in counts]
+        rows.append((name, str(len(some)), str(int(right.sum())), area, *cells))
+    return Table(
+        "Right against wrong: area under the ROC curve; verdicts given, and how many are right",
+        ("trials", "fits", "right", "area", *WORDS),
+        tuple(rows),
+    )
+
+
+def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
+    """The module ``confidence.weights``."""
+    columns = NAMES, calibration.mean, calibration.deviation, calibration.weights
+    features = "\n".join(
+        f'    "{name}": ({mean:.4g}, {deviation:.4g}, {weight:.4g}),'
+        for name, mean, deviation, weight in zip(*columns, strict=True)
+    )
+    return f'''"""The weight of each feature; written by
+``python -m tests.measure.calibrate verdict --write`` from {trials} trials, {right} of them right.
+"""
+
+FEATURES: dict[str, tuple[float, float, float]] = {{
+{features}
+}}
+"""Of each feature: mean and standard deviation among the trials, and its weight."""
+OFFSET = {calibration.offset:.4g}
+FOUND_FROM, LOST_BELOW = {calibration.found_from:.4g}, {calibration.lost_below:.4g}
+"""Probabilities from which the verdict is ``found``, and below which it is ``lost``."""
+'''
+
+
+@dataclass(frozen=True, slots=True)
+class SureTrial:
+    """A fit, how sure it is and how far off; lengths as shares of the model's radius."""
+
+    case: str
+    set: str
+    word: str
+    distance: float
+    """Between truth and end, in standard deviations: the region reaches ``region_reach``."""
+    depth: float
+    depth_off: float
+    sideways: float
+    sideways_off: float
+    turn_deg: float
+    turn_deg_off: float
+    px: float
+    px_off: float
+
+
+def sure_trials(tasks: Sequence[RealTask]) -> Iterator[SureTrial]:
+    """Fit, and compare covariances with the truth; poses that are lost are left out.
+
+    Raises:
+        PoseViewerError: photo or model cannot be read.
+    """
+    for task in tasks:
+        registration, renderer = task.open()
+        end = make_case(registration, task.settings, renderer=renderer).fit()
+        truth, mesh, sure = task.case.truth, registration.mesh, end.covariance
+        if end.verdict is None or sure is None or sure.depth is None:
+            continue
+        off = sure.deviation(truth)
+        sight = sure.pose.camera_from_model.apply(mesh.centre)
+        along = float(off[3:6] @ sight) / float(np.linalg.norm(sight))
+        across = math.sqrt(max(float(off[3:6] @ off[3:6]) - along**2, 0.0))
+        radius = mesh.diameter / 2.0
+        yield SureTrial(
+            case=task.case.name,
+            set=task.case.set,
+            word=end.verdict.word,
+            distance=math.sqrt(float(off @ np.linalg.solve(sure.matrix, off))),
+            depth=sure.depth / radius,
+            depth_off=abs(along) / radius,
+            sideways=sure.sideways / radius,
+            sideways_off=across / radius,
+            turn_deg=sure.degrees,
+            turn_deg_off=math.degrees(float(np.linalg.norm(off[:3]))),
+            px=sure.px,
+            px_off=pose_error(mesh, end.pose, truth).reprojection_px,
+        )
+
+
+def region_summary(trials: Sequence[SureTrial]) -> str:
+    """How often the region holds the truth, what ``SPREAD`` would make it 90 %, and its size."""
+    found = [trial for trial in trials if trial.word == "found"]
+    groups = {
+        "tuning half": [trial for trial in found if is_tuning(trial.case)],
+        "other half": [trial for trial in found if not is_tuning(trial.case)],
+        "all": found,
+        **{name: [t for t in found if t.set == name] for name in sorted({t.set for t in found})},
+        "doubtful": [trial for trial in trials if trial.word == "doubtful"],
+    }
+    measures = ("depth", "sideways", "turn_deg", "px")
+    lines = [f"{'found':<14}{'fits':>5}{'inside':>8}{'SPREAD':>8}"]
+    lines[0] += "".join(f"{name:>10}{'off':>8}" for name in measures)
+    for name, some in groups.items():
+        if not some:
+            continue
+        reach, distances = region_reach(6), np.array([trial.distance for trial in some])
+        spread = SPREAD * float(np.quantile(distances, REGION)) / reach
+        line = f"{name:<14}{len(some):>5}{np.mean(distances <= reach):>8.1%}{spread:>8.4f}"
+        for measure in measures:
+            for part, width in ((measure, 10), (f"{measure}_off", 8)):
+                line += f"{np.median([getattr(trial, part) for trial in some]):>{width}.4f}"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Calibrate; print how well that does."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    verdict = commands.add_parser("verdict")
+    verdict.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV")
+    verdict.add_argument("--accuracy", type=_accuracy, action="append", default=[])
+    verdict.add_argument("--write", action="store_true", help="keep the weights in the program")
+    region = commands.add_parser("region")
+    region.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
+    region.add_argument("--cases", default="", metavar="PATTERN", help="of the first folder")
+    region.add_argument("--degrees", type=int, default=5)
+    options = parser.parse_args(arguments)
+    try:
+        if options.command == "region":
+            tasks = []
+            for number, folder in enumerate(options.folders):
+                pattern = "" if number else options.cases
+                tasks += real_tasks(folder, [options.degrees], 1, pattern, FitSettings())
+            return print_trials(sure_trials(tasks), region_summary)
+        trials = load_judged(options.trials, dict(options.accuracy))
+        tuning = [trial for trial in trials if is_tuning(trial.case)]
+        calibration = calibrate(tuning)
+        text = weights_as_python(calibration, len(tuning), sum(trial.right for trial in tuning))
+        print(f"{calibration_table(calibration, trials).as_text()}\n\n{text}", end="")
+        if options.write:
+            write_whole(WEIGHTS, text.encode(), SettingsError)
+    except PoseViewerError as error:
+        sys.stderr.write(f"poseviewer: {error}\n")
+        return EXIT_MENDABLE
+    return 0
+
+
+def _accuracy(text: str) -> tuple[str, float]:
+    name, _, percent = text.rpartition("=")
+    return name, float(percent)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

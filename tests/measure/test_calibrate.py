@@ -1,0 +1,59 @@
+"""Calibration on small tables: what can be told apart is, and what cannot is not claimed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.confidence import weights
+from tests.measure import calibrate
+from tests.measure.calibrate import NAMES, WEIGHTS, Calibration, load_judged, weights_as_python
+
+
+def write_table(path: Path, informative: bool) -> Path:
+    """Forty trials of twenty cases; right ones show better features, or the same."""
+    random = np.random.default_rng(0)
+    with path.open("w", newline="") as file:
+        columns = ("case", "set", "accuracy_percent", "error_percent_end", "evidence")
+        table = csv.writer(file)
+        table.writerow(columns)
+        for index in range(40):
+            right = index % 2 == 0
+            level = (3.0 if right else 0.0) if informative else 0.0
+            signs = {name: -1.0 if name == "spread_percent" else 1.0 for name in NAMES}
+            features = {name: signs[name] * level + random.normal(0, 0.3) for name in NAMES}
+            text = " ".join(f"{name}={value:.4f}" for name, value in features.items())
+            table.writerow((f"case-{index // 2}", "s", 1.0, 1.0 if right else 9.0, text))
+    return path
+
+
+@pytest.mark.parametrize(("informative", "area"), [(True, (1.0, 1.0)), (False, (0.2, 0.8))])
+def test_only_what_can_be_told_apart_is(tmp_path, capsys, informative, area):
+    table = write_table(tmp_path / "trials.csv", informative)
+    assert calibrate.main(["verdict", str(table)]) == 0
+    shown = capsys.readouterr().out
+    line = next(line for line in shown.splitlines() if line.startswith("other half"))
+    assert area[0] <= float(line.split()[4]) <= area[1]
+    if informative:
+        right = line.split()[3]
+        assert f" {right}, {right} right" in line  # found
+
+
+def test_a_truth_that_is_known_to_be_worse_makes_more_of_them_right(tmp_path, capsys):
+    table = write_table(tmp_path / "trials.csv", informative=True)
+    assert sum(trial.right for trial in load_judged([table])) == 20
+    assert sum(trial.right for trial in load_judged([table], {"s": 8.5})) == 40
+    for accuracy, words in (("s=8.5", "must be some of both"), ("other=3", "no trial of set")):
+        assert calibrate.main(["verdict", str(table), "--accuracy", accuracy]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_the_weights_of_the_program_are_written_as_they_stand():
+    columns = np.array(list(weights.FEATURES.values())).T
+    limits = weights.OFFSET, weights.FOUND_FROM, weights.LOST_BELOW
+    text = weights_as_python(Calibration(columns[0], columns[1], columns[2], *limits), 156, 123)
+    assert tuple(weights.FEATURES) == NAMES
+    assert text == WEIGHTS.read_text()
