@@ -49,16 +49,14 @@ def serve_app(
     signals = list[int]()  # those that come while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda number, _: signals.append(number))
-    guarded = serve(host, port, "poseviewer", state)
+    guarded = serve(host, port, "poseviewer")
     tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
     if browser:
         webbrowser.open(guarded.url)
     try:
         _run(guarded, open_first, state, signals)
-    except BaseException:
-        guarded.stop()  # the pages may come back
-        raise
-    guarded.end()
+    finally:
+        guarded.stop()
 
 
 def return_freed_memory() -> None:

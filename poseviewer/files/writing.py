@@ -13,11 +13,8 @@ from typing import IO, Any
 from poseviewer.errors import PoseFileError, PoseViewerError
 
 
-def write_whole(
-    path: Path, data: bytes, error: type[PoseViewerError], *, private: bool = False
-) -> None:
-    """Write beside ``path`` and then rename, so that no reader sees half a file; only its owner
-    can read a ``private`` one (mode 0600).
+def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
+    """Write beside ``path`` and then rename, so that no reader sees half a file.
 
     Raises:
         error: the folder is missing, or cannot be written to; there is something else than a file.
@@ -32,8 +29,7 @@ def write_whole(
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        if not private:  # as mkstemp makes it
-            temporary.chmod(_usual_mode(path))
+        temporary.chmod(_usual_mode(path))
         temporary.replace(path)
     except BaseException as problem:
         if temporary is not None:

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import secrets
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from urllib.parse import parse_qs
 
-from poseviewer.files.state.folder import kept_token, new_token
-
+TOKEN_BYTES = 24
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
 """Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
@@ -45,13 +44,10 @@ class AccessPolicy:
     """None on loopback, where only programs of this machine come through."""
 
     @classmethod
-    def for_address(cls, host: str, port: int, state: Path | None = None) -> AccessPolicy:
-        """The policy for an address, with a token unless it is a loopback one: a fresh one, or,
-        with a ``state`` folder, the one that an app at this address left there.
-        """
-        if is_loopback(host):
-            return cls(host, port, None)
-        return cls(host, port, new_token() if state is None else kept_token(state, host, port))
+    def for_address(cls, host: str, port: int) -> AccessPolicy:
+        """The policy for an address, with a fresh token unless it is a loopback one."""
+        token = None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
+        return cls(host, port, token)
 
     @property
     def url(self) -> str:

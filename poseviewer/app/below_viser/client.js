@@ -618,8 +618,7 @@ function endOldNotices() {
     vm().messageQueue.push({ type: "RemoveNotificationMessage", uuid: id });
   }
   vm().requestRender();
-  // An app that has gone on says so itself.
-  if (old && old.run !== CONFIG.run && notices.some(({ id }) => id.startsWith("upload-"))) {
+  if (old && notices.some(({ id }) => id.startsWith("upload-"))) {
     send({ kind: "cut off", name: old.sent() });
   }
 }

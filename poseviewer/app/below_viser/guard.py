@@ -19,7 +19,6 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import viser
@@ -31,7 +30,6 @@ from websockets.http11 import Request, Response
 from poseviewer.app.below_viser.access import AccessPolicy, PageRequest
 from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
-from poseviewer.files.state.folder import forget_token
 
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""
@@ -75,8 +73,6 @@ class GuardedServer:
 
     server: viser.ViserServer
     policy: AccessPolicy
-    state: Path | None = None
-    """Where the token is kept."""
 
     @property
     def url(self) -> str:
@@ -88,29 +84,19 @@ class GuardedServer:
         with redirect_stdout(io.StringIO()):  # viser prints that it has stopped
             self.server.stop()
 
-    def end(self) -> None:
-        """Stop for good: pages that are open are not to come back."""
-        self.stop()
-        if self.state is not None and self.policy.token is not None:
-            forget_token(self.state, self.policy.host, self.policy.port)
-
 
 def serve(
-    host: str = "127.0.0.1",
-    port: int | None = None,
-    label: str | None = None,
-    state: Path | None = None,
+    host: str = "127.0.0.1", port: int | None = None, label: str | None = None
 ) -> GuardedServer:
     """Start a viser server that answers only its own page and programs of this machine.
 
     Without a ``port`` the first free one from 8080 on is taken; 0 lets the system choose.
-    In a ``state`` folder the token is kept until ``end``, so that pages outlive a crash.
 
     Raises:
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
     listening = _listen(host, port)
-    policy = AccessPolicy.for_address(host, listening.getsockname()[1], state)
+    policy = AccessPolicy.for_address(host, listening.getsockname()[1])
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
@@ -128,7 +114,7 @@ def serve(
             "install viser 1.1.1."
         )
     _forbid_sharing(server)
-    return GuardedServer(server, policy, state)
+    return GuardedServer(server, policy)
 
 
 @contextmanager

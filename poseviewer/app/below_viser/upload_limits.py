@@ -4,8 +4,7 @@ Why: viser keeps every part of every upload, whatever size was announced, until 
 button keeps the last file. It tells every page, those to come too, how far an upload is, and they
 show a nameless one: here its own page is told. And nothing stops one.
 Written for viser 1.1.1: its two handlers of uploads, ``gui._handle_file_transfer_start`` and
-``_part``, are called by ours, which look at the sizes first, and so is
-``gui._drop_uploads_from_client``; ``gui._current_file_upload_states``,
+``_part``, are called by ours, which look at the sizes first; ``gui._current_file_upload_states``,
 ``gui._websock_interface`` and its ``queue_message``, a button's ``_impl.value``; a page's notice of
 an upload, ``upload-`` and its transfer's id.
 """
@@ -44,8 +43,6 @@ def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> Callable[[int], 
 
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
-        for problem in bounds.take_cut_off():
-            refuse(client.client_id, problem)
         # What one page alone is shown has no place for uploads.
         client.gui._websock_interface.unregister_handler(_messages.FileTransferStartUpload)
 
@@ -66,9 +63,6 @@ class _Bounds:
         self._server, self._gui, self._refuse = server, server.gui, refuse
         self._running: dict[str, Any] = self._gui._current_file_upload_states
         interface = self._gui._websock_interface
-        self._cut_off: list[str] = []
-        self._forget_those_of = self._gui._drop_uploads_from_client
-        self._gui._drop_uploads_from_client = self._drop
         self._tell_all = interface.queue_message
         interface.queue_message = self._tell  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -100,29 +94,6 @@ class _Bounds:
             if upload["client_id"] == client:
                 del self._running[transfer]
                 self._take_away(upload["client_id"], upload["source"], transfer)
-
-    def take_cut_off(self) -> list[str]:
-        """What was being uploaded by pages that have gone, once: for the next page, likely the same
-        one come back. One that is back before it was noticed that it had gone is told then.
-        """
-        cut_off, self._cut_off = self._cut_off, []
-        return cut_off
-
-    def _drop(self, client_id: ClientId) -> None:
-        """A page has gone."""
-        back = max(self._server.get_clients(), default=client_id)
-        for upload in self._running.values():
-            if upload["client_id"] == client_id:
-                done, size = upload["transferred_bytes"], upload["total_bytes"]
-                text = (
-                    f"{display_name(upload['filename'])}: the upload was cut off after {done:,} of "
-                    f"{size:,} bytes; nothing was changed, drop it again."
-                )
-                if back > client_id:
-                    self._refuse(back, text)
-                else:
-                    self._cut_off.append(text)
-        self._forget_those_of(client_id)
 
     def _problem(self, message: _messages.FileTransferStartUpload) -> str:
         """Why an upload is not taken; "" where it is."""

@@ -72,30 +72,6 @@ def test_progress_is_told_to_its_own_page(running: RunningApp) -> None:
             assert other.shown.progress == later.shown.progress == []
 
 
-def test_an_upload_that_is_cut_off_is_said_to_the_page_that_comes_back(
-    running: RunningApp,
-) -> None:
-    document = running.app.session.document
-    with running.page() as page:
-        page.upload("Model ...", "slow.glb", 500_000 * b"x", size_bytes=199_000_000, part_count=398)
-        page.wait_until(lambda: held(running) == 1)
-    with running.page() as page:
-        text = refusal(page, "slow.glb")
-        assert "the upload was cut off after " in text
-        assert "of 199,000,000 bytes; nothing was changed, drop it again." in text
-        assert held(running) == 0
-    with running.page() as page:
-        assert not [text for _, text in page.shown.notices if text.startswith("slow.glb")]
-    # One that is back before its first connection was noticed to be gone is told as well.
-    with running.page() as page:
-        page.upload("Model ...", "slow.glb", b"", size_bytes=199_000_000, part_count=398)
-        page.wait_until(lambda: held(running) == 1)
-        with running.page() as back:
-            page.close()
-            assert "the upload was cut off after 18 of" in refusal(back, "slow.glb")
-    assert running.app.session.document is document
-
-
 def test_a_page_stops_its_own_upload(running: RunningApp) -> None:
     document = running.app.session.document
     with running.page() as page, running.page() as other:
