@@ -63,7 +63,6 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
@@ -583,7 +582,7 @@ class FitResult(_Searched):
         Raises:
             PoseViewerError: there is no such look or format, or the file cannot be written.
         """
-        return _drawn(path, self.picture(look), self.case.registration.photo)
+        return _drawn(path, self.picture(look))
 
     def landscape(
         self,
@@ -763,7 +762,7 @@ class SceneCase:
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
         """As ``FitResult.draw``."""
-        return _drawn(path, self.picture(look), self.registrations[0].photo)
+        return _drawn(path, self.picture(look))
 
 
 def picture_of_all(
@@ -962,8 +961,8 @@ class SetResult(_Searched):
         return tuple(paths)
 
 
-def _drawn(path: str | Path, picture: Picture, photo: Photo) -> tuple[Path, ...]:
-    save_image(path, picture, photo_text(photo))
+def _drawn(path: str | Path, picture: Picture) -> tuple[Path, ...]:
+    save_image(path, picture)
     return (Path(path),)
 
 

@@ -21,12 +21,12 @@ def run(options: Namespace) -> int:
     """Write it."""
     require_writable(options.out, PhotoFileError)
     from poseviewer.cli.info import print_camera
-    from poseviewer.files.photo import load_calibrated_photo, photo_text, pixels_for, save_image
+    from poseviewer.files.photo import load_calibrated_photo, pixels_for, save_image
 
     photo = load_calibrated_photo(options.photo, calibration_of(options))
     if photo.undistortion is None:
         raise SettingsError(f"{options.calibration}: a camera without distortion; nothing to undo")
-    save_image(options.out, pixels_for(options.out, photo), photo_text(photo))
+    save_image(options.out, pixels_for(options.out, photo))
     print_camera(photo)
     say(f"undistorted: {options.out}")
     return 0

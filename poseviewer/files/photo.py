@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import astuple, replace
@@ -38,12 +36,6 @@ HEIC_START = 12
 """Bytes, which say the kind of file."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Of the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-PNG_HEADER_END = len(PNG_SIGNATURE) + 25
-"""After IHDR, which comes first and has 13 bytes of content."""
-JPEG_START = b"\xff\xd8"
-LONGEST_DESCRIPTION = 60_000
-"""Bytes: a JPEG's comment has at most 65,533."""
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
@@ -115,11 +107,8 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
     return bool(tags & {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength})
 
 
-def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
+def save_image(path: str | Path, rgb: NDArray) -> None:
     """Write a picture (height, width, 3), RGB, in the format of the file's ending; whole or not.
-
-    A PNG keeps the ``description`` as its text of that name, a JPEG as its comment; other formats
-    have no place for it.
 
     Raises:
         PhotoFileError: the format is unknown, or the folder missing or not to be written to.
@@ -132,7 +121,7 @@ def save_image(path: str | Path, rgb: NDArray, description: str = "") -> None:
     if not ok:
         found = f"pictures cannot be written as {path.suffix!r}"
         raise _reading(path).error(found, "use .png or .jpg")
-    write_whole(path, described(data.tobytes(), description), PhotoFileError)
+    write_whole(path, data.tobytes(), PhotoFileError)
 
 
 def _reading(path: str | Path) -> Reading:
@@ -267,23 +256,6 @@ def _upright(pixels: NDArray, orientation: int) -> NDArray:
     return pixels
 
 
-def described(data: bytes, description: str) -> bytes:
-    """The file's bytes with a description: PNG's ``iTXt`` "Description" (ISO/IEC 15948, 11.3.4.5),
-    JPEG's COM (ITU T.81, B.2.4.5), both in UTF-8. Other files, and "" as text, change nothing.
-    """
-    text = description.encode()[:LONGEST_DESCRIPTION]
-    if not text:
-        return data
-    if data.startswith(PNG_SIGNATURE):
-        content = b"Description\0\0\0\0\0" + text
-        body = b"iTXt" + content
-        chunk = struct.pack(">I", len(content)) + body + struct.pack(">I", zlib.crc32(body))
-        return data[:PNG_HEADER_END] + chunk + data[PNG_HEADER_END:]
-    if data.startswith(JPEG_START):
-        return JPEG_START + b"\xff\xfe" + struct.pack(">H", len(text) + 2) + text + data[2:]
-    return data
-
-
 SAME = 1e-9
 """Relative: files round cx and cy in their last digit."""
 DEEP_FORMATS = (".png", ".tif", ".tiff")
@@ -381,7 +353,7 @@ def same_undistortion(one: Undistortion | None, other: Undistortion | None) -> b
 
 
 def photo_text(photo: Photo) -> str:
-    """Which photo a picture or numbers belong to, to be written into their file."""
+    """Which photo numbers belong to, to be written into their file."""
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
     if photo.undistortion is None:
         return text

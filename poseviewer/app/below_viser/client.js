@@ -3,8 +3,8 @@
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
 // (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
 // at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest and most (bytes and files of an upload), run (another one for each
-// start of the app), title, style, icon.
+// where ctrl is held), largest and most (bytes and files of an upload), title, style,
+// icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -916,7 +916,6 @@ window.poseviewer = {
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.
-  run: CONFIG.run,
   sent: () => state.sent,
   view() { return kept || { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
   dispose() { cleanups.forEach((undo) => undo()); },

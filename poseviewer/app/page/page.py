@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import viser
 
@@ -72,7 +71,6 @@ PAGE_CONFIG = {
     "first": FIRST_STEP,
     "search": SEARCH_STEP,
     "panel": PANEL_WIDTHS[0],
-    "run": uuid4().hex,
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }

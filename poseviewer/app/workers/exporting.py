@@ -18,7 +18,6 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import case_at, renderer_of
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.masks import mask_as_png, mask_path
-from poseviewer.files.photo import described, photo_text
 from poseviewer.files.pose import (
     ChartParameters,
     ModelReference,
@@ -175,7 +174,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         look = session.look  # the photo in its own size
         picture = picture_of(session.document, look.name, look.opacity)
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
-        return {f"{stem}.overlay.png": described(data, photo_text(photo))}
+        return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
     found = [update for update in session.landscapes if update.slices]
     if not found:

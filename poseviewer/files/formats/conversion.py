@@ -18,7 +18,7 @@ import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.checks import Reading, checked_camera, checked_rotation
-from poseviewer.files.photo import SAME, load_photo, photo_text, pixels_for, save_image, undistorted
+from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
@@ -167,7 +167,7 @@ def _of_undistorted(
             "is to be written there."
         )
     if not same:
-        save_image(path, pixels_for(path, picture), photo_text(picture))
+        save_image(path, pixels_for(path, picture))
     camera, image = record.pose.camera, request.image or photo_name(record)
     photo = PhotoReference(path.name, camera.width, camera.height)
     return replace(record, undistortion=None, photo=photo), replace(
