@@ -31,7 +31,7 @@ FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """By Pillow's names; its readers of others take what lengths a file claims to have for true."""
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
-"""Bytes: 100 megapixels of four 32-bit floats have 1.6e9."""
+"""Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
 HEIC_START = 12
 """Bytes, which say the kind of file."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
@@ -62,17 +62,15 @@ def _photo_in(reading: Reading) -> Photo:
     else:
         orientation, focal = _inspect(reading, data)
         pixels = _upright(_decode(reading, data), orientation)
-    notes = []
     if pixels.dtype not in (np.uint8, np.uint16):
-        pixels = _as_16_bit(reading, pixels)
-        notes.append("Its numbers were rounded to 16 bits.")
+        raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
+    notes = ()
     if pixels.shape[2] in (2, 4):
-        pixels = pixels[..., :-1]
-        notes.append("Its transparency is left out.")
+        pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
     sha256 = hashlib.sha256(data).hexdigest()
-    return Photo(pixels, printable(reading.path.name), sha256, focal, tuple(notes))
+    return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
 def is_stored_turned(path: str | Path) -> bool:
@@ -233,16 +231,6 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
     except (SyntaxError, ValueError, OSError, KeyError):
         exif = Image.Exif()
     return pixels if pixels.ndim == 3 else pixels[..., None], focal_35mm(exif, width, height)
-
-
-def _as_16_bit(reading: Reading, picture: NDArray) -> NDArray[np.uint16]:
-    """Pictures of floats in [0, 1]; other ranges have no known white."""
-    wanted = "save it with 8 or 16 bits"
-    if picture.dtype.kind != "f":
-        raise reading.error(f"pixels of type {picture.dtype}", wanted)
-    if not np.isfinite(picture).all() or picture.min() < 0.0 or picture.max() > 1.0:
-        raise reading.error("floating-point pixels outside 0 to 1", wanted)
-    return np.rint(picture * 65535.0).astype(np.uint16)
 
 
 def _upright(pixels: NDArray, orientation: int) -> NDArray:
