@@ -103,10 +103,7 @@ KEPT = {
 """A field of ``FitSettings`` that commands have which refine estimates."""
 CALIBRATION = {
     "calibration_camera": "camera",
-    "calibration_crop": "crop",
-    "calibration_resized": "resized",
     "calibration_fisheye": "fisheye",
-    "undistorted_zoom": "zoom",
 }
 """Options that go with ``--calibration``, to the fields of ``Calibration``."""
 
@@ -275,17 +272,8 @@ def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
         required=required,
     )
     option(group, "--calibration-camera NAME", "which of the file's cameras")
-    part = "the part of the calibrated picture that the photo shows"
-    option(group, f"--calibration-crop {RECTANGLE}", part, rectangle)
-    resized = "the photo is that picture (or its part) in another size"
-    option(group, "--calibration-resized", resized)
     fisheye = "the lens is of OpenCV's fisheye model, where the file does not say so"
     option(group, "--calibration-fisheye", fisheye)
-    zoom = (
-        "focal length of the undistorted photo in those of the calibration (1); below 1 it shows "
-        "more of the edges"
-    )
-    option(group, "--undistorted-zoom FACTOR", zoom, positive)
 
 
 def calibration_of(options: Namespace) -> Calibration | None:

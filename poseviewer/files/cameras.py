@@ -303,25 +303,32 @@ class Calibration:
     path: Path
     camera: str | None = None
     """Which camera of the file; None: the only one, or the one that took the photo."""
-    crop: tuple[int, int, int, int] | None = None
-    """The rectangle (left, top, width, height) of the calibrated picture that the photo shows."""
-    resized: bool = False
-    """The photo is the calibrated picture, or its rectangle, in another size."""
     fisheye: bool = False
     """The coefficients are of OpenCV's fisheye model, though the file does not say so."""
-    zoom: float = 1.0
-    """Focal length of the undistorted photo, as a share of the calibrated one."""
 
 
-def load_calibration(choice: Calibration, photo: str, width: int, height: int) -> FileCamera:
-    """The camera that took the photo named ``photo``, of ``width`` x ``height`` px.
+def load_calibration(
+    choice: Calibration, photo: str, width: int, height: int
+) -> tuple[FileCamera, tuple[str, ...]]:
+    """Load the camera that took the photo named ``photo``, of ``width`` x ``height`` px; and a note
+    where it is for a picture of another size in the same ratio, and so was scaled.
 
     Raises:
         CalibrationFileError: the file cannot be used; it has several cameras and none of them is
-            chosen; the camera is for pictures of another size.
+            chosen; the camera is for pictures of another ratio.
     """
     found = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
-    return replace(found, camera=_for_size(choice, found.camera, width, height))
+    camera = found.camera
+    if not camera.width:
+        return replace(found, camera=replace(camera, width=width, height=height)), ()
+    if (camera.width, camera.height) == (width, height):
+        return found, ()
+    said = f"the camera is for {camera.width}x{camera.height} px, the photo has {width}x{height} px"
+    if not _is_scaling(camera, width, height):
+        wanted = "calibrate on pictures of the photo's size and orientation"
+        raise Reading(choice.path, error_type=CalibrationFileError).error(said, wanted)
+    scaled = replace(found, camera=camera.resized(width, height))
+    return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
 
 
 def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileCamera:
@@ -349,46 +356,8 @@ def _names(cameras: list[FileCamera]) -> str:
     return ", ".join(names[:MOST_NAMES]) + more
 
 
-def _for_size(choice: Calibration, camera: Perspective, width: int, height: int) -> Perspective:
-    """The camera of the photo: cropped and resized as the user says, or of its size already."""
-    reading = Reading(choice.path, error_type=CalibrationFileError)
-    sized = camera.width > 0
-    if choice.crop is not None:
-        left, top, across, down = choice.crop
-        outside = sized and (left + across > camera.width or top + down > camera.height)
-        if min(left, top) < 0 or min(across, down) < 1 or outside:
-            found = f"is for {_size_text(camera)}, and {left},{top},{across},{down} is not inside"
-            raise reading.error(found, "give --calibration-crop left,top,width,height in its px")
-        camera = camera.cropped(left, top, across, down)
-    elif not sized:
-        if choice.resized:
-            found = "says no size of its pictures"
-            raise reading.error(found, "give it as --calibration-crop 0,0,WIDTH,HEIGHT")
-        return replace(camera, width=width, height=height)
-    if (camera.width, camera.height) == (width, height):
-        return camera
-    if choice.resized and _is_scaling(camera, width, height):
-        return camera.resized(width, height)
-    found = f"the camera is for {_size_text(camera)}, the photo has {width}x{height} px"
-    raise reading.error(found, _advice(choice, camera, width, height))
-
-
-def _advice(choice: Calibration, camera: Perspective, width: int, height: int) -> str:
-    if (camera.height, camera.width) == (width, height):
-        return "the photo is turned upright, calibrate on upright photos"
-    if _is_scaling(camera, width, height):
-        return "if the photo is the whole picture resized, add --calibration-resized"
-    if choice.resized:
-        return "their sides differ in ratio, so it is no plain resizing"
-    return "if it is a part of the calibrated picture, add --calibration-crop left,top,width,height"
-
-
 def _is_scaling(camera: Perspective, width: int, height: int) -> bool:
     """Whether one factor, and rounding, makes one size of the other."""
     least = max((width - ROUNDING_PX) / camera.width, (height - ROUNDING_PX) / camera.height)
     most = min((width + ROUNDING_PX) / camera.width, (height + ROUNDING_PX) / camera.height)
     return least <= most
-
-
-def _size_text(camera: Perspective) -> str:
-    return f"{camera.width}x{camera.height} px" if camera.width else "pictures of unsaid size"

@@ -262,10 +262,11 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = load_photo(path)
     if calibration is None:
         return photo
-    found = load_calibration(calibration, photo.name, photo.width, photo.height)
+    found, notes = load_calibration(calibration, photo.name, photo.width, photo.height)
+    photo = replace(photo, notes=(*photo.notes, *notes))
     if found.lens is None:
         return replace(photo, camera=found.camera)
-    return undistorted(photo, Undistortion.of(found.lens, found.camera, calibration.zoom))
+    return undistorted(photo, Undistortion.of(found.lens, found.camera))
 
 
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:

@@ -7,7 +7,7 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
@@ -63,12 +63,9 @@ class Undistortion:
     """The pinhole camera of the undistorted photo."""
 
     @classmethod
-    def of(cls, lens: Lens, taken: Perspective, zoom: float = 1.0) -> Undistortion:
-        """Into a picture of the same size, principal point and focal length times ``zoom``.
-
-        Below 1 it shows more of the edges of a wide-angle photo, with less detail.
-        """
-        return cls(lens, taken, replace(taken, fx=taken.fx * zoom, fy=taken.fy * zoom))
+    def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
+        """Undistort into a picture of the same size, principal point and focal length."""
+        return cls(lens, taken, taken)
 
     def to_taken(self, points: ArrayLike) -> FloatArray:
         """Points (n, 2) of the undistorted photo, px, to the photo as taken (n, 2)."""

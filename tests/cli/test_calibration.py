@@ -106,8 +106,9 @@ def test_the_calibrated_camera_stands_in_for_the_starts(scene, tmp_path, capsys)
 
 
 def test_pixels_that_the_photo_does_not_show_count_nothing(scene, tmp_path):
-    _, calibration = taken_through(LENSES["opencv"], scene, tmp_path)
-    choice = Calibration(calibration, zoom=0.5)
+    pincushion = Lens("opencv", (2.0, 0.0, 0.0, 0.0, 0.0))
+    _, calibration = taken_through(pincushion, scene, tmp_path)
+    choice = Calibration(calibration)
     found = load_registration(tmp_path / "taken.png", scene.model, scene.start, choice)
     assert found.photo.covered is not None
     problem, _ = make_problem(found, FitSettings(pixels="whole"))
@@ -146,9 +147,9 @@ def test_a_camera_without_distortion_leaves_the_photo_as_it_is(scene, tmp_path, 
 
 
 def test_details_without_a_calibration_are_refused(scene, tmp_path, capsys):
-    assert run("overlay", scene.photo, scene.model, "--pose", scene.start, "--calibration-resized",
+    assert run("overlay", scene.photo, scene.model, "--pose", scene.start, "--calibration-fisheye",
                "--out", tmp_path / "o.png") == 2  # fmt: skip
-    assert "--calibration-resized without --calibration" in capsys.readouterr().err
+    assert "--calibration-fisheye without --calibration" in capsys.readouterr().err
 
 
 def test_a_lens_that_shows_nothing_is_refused(scene, tmp_path):

@@ -77,17 +77,6 @@ def test_points_go_to_the_taken_photo_and_back(lens):
     np.testing.assert_allclose(undistortion.from_taken(taken), POINTS, atol=1e-3)
 
 
-def test_a_wider_view_shows_more_of_the_edges():
-    edge = np.array([[30.0, 240.0]])
-    undistortion = Undistortion.of(LENSES["fisheye"], TAKEN, zoom=0.5)
-    point = undistortion.from_taken(edge)[0]
-    assert 0 < point[0] < 640
-    assert Undistortion.of(LENSES["fisheye"], TAKEN).from_taken(edge)[0, 0] < 0
-    picture, _ = undistort(picture_of_dots(edge), undistortion)
-    # It is squeezed a lot out there, and unevenly.
-    assert np.linalg.norm(centroid(picture, point) - point) < 0.5
-
-
 def test_what_the_photo_does_not_show_is_black_and_said_so():
     white = np.full((480, 640, 1), 255, np.uint8)
     picture, covered = undistort(white, Undistortion.of(LENSES["pincushion"], TAKEN))

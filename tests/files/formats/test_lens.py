@@ -42,7 +42,8 @@ TAKEN = Perspective(300.0, 270.0, 112.0, 66.0, WIDTH, HEIGHT)
 
 def record_through(lens: Lens, zoom: float = 0.9) -> PoseRecord:
     record = perspective_record()
-    undistortion = Undistortion.of(lens, TAKEN, zoom)
+    zoomed = replace(TAKEN, fx=zoom * TAKEN.fx, fy=zoom * TAKEN.fy)
+    undistortion = Undistortion(lens, TAKEN, zoomed)
     pose = replace(record.pose, camera=undistortion.camera)
     return replace(record, pose=pose, undistortion=undistortion)
 
@@ -162,7 +163,7 @@ def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, cap
 
 def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
     write_files(tmp_path)
-    record = record_through(LENSES["prism"], zoom=0.8)
+    record = record_through(LENSES["prism"])
     assert written("colmap", record, tmp_path) == 0
     found = read_colmap(tmp_path / "out.model", ConvertOptions())
     assert found.undistortion is None
