@@ -40,7 +40,6 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl.context import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
-from poseviewer.render.pyramid.levels import lighter_level
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.software.renderer import SoftwareRenderer
@@ -428,13 +427,12 @@ def time_maps(demo: Demo, size: int) -> MapsTime:
     registration = replace(demo.registration, start=demo.truth)
     problem, _ = make_problem(registration, FitSettings())
     renderer = SoftwareRenderer(registration.mesh)
-    light = lighter_level(problem.photo, renderer, demo.truth).renderer
     known: dict[tuple[int, int], Slice] = {}
-    with RendererPool(renderer) as pool, RendererPool(light) as lighter:
-        for each in (pool, lighter):  # a thread's first picture of a size takes its buffers
-            each.moments_of([demo.truth] * (2 * CHUNK * each.threads), problem.photo)
+    with RendererPool(renderer) as pool:
+        # A thread's first picture of a size takes its buffers.
+        pool.moments_of([demo.truth] * (2 * CHUNK * pool.threads), problem.photo)
         began = perf_counter()
-        for piece in landscape(problem, pool, problem.start, size=size, light=lighter):
+        for piece in landscape(problem, pool, problem.start, size=size, smooth=True):
             known[piece.first, piece.second] = piece
         seconds = perf_counter() - began
     points, error = sum(piece.losses.size for piece in known.values()), piece.error

@@ -23,15 +23,13 @@ from poseviewer.render.types import Renderer
 
 COARSEST = 4
 """Steps along each side of a slice's first grid, at least."""
-SMOOTH = 0.02
+SMOOTH = 0.05
 """Share of a map's range: where interpolation from a grid was off by less, it is not off by more
 from the next finer one."""
 WHOLE_GRIDS = 2
 """Number of the first grids that are not interpolated: their points must meet narrow valleys."""
 CHECKED = 8
 """Points of each map that tell how good its interpolation is."""
-GOOD = 0.01
-"""Share of a map's range by which 19 of 20 of its losses may be off: its colours do not show it."""
 
 Pair = tuple[int, int]
 Place = frozenset[tuple[int, int]]
@@ -61,11 +59,6 @@ class Slice:
         object.__setattr__(self, "first_values", frozen_array(self.first_values, (size,)))
         object.__setattr__(self, "second_values", frozen_array(self.second_values, (size,)))
         object.__setattr__(self, "losses", frozen_array(self.losses, (size, size)))
-
-    @property
-    def is_good(self) -> bool:
-        """Whether ``error`` is no more than ``GOOD``."""
-        return self.error is None or self.error <= GOOD
 
     @property
     def complete(self) -> bool:
@@ -119,8 +112,7 @@ def landscape(
     half_width: float = 0.2,
     size: int = 41,
     pairs: Sequence[Pair] | None = None,
-    light: Renderer | RendererPool | None = None,
-    path: FloatArray | None = None,
+    smooth: bool = False,
 ) -> Iterator[Slice]:
     """The slices through the loss about ``centre`` (d,), within +- ``half_width`` scales of it.
 
@@ -130,13 +122,9 @@ def landscape(
     complete. To stop, stop asking. A pool spreads the poses over its threads, and gives the same
     values in the same order. The default is the paper's +-20 % about the true pose.
 
-    With a ``light`` renderer, whose model is drawn sooner, the finer grids are its own, brought to
-    the ``renderer``'s by what they differ on the first grid, and interpolated where they are
-    smooth; the centre, the surroundings of each slice's minimum and what is nearest to the points
-    of a ``path`` (t, d) are then the ``renderer``'s again. Points drawn at random tell how good the
-    others are. Where that is not ``GOOD``, the difference is taken on the next finer grid too, and
-    then the finer grids are the ``renderer``'s, interpolated in the same way, of one pair after
-    another, the worst first. Each pair's last slice says how good all are.
+    ``smooth``: the finer grids are interpolated where that did well one grid before, but for the
+    surroundings of each slice's minimum; points drawn at random tell how good that is, and each
+    pair's last slice says it.
 
     Raises:
         SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
@@ -158,40 +146,12 @@ def landscape(
     own = _Losses(problem, renderer, centre, values, pairs)
     first, *finer = strides(size)
     yield from own.fill(first)
-    if light is None or len(finer) < WHOLE_GRIDS:
-        for stride in finer:
-            yield from own.fill(stride)
+    if smooth and len(finer) >= WHOLE_GRIDS:
+        yield from own.fill_smooth(finer)
+        yield from own.checked()
         return
-    lighter = _Losses(problem, light, centre, values, pairs)
-    deque(lighter.fill(first), maxlen=0)
-
-    def difference(stride: int) -> dict[Pair, FloatArray]:
-        return {p: _between(own.grids[p] - lighter.grids[p], stride, 1) for p in pairs}
-
-    more = difference(first)
-    for piece in lighter.fill_smooth(finer, pairs):
-        yield replace(piece, losses=piece.losses + more[piece.first, piece.second])
-    exact = np.empty((0, len(centre))) if path is None else path
-    guesses: dict[Pair, FloatArray] = {}
-    slices: dict[Pair, Slice] = {}
-    off: dict[Pair, FloatArray] = {}
-    for stride in (first, finer[0]):
-        for piece in own.fill(stride):  # what is known stays until all of it is better
-            yield slices[piece.first, piece.second]
-        more = difference(stride)
-        guesses = {pair: lighter.grids[pair] + more[pair] for pair in pairs}
-        slices, off = own.checked(guesses, exact)
-        yield from slices.values()
-        if slices[pairs[0]].is_good:
-            return
-    for pair in sorted(pairs, key=lambda pair: -np.count_nonzero(off[pair] > GOOD)):
-        for _ in own.fill_smooth(finer, [pair]):
-            yield slices[pair]
-        guesses[pair] = own.grids[pair]
-        slices, _ = own.checked(guesses, exact)
-        yield from slices.values()
-        if slices[pair].is_good:
-            return
+    for stride in finer:
+        yield from own.fill(stride)
 
 
 class _Losses:
@@ -212,12 +172,9 @@ class _Losses:
         self.grids = {pair: np.full((size, size), np.nan) for pair in pairs}
         self._guessed = {pair: np.full((size, size), False) for pair in pairs}
 
-    def fill(self, stride: int, pairs: Sequence[Pair] | None = None) -> Iterator[Slice]:
-        """Evaluate what is not known on a grid of this stride; yields the slice after each row.
-        ``pairs``: all by default.
-        """
-        grids = {pair: self.grids[pair] for pair in pairs or self.grids}
-        rows = _rows_to_fill(grids, stride)
+    def fill(self, stride: int) -> Iterator[Slice]:
+        """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
+        rows = _rows_to_fill(self.grids, stride)
         coming = self._find([place for row in rows for place in row.places])
         for row in rows:
             for place in row.places:
@@ -227,56 +184,40 @@ class _Losses:
             self.grids[row.pair][row.row, row.columns] = known
             yield self._slice(row.pair, self.grids[row.pair].copy())
 
-    def fill_smooth(self, finer: Sequence[int], pairs: Sequence[Pair]) -> Iterator[Slice]:
+    def fill_smooth(self, finer: Sequence[int]) -> Iterator[Slice]:
         """As ``fill``, on grids of the strides that follow the first one, interpolated where that
         did well one grid before.
         """
         guesses: dict[Pair, FloatArray] = {}
         for level, stride in enumerate(finer, 1):
-            for pair in pairs:
-                losses = self.grids[pair]
+            for pair, losses in self.grids.items():
                 if level >= WHOLE_GRIDS:
                     self.grids[pair] = _with_smooth(losses, guesses[pair], 2 * stride)
                     self._guessed[pair] |= np.isnan(losses) & ~np.isnan(self.grids[pair])
                 guesses[pair] = _between(self.grids[pair], 2 * stride, stride)
-            yield from self.fill(stride, pairs)
+            yield from self.fill(stride)
 
-    def checked(
-        self, guesses: Mapping[Pair, FloatArray], path: FloatArray
-    ) -> tuple[dict[Pair, Slice], dict[Pair, FloatArray]]:
-        """Slices of ``guesses`` (k, k), better where it counts, among others along a ``path``
-        (t, d); and how far off each is where nothing of it is known, as shares of its range.
-        """
+    def checked(self) -> Iterator[Slice]:
+        """The slices with losses of their own about their minima, and how good the others are."""
         size, random = len(self._values), np.random.default_rng(0)
-        off: dict[Pair, FloatArray] = {}
-        slices: dict[Pair, Slice] = {}
-        for pair, guess in guesses.items():
+        off: list[FloatArray] = []
+        for pair, losses in self.grids.items():
             asked = random.integers(size, size=(CHECKED, 2))
-            points = np.vstack([asked, _about(guess), self._along(path, pair)])
+            points = np.vstack([asked, _about(losses)])
             places = [
                 _place(size // 2, {pair[0]: column, pair[1]: row})
                 for row, column in points.tolist()
             ]
             deque(self._find(places), maxlen=0)
-            at, grid = tuple(points.T), self.grids[pair]
-            found = np.array([self._known[place] for place in places])
-            aside = (np.isnan(grid[at]) | self._guessed[pair][at])[:CHECKED]
-            away = np.abs(guess[at] - found)[:CHECKED] / max(np.ptp(guess), 1e-12)
-            off[pair] = away[aside]
-            losses = np.where(np.isnan(grid), guess, grid)
-            losses[at] = found
-            slices[pair] = self._slice(pair, losses)
-        together = np.concatenate(list(off.values()))
+            at = tuple(points.T)
+            known = np.array([self._known[place] for place in places])
+            away = np.abs(losses[at] - known) / max(np.ptp(losses), 1e-12)
+            off.append(away[:CHECKED][self._guessed[pair][at][:CHECKED]])
+            losses[at] = known
+        together = np.concatenate(off)
         error = float(np.quantile(together, 0.95)) if len(together) else 0.0
-        return {pair: replace(piece, error=error) for pair, piece in slices.items()}, off
-
-    def _along(self, path: FloatArray, pair: Pair) -> NDArray[np.intp]:
-        """(n, 2): rows and columns of the centre, and of what is nearest to a path's points (t, d);
-        at the border where they are beyond it.
-        """
-        ways = [np.abs(self._values[:, i, None] - path[:, i]).argmin(axis=0) for i in pair]
-        middle = len(self._values) // 2
-        return np.unique(np.vstack([[[middle, middle]], np.column_stack(ways[::-1])]), axis=0)
+        for pair, losses in self.grids.items():
+            yield replace(self._slice(pair, losses), error=error)
 
     def _find(self, places: Sequence[Place]) -> Iterator[None]:
         """Evaluates those that are not known, one a step."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.landscape import GOOD, Slice, landscape, slice_minimum
+from poseviewer.fit.landscape import Slice, landscape, slice_minimum
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -191,24 +191,13 @@ def test_a_stopped_map_stops_its_pool():
     assert len(renderer.seen) < 100
 
 
-class LightRenderer(CountingRenderer):
-    """A little more loss everywhere, and more to one side."""
-
-    def moments(self, pose, photo) -> Moments:
-        found = super().moments(pose, photo)
-        covariance = found.covariance.copy()
-        covariance[0, 1] *= 1.0 - 0.02 * (1.0 + pose.camera_from_model.translation[0])
-        covariance[1, 0] = covariance[0, 1]
-        return replace(found, covariance=covariance)
-
-
-def test_a_light_model_and_interpolation_do_nearly_as_well():
+def test_interpolation_does_nearly_as_well():
     problem, centre = make_problem(3), np.array([0.03, -0.05, 0.02])
     exact = finished(problem, centre, size=41)
-    renderer, light = CountingRenderer(), LightRenderer()
-    fast = finished(problem, centre, renderer, size=41, light=light)
-    assert len(renderer.seen) < 0.06 * 3 * 41**2
-    assert len(light.seen) < 0.5 * 3 * 41**2
+    renderer = CountingRenderer()
+    fast = finished(problem, centre, renderer, size=41, smooth=True)
+    assert len(renderer.seen) < 0.5 * 3 * 41**2
+    assert len(set(renderer.seen)) == len(renderer.seen)
     off = []
     for pair, piece in fast.items():
         known = exact[pair].losses
@@ -217,24 +206,9 @@ def test_a_light_model_and_interpolation_do_nearly_as_well():
         assert exact[pair].error is None
         off.append(np.abs(piece.losses - known) / np.ptp(known))
         assert piece.losses[20, 20] == known[20, 20]
-        least, wanted = slice_minimum(piece), slice_minimum(exact[pair])
-        assert least == wanted
+        assert slice_minimum(piece) == slice_minimum(exact[pair])
     error = next(iter(fast.values())).error or 0.0
-    assert 0.0 < np.quantile(off, 0.95) < 2.0 * error < 0.01
-
-
-def test_along_a_path_maps_are_the_renderers_own():
-    problem, path = make_problem(3), np.array([[0.1, -0.2, 0.3], [0.02, 0.1, -9.0]])
-    exact = finished(problem, np.zeros(3), size=41)
-    near = finished(problem, np.zeros(3), size=41, light=LightRenderer())
-    along = finished(problem, np.zeros(3), size=41, light=LightRenderer(), path=path)
-    for (first, second), piece in along.items():
-        known = exact[first, second].losses
-        for point in path:
-            row = np.abs(piece.second_values - point[second]).argmin()
-            column = np.abs(piece.first_values - point[first]).argmin()
-            assert piece.losses[row, column] == known[row, column]
-            assert near[first, second].losses[row, column] != known[row, column]
+    assert 0.0 < np.quantile(off, 0.95) < 3.0 * error < 0.02
 
 
 class WavyRenderer(CountingRenderer):
@@ -243,33 +217,22 @@ class WavyRenderer(CountingRenderer):
     def moments(self, pose, photo) -> Moments:
         found = super().moments(pose, photo)
         covariance = found.covariance.copy()
-        covariance[0, 1] *= 1.0 - 0.05 * np.sin(60.0 * pose.camera_from_model.translation[0])
+        covariance[0, 1] *= 1.0 - 0.3 * np.sin(60.0 * pose.camera_from_model.translation[0])
         covariance[1, 0] = covariance[0, 1]
         return replace(found, covariance=covariance)
 
 
-def test_where_a_light_model_is_not_good_enough_maps_are_the_renderers_own():
+def test_what_is_not_smooth_is_evaluated():
     problem, centre = make_problem(2), np.array([0.03, -0.05])
-    (exact,) = finished(problem, centre, size=41).values()
-    renderer, light = CountingRenderer(), WavyRenderer()
-    errors = []
-    for piece in landscape(problem, renderer, centre, size=41, light=light):
-        if piece.error is not None and piece.error not in errors:
-            errors.append(piece.error)
+    (exact,) = finished(problem, centre, WavyRenderer(), size=41).values()
+    (piece,) = finished(problem, centre, WavyRenderer(), size=41, smooth=True).values()
     off = np.abs(piece.losses - exact.losses) / np.ptp(exact.losses)
-    assert errors[0] > GOOD
-    assert piece.complete
-    assert piece.error is not None
-    assert piece.error <= GOOD
-    assert np.quantile(off, 0.95) < 1.5 * GOOD
-    assert len(renderer.seen) < 0.15 * 41**2
+    assert np.quantile(off, 0.95) < 0.02
 
 
-def test_few_points_are_all_the_renderers_own():
+def test_few_points_are_all_evaluated():
     problem = make_problem(2)
-    light = CountingRenderer()
-    (piece,) = finished(problem, np.zeros(2), size=9, light=light).values()
+    (piece,) = finished(problem, np.zeros(2), size=9, smooth=True).values()
     (exact,) = finished(problem, np.zeros(2), size=9).values()
     assert np.array_equal(piece.losses, exact.losses)
     assert piece.error is None
-    assert light.seen == []

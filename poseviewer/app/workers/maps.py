@@ -16,11 +16,9 @@ from poseviewer.app.workers.jobs import case_at, set_case_at
 from poseviewer.app.workers.worker import lower_priority
 from poseviewer.fit.landscape import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.settings import FitSettings, Method
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
-from poseviewer.render.pyramid.levels import lighter_level
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
@@ -41,23 +39,18 @@ class MapJob:
     losses: tuple[FitSettings, ...]
     half_width: float
     moving: bool
-    path: FloatArray | None = None
-    """(t, d): where the search came by, in the chart of its case."""
 
     @classmethod
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
         latest = session.own_search
-        case, path = None, None
-        if latest is not None:
-            case = latest.case
-            path = np.array([step.parameters for step in latest.improvements])
+        case = None if latest is None else latest.case
         anchor = session.anchor or session.document.pose
         if case is not None:
             anchor = case.registration.start
         view = session.maps
         losses, width = session.mapped, view.half_width
-        return cls(session.document, anchor, case, losses, width, moving, path)
+        return cls(session.document, anchor, case, losses, width, moving)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -83,7 +76,6 @@ class MapMaker:
         self._quick: dict[Method, tuple[Case, Case, RendererPool]] = {}
         self._cases: dict[Method, tuple[MapJob, Case]] = {}
         self._prepared: Mesh | None = None
-        self._light: dict[Method, tuple[Case, RendererPool]] = {}
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
@@ -98,10 +90,7 @@ class MapMaker:
             method = case.settings.method
             shown = known[method].slices if method in known else ()
             quick, level = (case, self._fine) if size is None else self._quick_case(case, document)
-            light = self._lighter(case, document) if size is None else None
-            path = job.path if case is job.case else None
-            width = job.half_width
-            for latest in maps(quick, document, level, width, size or SIZE, shown, light, path):
+            for latest in maps(quick, document, level, job.half_width, size or SIZE, shown):
                 known[method] = replace(latest, case=case)
                 yield known[method]
 
@@ -138,19 +127,6 @@ class MapMaker:
             self._quick[method] = case, quick, pool
         return self._quick[method][1:]
 
-    def _lighter(self, case: Case, document: Document) -> RendererPool:
-        """What draws a lighter model than the case's; made once."""
-        method = case.settings.method
-        if method not in self._light or self._light[method][0] is not case:
-            numbers = document.numbers_in(case.problem.chart, case.registration.photo)
-            pose = case.problem.chart.to_pose(numbers)
-            level = lighter_level(case.problem.photo, self._renderer, pose)
-            pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
-            if method in self._light:
-                self._light[method][1].close()
-            self._light[method] = case, pool
-        return self._light[method][1]
-
     def _case(self, job: MapJob, settings: FitSettings) -> Case:
         """The search's, where it is by these settings, or one about the job's anchor."""
         if job.case is not None and job.case.settings == settings:
@@ -183,21 +159,17 @@ def maps(
     half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
-    light: RendererPool | None = None,
-    path: FloatArray | None = None,
 ) -> Iterator[LandscapeUpdate]:
     """The maps about the pose at hand, coarse to fine, whenever a row of one is known.
 
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
-    one is known. With a ``light`` model and a ``path``: as ``landscape``.
+    one is known.
     """
     problem, centre = case.problem, document.pose
     parameters = document.numbers_in(problem.chart, case.registration.photo)
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
-    slices = landscape(
-        problem, pool, parameters, half_width=half_width, size=size, light=light, path=path
-    )
+    slices = landscape(problem, pool, parameters, half_width=half_width, size=size, smooth=True)
     for piece in slices:
         pair = piece.first, piece.second
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
