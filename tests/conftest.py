@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Commands keep the last pose: not among the state of whoever runs the tests."""
+    """A state folder that is not that of whoever runs the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("POSEVIEWER_STATE", str(tmp_path_factory.mktemp("state")))
         yield

@@ -45,7 +45,6 @@ from poseviewer.app.workers.tasks import (
 )
 from poseviewer.app.workers.worker import JobUpdate, Mailbox, NumberedWorker, Worker
 from poseviewer.errors import PoseViewerError, sentence_of
-from poseviewer.files.state.folder import keep_last_pose
 from poseviewer.geometry.camera import Pose
 
 _log = logging.getLogger(__name__)
@@ -90,7 +89,6 @@ class App:
         self._map_job: MapJob | None = None
         self._mapped_at = 0.0
         self._tasks = Tasks(notify, state)
-        self._state = state
         self._review = review
         self._autosaver = Autosaver(state)
         with icons_opened_once():
@@ -161,8 +159,6 @@ class App:
                 self._page.show_error_to(request.client, request.why)
             case r.SavePose():
                 self._save()
-            case r.UseLastPose():
-                self._tasks.add_last_pose()
             case r.Download():
                 self._tasks.add_export(request, self.session)
                 drawn = "Drawing ..." if request.what in ("overlay", "sheet") else ""
@@ -203,7 +199,6 @@ class App:
     def _save(self) -> None:
         document, record = self.session.document, record_of(self.session)
         path = self._autosaver.save_pose(self.session, record)
-        keep_last_pose(record, self._state)
         self._page.tell(f"Saved {path.name}", str(path))
         if document.others:
             path = self._autosaver.save_scene(self.session, *scene_of(self.session))

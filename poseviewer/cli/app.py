@@ -34,7 +34,6 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", Path, nargs="?")
     option(parser, "model MODEL", kind=Path, nargs="?")
     option(parser, "--pose POSE.json", "the start", Path)
-    option(parser, "--last", "start from the pose saved last")
     fields = {name: COMPARED[name] for name in ("mask", "without")}
     add_fields(parser, FitSettings, {"method": ("--method", "chosen at first"), **fields})
     add_views(parser)
@@ -63,7 +62,7 @@ def _files_of(path: Path) -> tuple[FileSet, list[Path]]:
     return files, [gathered(uploads, model) for model in files.models]
 
 
-SAID_BY_SET = ("last", "mask", "calibration")
+SAID_BY_SET = ("mask", "calibration")
 
 
 def _opening_set(options: Namespace) -> Callable[[], Opened]:
@@ -98,19 +97,13 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
     photo, model, pose, scene = options.photo, options.model, options.pose, False
     refuse_views(options)
     if photo is None:
-        if pose is not None or options.last:
-            raise SettingsError("--pose or --last without PHOTO and MODEL; name all three")
-        for name in ("mask", "without"):
+        for name in ("pose", "mask", "without", "calibration"):
             if getattr(options, name):
                 raise SettingsError(f"--{name} without PHOTO and MODEL; name all three")
-        if options.calibration is not None:
-            raise SettingsError("--calibration without PHOTO and MODEL; name all three")
-    elif (scene := is_scene_file(photo)) and (model or pose or options.last or options.mask):
+    elif (scene := is_scene_file(photo)) and (model or pose or options.mask):
         raise SettingsError(f"{photo}: a scene file says what is where; leave out all but that")
     elif model is None and not (scene or _is_set(photo)):
         raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
-    if options.last and pose is not None:
-        raise SettingsError("--pose and --last are two starts; leave one of them out")
     calibration = calibration_of(options)
     objects: list[Path] = []
     if photo is not None and _is_set(photo):
@@ -136,16 +129,14 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
     def open_first() -> Opened:
         from poseviewer.app.workers.opening import open_files, open_scene
         from poseviewer.files.demo import demo_case
-        from poseviewer.files.state.folder import last_pose
 
         if photo is not None and scene:
             return open_scene(photo, options.without or ())
         if photo is None or model is None:
             case = demo_case("perspective")
             return open_files(case.photo, case.model, case.start)
-        start = last_pose() if options.last else pose
         hidden = options.mask, options.without or ()
-        return open_files(photo, model, start, calibration, *hidden, objects)
+        return open_files(photo, model, pose, calibration, *hidden, objects)
 
     return open_first
 

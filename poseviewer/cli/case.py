@@ -29,7 +29,6 @@ from poseviewer.cli.options import (
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 from poseviewer.files.marks import load_pairs, wheels_from_text
-from poseviewer.files.state.folder import last_pose
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.verdict import Verdict
 from poseviewer.render.pool import processors
@@ -148,8 +147,6 @@ def _noted(case: AnyCase, options: Namespace) -> AnyCase:
 
 
 def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
-    if options.last:
-        return last_pose()
     if options.start is not None:
         return AUTOMATIC
     if options.pairs is not None:

@@ -61,7 +61,6 @@ def _add_start(parser: ArgumentParser) -> None:
     group = parser.add_argument_group("start, one of")
     start = group.add_mutually_exclusive_group(required=True)
     option(start, "--pose POSE.json", "a pose file", Path)
-    option(start, "--last", "the pose that was saved last")
     option(start, "--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point", Path)
     ellipses = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
     option(start, "--wheels REAR;FRONT", ellipses)
@@ -83,14 +82,10 @@ def run(options: Namespace) -> int:
     require_writable(options.out, PoseFileError)
     if options.overlay:
         require_writable(options.overlay, PhotoFileError)
-    from poseviewer.api import FitResult
     from poseviewer.cli.case import fit
-    from poseviewer.files.state.folder import keep_last_pose
 
     found = fit(options)
     found.save(options.out)
-    if isinstance(found, FitResult):
-        keep_last_pose(found.record)
     say(f"{'pose' if options.scene is None else 'scene'}: {options.out}")
     for path in found.draw(options.overlay, options.look) if options.overlay else ():
         say(f"overlay: {path}")

@@ -138,8 +138,8 @@ def test_a_set_is_taken_in_every_form(files, form):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--views", "SET", "MODEL", "--last"], "wants a start with --pose"),
         (["--views", "SET", "a.png", "MODEL", "--pose", "START"], "wants MODEL alone"),
+        (["--views", "SET", "MODEL", "--start", "auto"], "wants a start with --pose"),
         (["--views", "SET", "MODEL", "--pose", "START", "--view", "z.png"], "no photo z.png"),
         (["--views", "SET", "MODEL", "--pose", "START", "--scale", "50"], "a.png alone sees"),
         (["a.png", "MODEL", "--pose", "START", "--scale", "2"], "--scale without --views"),

@@ -24,7 +24,7 @@ from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp, UseLastPose
+from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
@@ -246,7 +246,6 @@ class QuickStartPanel:
                 "Propose starts",
                 lambda _: c.StopProposing() if self._proposing else c.ProposeStarts(),
             )
-            controls.button("From the last saved pose", UseLastPose())
             self._text = controls.gui.add_markdown("")
             self._buttons = [
                 controls.button("Remove last mark", c.RemoveMark()),

@@ -80,10 +80,6 @@ class Greet(Request):
     client: int
 
 
-class UseLastPose(Request):
-    """Start from the pose that was saved last."""
-
-
 class OpenRow(Request):
     """Open a row of the batch that is reviewed."""
 

@@ -19,13 +19,11 @@ from poseviewer.app.workers.opening import (
     Opened,
     open_file_set,
     open_objects,
-    open_pose,
 )
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.state.autosave import files_of_sessions
-from poseviewer.files.state.folder import last_pose
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
@@ -100,10 +98,6 @@ class Tasks:
             yield Found(objects, (*notes, *files.notes))
 
         self.add(run, size=len(upload.data))
-
-    def add_last_pose(self) -> None:
-        """Open the pose that was saved last, as a start on what is open by then."""
-        self.add(lambda now: open_pose(now.document, last_pose(self._state)))
 
     def add_export(self, request: Download, session: Session) -> None:
         """Make files of the session for a page."""
