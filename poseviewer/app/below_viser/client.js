@@ -756,7 +756,7 @@ function placeMaps(place) {
 
 function findLarge() {
   // One that is open has more of the window, where the maps lie below the photo.
-  const found = document.querySelector(".js-plotly-plot") !== null;
+  const found = document.querySelector(".pv-large") !== null;
   if (found === isLarge) return;
   isLarge = found;
   if (placeOfMaps() === "below") arrange();

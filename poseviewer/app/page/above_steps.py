@@ -30,7 +30,6 @@ ICONS = {
     'r="2"/>',
     "lock": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V5a3 3 0 016 0v2"/>',
     "open": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V4a3 3 0 016 0"/>',
-    "double": '<rect x="5.5" y="5.5" width="8" height="8" rx="1"/><path d="M10.5 3v-.5h-8v8H3"/>',
     "away": '<path d="M4 4l8 8M12 4l-8 8"/>',
 }
 """SVG, 16 x 16."""
@@ -92,7 +91,6 @@ def _row(one: SceneObject, is_picked: bool) -> str:
     icons = (
         _button(number, *hide, "eye", one.hidden),
         _button(number, *lock, "lock" if one.locked else "open", not one.locked),
-        _button(number, "double", "the same once more", "double"),
         _button(number, "remove", "remove it", "away"),
     )
     return (

@@ -1,4 +1,4 @@
-"""The loss landscape at the right: the panel with all maps, and one of them large, by plotly.
+"""The loss landscape at the right: the panel with all maps, and one of them large.
 
 All maps are one piece of HTML, in a triangle as a corner plot. The client's script answers presses:
 ``window.poseviewerPick(first, second, u, v, event)`` with the place from the map's left and lower
@@ -21,8 +21,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import plotly.graph_objects as go
-import viser
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -31,7 +29,7 @@ from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.landscape import Pair, Slice, slice_minimum, strides
+from poseviewer.fit.landscape import Pair, Slice, slice_minimum
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.charts import OutsideChartError, short_name
@@ -90,9 +88,6 @@ class GridOptions:
 
     parameters: tuple[int, ...] | None = None
     """Indices of the parameters whose pairs have a place, ascending; None for all."""
-    shared_scale: bool = True
-    """One colour for one loss over all maps; else each map has its own range, which shows faint
-    basins."""
     centre: tuple[float, ...] = ()
     """The parameters that the maps are about: the page has them as ``data-centre``."""
     dimmed: bool = False
@@ -105,6 +100,8 @@ class GridOptions:
     """Whose loss it is; "" says nothing."""
     error: float | None = None
     """How good the values are, as ``Slice.error``; None says nothing."""
+    large: Pair | None = None
+    """The pair whose map is shown large as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,10 +112,10 @@ class LossRange:
     high: float
 
     @classmethod
-    def of(cls, slices: Sequence[Slice]) -> LossRange | None:
-        """From the least to the greatest known loss of all maps; None if none is known."""
-        known = np.concatenate([np.zeros(0), *(s.losses[np.isfinite(s.losses)] for s in slices)])
-        return cls(float(known.min()), float(known.max())) if known.size else None
+    def of(cls, piece: Slice) -> LossRange:
+        """From the least to the greatest known loss of a map."""
+        known = piece.losses[np.isfinite(piece.losses)]
+        return cls(float(known.min()), float(known.max())) if known.size else cls(0.0, 1.0)
 
     def png(self, losses: FloatArray) -> bytes:
         """An 8-bit palette PNG of losses (k, k) without gaps, the LAST row at the top: values grow
@@ -147,19 +144,20 @@ def landscape_grid(
     parameters = options.parameters if options.parameters is not None else tuple(range(len(names)))
     pieces = {(s.first, s.second): s for s in slices if not np.isnan(s.losses).all()}
     pairs = list(combinations(parameters, 2))
-    shared = None
-    if options.shared_scale:
-        shared = LossRange.of([pieces[pair] for pair in pairs if pair in pieces])
     cells = []
     for pair in pairs:
         place = f"grid-area:{parameters.index(pair[1])}/{parameters.index(pair[0]) + 2}"
-        cells.append(_cell(pieces.get(pair), pair, names, markers, shared, place))
+        cells.append(_cell(pieces.get(pair), pair, names, markers, place))
     columns = max(len(parameters) - 1, FEWEST_COLUMNS)
+    large = pieces.get(options.large) if options.large is not None else None
+    shown_large = "" if large is None else _large(large, names, markers, options.what)
+    dim = " pv-dim" if options.dimmed else ""
     return (
-        f'<div class="pv-land{" pv-dim" if options.dimmed else ""}" '
+        f'<div class="pv-with">{shown_large}<div class="pv-land{dim}" '
         f'data-centre="{" ".join(map(repr, options.centre))}" '
         f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
-        f"{_labels(parameters, names)}{''.join(cells)}{_key(shared, markers, options)}</div>"
+        f"{_labels(parameters, names)}{''.join(cells)}{_key(markers, options)}</div>"
+        "</div>"
     )
 
 
@@ -220,17 +218,30 @@ def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
     return "".join(labels)
 
 
+def _large(piece: Slice, names: Sequence[str], markers: Markers, what: str) -> str:
+    """A map with its two ranges and its least value."""
+    pair, least = (piece.first, piece.second), slice_minimum(piece)
+    x, y = (
+        f"{escape(short_name(names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
+        for i, values in zip(pair, (piece.first_values, piece.second_values), strict=True)
+    )
+    said = "" if least is None else f", least {escape(what)} {least.loss:.3f}"
+    return (
+        f'<div class="pv-large">{_cell(piece, pair, names, markers, "")}'
+        f"<div>to the right {x}, upwards {y}{said}</div></div>"
+    )
+
+
 def _cell(
     piece: Slice | None,
     pair: Pair,
     names: Sequence[str],
     markers: Markers,
-    shared: LossRange | None,
     place: str,
 ) -> str:
     if piece is None:
         return f'<div class="pv-cell pv-none" style="{place}"></div>'
-    scale = shared or LossRange.of([piece]) or LossRange(0.0, 1.0)
+    scale = LossRange.of(piece)
     first, second = pair
     pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
     what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
@@ -245,7 +256,7 @@ def _cell(
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
         f'<span class="pv-name">{what}</span>'
-        f'<button type="button" title="{what}: open large" onpointerdown="{enlarge}" '
+        f'<button type="button" title="{what}: large, and back" onpointerdown="{enlarge}" '
         f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
     )
 
@@ -290,12 +301,10 @@ def _points(shares: FloatArray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(shares))
 
 
-def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> str:
+def _key(markers: Markers, options: GridOptions) -> str:
     """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
-    low, high = (f"{shared.low:.3f}", f"{shared.high:.3f}") if shared else ("least", "greatest")
     what = escape(options.what)
-    what += "" if shared or options.shared_scale else ", each map by itself"
-    what += f", ±{100.0 * options.half_width:.3g}&nbsp;%"
+    what += f", each map by itself, ±{100.0 * options.half_width:.3g}&nbsp;%"
     if options.error:
         what += f"<br>good to {100.0 * options.error:.1g}&nbsp;% of its range"
     whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
@@ -320,25 +329,17 @@ def _key(shared: LossRange | None, markers: Markers, options: GridOptions) -> st
     return (
         f'<div class="pv-key"><div>{whose}{what}</div>'
         f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
-        f'<div class="pv-ends"><span>{low}</span><span>{high}</span></div>'
+        f'<div class="pv-ends"><span>least</span><span>greatest</span></div>'
         f'<div class="pv-marks">{key}</div></div>'
     )
 
 
-PERIOD_S, LARGE_PERIOD_S = 0.2, 0.7
-"""The maps, and the large one, are sent no oftener."""
+PERIOD_S = 0.2
+"""The maps are sent no oftener."""
 ORDER = -10.0
 """The maps come first; what is made later would come last by itself."""
-LARGE_ORDER = ORDER - 0.5
-"""Large ones are over them: of two losses there are two."""
 PLACES_ORDER, CHOICES_ORDER = ORDER - 1.0, ORDER - 0.9
 """First of all where the maps lie, then what is shown of them: ``page.css`` counts on it."""
-CLEAR, TEXT, GRID, RIM = "rgba(0,0,0,0)", "#8a92a0", "rgba(128,128,128,.25)", "#1a1b1e"
-"""Seen on a dark and on a light page."""
-POSE_COLOUR, LEAST_COLOUR, TRAIL_COLOUR, SIMPLEX_COLOUR = "#ff2d55", "#ffffff", "#ffffff", "#ffd166"
-COLOURS = "Viridis_r"
-"""As in the grid: bright is low."""
-CONTOURS = 14
 WHOSE: dict[str, Whose] = {
     "the chosen method's": "chosen",
     METHODS["default"]: "default",
@@ -350,32 +351,19 @@ WHOSE: dict[str, Whose] = {
 class LandscapePanel:
     """The panel's content."""
 
-    def __init__(self, controls: Controls, container: Any) -> None:
-        """``container``: the tab that the panel is made in."""
+    def __init__(self, controls: Controls) -> None:
         gui = controls.gui
-        self._gui, self._container = gui, container
         self._shown: tuple[Any, ...] = ()
-        self._next = self._large_next = 0.0
+        self._next = 0.0
         self._maps = gui.add_html("", order=ORDER)
         self._note = gui.add_markdown("Drawing the maps ...", order=ORDER + 1)
-        self._large: list[viser.GuiPlotlyHandle] = []
         self._whose = controls.field(
             gui.add_dropdown("Whose loss", tuple(WHOSE), order=CHOICES_ORDER),
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
-        self._close = controls.button(
-            "Close the large map",
-            c.ChangeLandscape(close_large=True),
-            visible=False,
-            order=LARGE_ORDER + 0.4,
-        )
         self._range = controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0, order=CHOICES_ORDER + 0.1),
             lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
-        )
-        self._shared = controls.field(
-            gui.add_checkbox("One colour scale", False, order=CHOICES_ORDER + 0.2),
-            lambda on: c.ChangeLandscape(shared_scale=on),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):
             controls.download("Sheet (PNG)", "sheet")
@@ -384,7 +372,6 @@ class LandscapePanel:
     def show(self, session: Session) -> bool:
         """Bring the panel to the session; False if it is to be asked again soon."""
         self._range.show(round(session.maps.half_width * 100.0, 3))
-        self._shared.show(session.maps.shared_scale)
         self._whose.show(next(text for text, whose in WHOSE.items() if whose == session.maps.whose))
         if not session.landscapes:
             return True
@@ -399,35 +386,6 @@ class LandscapePanel:
         self._shown, self._next = key, now + PERIOD_S
         grids = [_grid(session, latest) for latest in session.landscapes]
         self._maps.content = f'<div class="pv-both">{"".join(grids)}</div>'
-        return self._show_large(session)
-
-    def _show_large(self, session: Session) -> bool:
-        """The large maps, if they are open; False if they are to be drawn soon."""
-        figures = []
-        if session.maps.large is not None and time.monotonic() < self._large_next:
-            self._shown = ()
-            return False
-        for latest in session.landscapes:
-            figure = _large_figure(session, latest)
-            figures += [] if figure is None else [figure]
-        set_properties(self._close, visible=bool(figures))
-        if figures:
-            self._large_next = time.monotonic() + LARGE_PERIOD_S
-        for place, figure in enumerate(figures):
-            if place < len(self._large):
-                self._large[place].figure = figure
-                set_properties(self._large[place], visible=True)
-                continue
-            with self._container:  # plotly's script is large: sent to pages when first wanted
-                handle = self._gui.add_plotly(
-                    figure,
-                    config={"displayModeBar": False},
-                    aspect=1.0,
-                    order=LARGE_ORDER + 0.1 * place,
-                )
-            self._large.append(handle)
-        for handle in self._large[len(figures) :]:
-            set_properties(handle, visible=False)
         return True
 
     def note(self, text: str) -> None:
@@ -439,7 +397,6 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
     problem = latest.case.problem
     options = GridOptions(
         parameters=tuple(int(i) for i in problem.free_indices),
-        shared_scale=session.maps.shared_scale,
         centre=tuple(map(float, latest.parameters)),
         dimmed=latest.centre is not session.document.pose
         and not (session.searching or session.drag is not None),
@@ -447,23 +404,10 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
         whose=latest.case.settings.method_name,
         what=problem.scale.name,
         error=max((piece.error or 0.0 for piece in latest.slices), default=None),
+        large=session.maps.large,
     )
     markers = markers_of(session, latest)
     return landscape_grid(latest.shown, problem.chart.names, markers, options)
-
-
-def _large_figure(session: Session, latest: LandscapeUpdate) -> go.Figure | None:
-    """The map that is open large; None where there is none."""
-    pieces = {(piece.first, piece.second): piece for piece in latest.shown}
-    piece = None if session.maps.large is None else pieces.get(session.maps.large)
-    if piece is None:
-        return None
-    chart, markers = latest.case.problem.chart, markers_of(session, latest)
-    what = latest.case.problem.scale.name
-    scales = chart.scales(latest.parameters)
-    figure = contour_figure(piece, chart.names, markers, scales, latest.parameters, what)
-    whose = {"text": latest.case.settings.method_name, "x": 0.01, "y": 0.985, "font": {"size": 12}}
-    return figure.update_layout(title=whose)
 
 
 def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
@@ -489,107 +433,3 @@ def _same_chart(one: Case, other: Case) -> bool:
     """Whether the parameters of both are the same numbers of the same chart."""
     same_names = one.problem.chart.names == other.problem.chart.names
     return same_names and one.registration.start is other.registration.start
-
-
-def contour_figure(
-    piece: Slice,
-    names: Sequence[str],
-    markers: Markers,
-    scales: FloatArray,
-    centre: FloatArray,
-    what: str = "loss",
-) -> go.Figure:
-    """The map with contour lines and their values; what is under the cursor is read out.
-
-    ``scales`` and ``centre`` (d,): what 100 % of each parameter is, and where 0 % lies; ``what``
-    the values are called.
-    """
-    piece = known_part(piece)
-    x, y = piece.first_values, piece.second_values
-    first, second = piece.first, piece.second
-    shares = np.stack(
-        np.meshgrid(
-            100.0 * (x - centre[first]) / scales[first],
-            100.0 * (y - centre[second]) / scales[second],
-        ),
-        axis=-1,
-    )
-    traces: list[Any] = [
-        go.Contour(
-            x=x,
-            y=y,
-            z=np.round(piece.filled(), 6),
-            customdata=np.round(shares, 2),
-            colorscale=COLOURS,
-            ncontours=CONTOURS,
-            contours={"showlabels": True, "labelfont": {"size": 10, "color": "#ffffff"}},
-            line={"width": 0.8, "color": "rgba(20,22,26,.65)"},
-            colorbar={"title": what, "thickness": 10, "len": 0.9, "outlinewidth": 0},
-            hovertemplate=(
-                f"{short_name(names[first])} %{{x:.5f}} (%{{customdata[0]:+.1f}} %)<br>"
-                f"{short_name(names[second])} %{{y:.5f}} (%{{customdata[1]:+.1f}} %)<br>"
-                f"{what} %{{z:.3f}}<extra></extra>"
-            ),
-        )
-    ]
-
-    def line(points: FloatArray, name: str, colour: str) -> None:
-        x, y, style = points[:, 0], points[:, 1], {"color": colour, "width": 1.5}
-        shown: dict[str, Any] = {"mode": "lines", "hoverinfo": "skip", "showlegend": bool(name)}
-        traces.append(go.Scatter(x=x, y=y, name=name, line=style, **shown))
-
-    def dots(places: FloatArray, name: str, **marker: Any) -> None:
-        x, y, shown = places[:, 0], places[:, 1], {"mode": "markers", "hoverinfo": "name"}
-        traces.append(go.Scatter(x=x, y=y, name=name, marker=marker, **shown))
-
-    rim = {"color": RIM, "width": 1}
-    if markers.trail is not None and len(markers.trail) > 1:
-        line(short_trail(markers.trail)[:, [first, second]], "the way here", TRAIL_COLOUR)
-    if markers.candidates is not None:
-        hull = candidates_outline(piece, markers.candidates)
-        low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
-        line(low + np.vstack([hull, hull[:1]]) * (high - low), "", SIMPLEX_COLOUR)
-        places = low + candidates_within(piece, markers.candidates) * (high - low)
-        dots(places, "candidates", size=7, color=SIMPLEX_COLOUR, line=rim)
-    if markers.has_region(piece):
-        border = region_on(piece, markers)[:, [first, second]]
-        line(np.vstack([border, border[:1]]), "90 % region", POSE_COLOUR)
-    pose = markers.pose[[[first, second]]]
-    dots(pose, "pose", symbol="x", size=10, color=POSE_COLOUR, line=rim)
-    least = slice_minimum(piece)
-    if least is not None:
-        place = np.array([[least.first_value, least.second_value]])
-        dots(place, f"least: {least.loss:.3f}", size=9, color=LEAST_COLOUR, line=rim)
-    axes = [
-        {
-            "title": {"text": short_name(names[parameter]), "standoff": 4},
-            "range": [float(values[0]), float(values[-1])],
-            "gridcolor": GRID,
-            "zeroline": False,
-            "nticks": 6,
-        }
-        for parameter, values in ((first, x), (second, y))
-    ]
-    return go.Figure(traces, {**_layout(), "xaxis": axes[0], "yaxis": axes[1]})
-
-
-def known_part(piece: Slice) -> Slice:
-    """The finest whole grid of a map that is known already: contours through guesses mislead."""
-    for step in reversed(strides(len(piece.first_values))):
-        x, y = piece.first_values[::step], piece.second_values[::step]
-        losses = piece.losses[::step, ::step]
-        if np.isfinite(losses).all():
-            return Slice(piece.first, piece.second, x, y, losses)
-    return piece
-
-
-def _layout(left: int = 46, below: int = 36) -> dict[str, Any]:
-    return {
-        "template": "none",
-        "paper_bgcolor": CLEAR,
-        "plot_bgcolor": CLEAR,
-        "font": {"color": TEXT, "size": 11},
-        "margin": {"l": left, "r": 6, "t": 56, "b": below},
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0, "bgcolor": CLEAR},
-        "uirevision": "kept",  # the mouse's zoom and turn survive the next data
-    }

@@ -107,7 +107,7 @@ class Page:
         tab = self._maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
         with tab:
             gui.add_html(PLACES, order=PLACES_ORDER)
-            self._landscape = LandscapePanel(controls, tab)
+            self._landscape = LandscapePanel(controls)
         self._maps.dock_right()
         self._maps.set_width(MAPS_WIDTHS[0])
         self._guide = Guide()

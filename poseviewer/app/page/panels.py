@@ -287,7 +287,6 @@ class FitPanel:
         self._names: tuple[str, ...] = ()
         self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
         self._running = False
-        self._before = False
         with controls.step(STEPS[2]):
             self._method = controls.field(
                 gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
@@ -307,11 +306,7 @@ class FitPanel:
             self._ended = [
                 controls.button("Keep it", c.AcceptSearch(), None, icon="check", hint=KEEP_HINT),
                 controls.button("Go back", c.RevertSearch(), icon="x", hint=BACK_HINT),
-                controls.button_for(
-                    "Show before", lambda _: c.ChangeView(before=not self._before), icon="eye"
-                ),
             ]
-            self._blink = self._ended[-1]
             grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
             below, beside = (
                 uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=size)  # pyright: ignore
@@ -397,8 +392,6 @@ class FitPanel:
         """Bring the controls to the session."""
         search, self._running = session.search, session.searching
         latest = None if search is None else search.latest
-        self._before = session.look.before
-        set_properties(self._blink, label="Show after" if self._before else "Show before")
         set_properties(
             self._go,
             label="Stop (space)" if self._running else "Search (space)",
@@ -456,10 +449,6 @@ class JudgePanel:
             gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
             lambda share: c.ChangeView(opacity=float(share)),
         )
-        self._wipe = field(
-            gui.add_slider("Wipe", 0.0, 1.0, 0.01, 1.0),
-            lambda share: c.ChangeView(wipe=float(share)),
-        )
         self._hidden = field(
             gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
         )
@@ -470,7 +459,6 @@ class JudgePanel:
         set_properties(self._verdict, content=verdict, visible=bool(verdict))
         self._look.show(look.name)
         self._opacity.show(look.opacity, visible=look.name == "solid")
-        self._wipe.show(look.wipe)
         self._hidden.show(look.hidden)
 
 

@@ -68,7 +68,6 @@ TOGGLES = ("Space", "KeyB", "KeyH", "KeyZ")
 """Keys whose meaning depends on the session or on shift."""
 OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "pick": o.PickObject,
-    "double": o.DuplicateObject,
     "remove": o.RemoveObject,
     "hide": lambda number: o.AlterObject(number, hidden=True),
     "show": lambda number: o.AlterObject(number, hidden=False),

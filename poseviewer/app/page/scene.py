@@ -235,13 +235,11 @@ class PhotoScene:
     def _show_model(self, overlay: Overlay, session: Session) -> None:
         look = session.look
         hidden = _is_hidden(session) or look.name == "none"
-        if self._is_new("model", (overlay, hidden, look.wipe)):
-            edge = look.wipe * self._size[0]
-            lines = overlay.outline
-            lines = lines[(lines[:, :, 0] <= edge).all(axis=1)][: 0 if hidden else None]
+        if self._is_new("model", (overlay, hidden)):
+            lines = overlay.outline[: 0 if hidden else None]
             self._draw(self._halo, lines, HALO)
             self._draw(self._outline, lines, OUTLINE)
-            self._show_picture(overlay, hidden, edge)
+            self._show_picture(overlay, hidden)
 
     def _show_others(self, session: Session) -> None:
         """The objects that are not picked: outlines in colours of their own."""
@@ -263,16 +261,13 @@ class PhotoScene:
             self._draw(halo, lines, OTHERS_HALO)
             self._draw(outline, lines, OTHERS)
 
-    def _show_picture(self, overlay: Overlay, hidden: bool, edge: float) -> None:
+    def _show_picture(self, overlay: Overlay, hidden: bool) -> None:
         left, top, width, height = overlay.place
-        share = 0.0 if width <= 0.0 else min(1.0, (edge - left) / width)
-        if overlay.picture is None or hidden or share <= 0.0:
+        pixels = overlay.picture
+        if pixels is None or hidden or width <= 0.0:
             if self._picture is not None:
                 set_properties(self._picture, visible=False)
             return
-        columns = max(1, round(overlay.picture.shape[1] * share))
-        width *= columns / overlay.picture.shape[1]
-        pixels = overlay.picture[:, :columns]
         if self._picture is not None and self._shown.get("channels") != pixels.shape[2]:
             self._picture.remove()
             self._picture = None
@@ -285,7 +280,7 @@ class PhotoScene:
         document = session.document
         pins = pins_in_photo(document)
         # Of the pose at hand alone, and where presses are for them.
-        if _is_hidden(session) or session.look.before or session.tool in (*MARKING, *HIDING):
+        if _is_hidden(session) or session.tool in (*MARKING, *HIDING):
             pins = pins[:0]
         if not self._is_new("pins", pins.tobytes()):
             return

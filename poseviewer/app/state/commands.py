@@ -656,7 +656,6 @@ def _searching(
         session,
         searches=number,
         search=Search(number, document, start, methods, objects=objects),
-        look=replace(session.look, before=False),
         history=session.history.with_step(document),
         anchor=start,
         drag=None,
@@ -823,12 +822,10 @@ class ChangeView(DragCommand):
 
     look: str | None = None
     opacity: float | None = None
-    wipe: float | None = None
     hidden: bool | None = None
-    before: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "wipe", "hidden", "before")
+        names = ("opacity", "hidden")
         given = {"name": self.look, **{name: getattr(self, name) for name in names}}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(session, look=replace(session.look, **changes))
@@ -838,16 +835,15 @@ class ChangeLandscape(DragCommand):
     """How the maps are drawn; None leaves as it is."""
 
     half_width: float | None = None
-    shared_scale: bool | None = None
     large: tuple[int, int] | None = None
-    close_large: bool = False
+    """The pair whose map becomes large, or small again."""
     whose: Whose | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("half_width", "shared_scale", "large", "whose")
+        names = ("half_width", "large", "whose")
         given = {name: getattr(self, name) for name in names}
         changes = {name: value for name, value in given.items() if value is not None}
-        if self.close_large:
+        if self.large is not None and self.large == session.maps.large:
             changes["large"] = None
         return replace(session, maps=replace(session.maps, **changes))
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state.commands import Command, WorkerUpdate
-from poseviewer.app.state.document import Marks, SceneObject
-from poseviewer.app.state.dragging import moved, radius_in_photo
+from poseviewer.app.state.document import SceneObject
 from poseviewer.app.state.photo_set import FEWEST_COMPARED
 from poseviewer.app.state.session import Outlines, Session, Strip
 from poseviewer.errors import SettingsError
@@ -20,8 +19,6 @@ MOST_OBJECTS = 30
 """All of them are kept in memory, and drawn."""
 LONGEST_NAME = 60
 """Letters."""
-ASIDE = 1.2
-"""Of its radius: so far beside an object its double is put."""
 
 
 class PickObject(Command):
@@ -50,25 +47,6 @@ class AddObject(Command, eq=False):
         own = replace(own, start=pose, start_is_guess=True, mask=None)
         settings = replace(document.settings, region=None, lock=())
         return _with(session, SceneObject(own, pose, settings, model_path=path))
-
-
-class DuplicateObject(Command):
-    """An object once more, beside itself, and picked."""
-
-    number: int
-
-    def __call__(self, session: Session) -> Session:
-        one = session.document.numbered(self.number)
-        if one is None:
-            return session
-        mesh = one.registration.mesh
-        aside = ASIDE * radius_in_photo(one.pose, mesh)
-        if one.pose.project(mesh.centre)[0] > one.registration.photo.width / 2.0:
-            aside = -aside
-        double = one.started_from(moved(one.pose, mesh.centre, [aside, 0.0]))
-        own = replace(double.registration, mask=None)
-        double = replace(double, registration=own, marks=Marks(), hidden=False, locked=False)
-        return _with(session, double)
 
 
 def _with(session: Session, new: SceneObject) -> Session:

@@ -190,12 +190,8 @@ class Look:
     name: str = "outline"
     opacity: float = 0.8
     """Of the look ``solid``."""
-    wipe: float = 1.0
-    """The model is shown left of this share of the photo's width."""
     hidden: bool = False
     """Blinked away: the photo alone."""
-    before: bool = False
-    """Whether, after a search, the pose before it is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +200,6 @@ class LandscapeView:
 
     half_width: float = 0.2
     """Share of each parameter's scale: 0.2 is the paper's 20 %."""
-    shared_scale: bool = False
     large: tuple[int, int] | None = None
     """The pair whose map is open large."""
     whose: Whose = "chosen"
@@ -305,19 +300,6 @@ class Session:
     """The parameter that was last typed, and the document that it led to."""
     error_message: str = ""
     """What the last command could not do, and why: a sentence for the user."""
-
-    @property
-    def shown_pose(self) -> Pose:
-        """The pose that is drawn."""
-        return self.shown.pose
-
-    @property
-    def shown(self) -> Document:
-        """The document that is drawn: before a search, where that is looked at."""
-        search, views = self.search, self.document.views
-        if not self.look.before or search is None or search.running:
-            return self.document
-        return search.before if views is None else search.before.looking_at(views.at)
 
     @property
     def covariance(self) -> PoseCovariance | None:

@@ -110,7 +110,7 @@ class StripWorker(OutlineWorker[StripDrawn]):
 
     def start(self, session: Session) -> None:
         """Begin what is to be drawn by now."""
-        document = session.shown
+        document = session.document
         views = document.views
         if views is None or not self._is_idle(session):
             return

@@ -253,11 +253,11 @@ class OverlayWorkers:
         request = OverlayRequest(
             document.registration,
             document.settings,
-            session.shown_pose,
+            document.pose,
             session.anchor or document.pose,
             look.name,
             look.opacity,
-            document=None if document.views is None else session.shown,
+            document=None if document.views is None else document,
         )
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (

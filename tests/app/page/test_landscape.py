@@ -6,10 +6,8 @@ import base64
 import re
 from io import BytesIO
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-import pytest
 from lxml import html
 from PIL import Image
 
@@ -17,8 +15,6 @@ from poseviewer.app.page.landscape import (
     PALETTE,
     GridOptions,
     Markers,
-    contour_figure,
-    known_part,
     landscape_grid,
     on_map,
 )
@@ -50,33 +46,15 @@ def pictures(page: str) -> list[np.ndarray]:
     ]
 
 
-def traces_of(figure: Any) -> list[dict[str, Any]]:
-    """What a figure draws, as plain dictionaries of arrays."""
-    return [trace.to_plotly_json() for trace in figure.data]
-
-
 def test_every_pixel_has_the_colour_of_its_loss():
     slices = make_slices(21)
-    shown = pictures(
-        landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions(shared_scale=False))
-    )
+    shown = pictures(landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions()))
     assert len(shown) == 15
     for piece, picture in zip(slices, shown, strict=True):
         share = (piece.losses - piece.losses.min()) / np.ptp(piece.losses)
         wanted = PALETTE[np.rint(share * (len(PALETTE) - 1)).astype(int)]
         upwards = picture[::-1]  # the first row of the losses is the lowest on the page
         np.testing.assert_array_equal(upwards, wanted)
-
-
-def test_a_shared_scale_gives_one_loss_one_colour():
-    slices = make_slices(9)
-    shown = pictures(landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions(shared_scale=True)))
-    everything = np.concatenate([piece.losses.ravel() for piece in slices])
-    low, high = everything.min(), everything.max()
-    for piece, picture in zip(slices, shown, strict=True):
-        share = (piece.losses - low) / (high - low)
-        wanted = PALETTE[np.rint(share * (len(PALETTE) - 1)).astype(int)]
-        np.testing.assert_array_equal(picture[::-1], wanted)
 
 
 def test_a_pick_at_a_mark_gives_the_marks_numbers():
@@ -125,10 +103,6 @@ def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
         wanted = 100.0 * on_map(piece, corners)
         wanted[:, 1] = 100.0 - wanted[:, 1]
         np.testing.assert_allclose(places, wanted, atol=0.01)
-    figure = contour_figure(slices[0], NAMES, Markers(CENTRE, corners), np.ones(6), CENTRE)
-    (dots,) = [trace for trace in traces_of(figure) if trace.get("name") == "candidates"]
-    np.testing.assert_allclose(dots["x"], corners[:, 0])
-    np.testing.assert_allclose(dots["y"], corners[:, 1])
 
 
 def test_every_map_shows_the_region_that_the_pose_is_sure_to():
@@ -149,14 +123,24 @@ def test_every_map_shows_the_region_that_the_pose_is_sure_to():
         reached = np.einsum("ni,ij,nj->n", away, inverse, away)
         np.testing.assert_allclose(reached, region_reach(2) ** 2, rtol=0.05)
     assert "90 % region" in page.xpath("//div[@class='pv-key']")[0].text_content()
-    figure = contour_figure(slices[0], NAMES, markers, np.ones(6), CENTRE)
-    assert [trace for trace in traces_of(figure) if trace.get("name") == "90 % region"]
 
 
 def test_the_maps_say_whose_loss_they_show():
     options = GridOptions(whose="<ours> & theirs")
     page = html.fromstring(landscape_grid(make_slices(9), NAMES, Markers(CENTRE), options))
     assert page.xpath("//div[@class='pv-key']//b")[0].text_content() == "<ours> & theirs"
+
+
+def test_a_large_map_says_its_ranges_and_its_least_loss():
+    piece = make_slices(41)[3]
+    least, options = slice_minimum(piece), GridOptions(large=(piece.first, piece.second))
+    assert least is not None
+    page = html.fromstring(landscape_grid(make_slices(41), NAMES, Markers(CENTRE), options))
+    (large,) = page.xpath("//div[@class='pv-large']")
+    assert len(large.xpath(".//image")) == 1
+    said = large.text_content()
+    assert f"{piece.first_values[0]:.4g} ... {piece.first_values[-1]:.4g}" in said
+    assert f"least loss {least.loss:.3f}" in said
 
 
 def test_unknown_maps_keep_their_place():
@@ -170,36 +154,6 @@ def test_names_cannot_write_into_the_page():
     names = ("<img src=x>", "b&c", *NAMES[2:])
     page = landscape_grid(make_slices(9), names, Markers(CENTRE), GridOptions())
     assert "<img src=x>" not in page
-
-
-@pytest.mark.parametrize("known_step", [1, 2, 4])
-def test_contours_are_drawn_through_known_losses_only(known_step: int):
-    piece = make_slices(17)[7]
-    losses = np.full_like(piece.losses, np.nan)
-    losses[::known_step, ::known_step] = piece.losses[::known_step, ::known_step]
-    partly = Slice(piece.first, piece.second, piece.first_values, piece.second_values, losses)
-    part = known_part(partly)
-    assert len(part.first_values) == (17 - 1) // known_step + 1
-    assert part.complete
-    figure = contour_figure(partly, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
-    drawn = traces_of(figure)[0]
-    np.testing.assert_allclose(np.asarray(drawn["z"]), part.losses, atol=1e-6)
-    np.testing.assert_allclose(np.asarray(drawn["x"]), part.first_values)
-
-
-def test_the_large_map_marks_the_pose_and_the_least_loss():
-    piece = make_slices(41)[3]
-    least = slice_minimum(piece)
-    assert least is not None
-    figure = contour_figure(piece, NAMES, Markers(CENTRE), np.ones(6), CENTRE)
-    marked = [
-        (float(trace["x"][0]), float(trace["y"][0]))
-        for trace in traces_of(figure)
-        if "markers" in str(trace.get("mode"))
-    ]
-    assert (CENTRE[piece.first], CENTRE[piece.second]) in marked
-    assert (least.first_value, least.second_value) in marked
-    assert len(str(figure.to_json())) < 300_000
 
 
 def test_the_page_says_how_good_the_maps_are():

@@ -15,7 +15,6 @@ from poseviewer.app.state.objects import (
     MOST_OBJECTS,
     AddObject,
     AlterObject,
-    DuplicateObject,
     PickObject,
     RemoveObject,
 )
@@ -28,10 +27,8 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state.documents import (
     CAR,
-    HEIGHT,
     PARALLEL,
     PERSPECTIVE,
-    WIDTH,
     after,
     make_document,
     make_keypoints,
@@ -140,7 +137,7 @@ def test_undo_and_redo_go_over_all_objects():
     for commands in (
         (c.Nudge("move", 2.0),),
         (PickObject(1), c.Nudge("turn", 4.0)),
-        (DuplicateObject(1),),
+        (AddObject(),),
         (PickObject(2), c.Nudge("move", 0.0, 5.0)),
         (RemoveObject(1),),
         (AlterObject(2, hidden=True),),
@@ -258,22 +255,6 @@ def test_the_picked_one_is_compared_among_those_that_stand():
     assert after(hidden, AlterObject(1, hidden=False)).document.registration.others[0].pose is (
         ball.pose
     )
-
-
-def test_a_double_stands_beside_its_original():
-    session = after(with_two(), PickObject(1), AlterObject(1, locked=True), DuplicateObject(1))
-    document = session.document
-    assert numbers(session) == [1, 2, 3]
-    assert document.number == 3
-    assert not document.locked
-    assert not document.awaits_place
-    first, third = (document.numbered(n) for n in (1, 3))
-    assert first is not None
-    assert third is not None
-    assert first.registration.mesh is third.registration.mesh
-    assert abs(middle(session, 3) - middle(session, 1))[0] > 10.0
-    assert (middle(session, 3) > 0.0).all()
-    assert (middle(session, 3) < [WIDTH, HEIGHT]).all()
 
 
 def test_a_name_is_one_step_however_many_letters():

@@ -73,13 +73,6 @@ def test_a_search_is_one_step_to_its_best_pose(session, updates):
     assert after(accepted, c.Undo()).document is session.document
 
 
-def test_the_pose_before_can_be_looked_at_after_a_search(session, updates):
-    running = after(searched(session, updates, 30), c.ChangeView(before=True))
-    assert running.shown_pose is running.document.pose
-    done = after(running, c.StopSearch())
-    assert done.shown_pose is session.document.pose
-
-
 def test_a_stopped_search_keeps_its_best(session, updates):
     running = searched(session, updates, 40)
     assert running.searching
@@ -204,8 +197,8 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
         c.SetCamera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
         c.Open(others[pick(len(others))]),
         c.SetTool("region" if flip[0] else "pose"),
-        c.ChangeView(hidden=flip[0], before=flip[1]),
-        c.ChangeLandscape(large=(0, 1), close_large=flip[0]),
+        c.ChangeView(hidden=flip[0]),
+        c.ChangeLandscape(large=(0, 1)),
         c.PickInLandscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
         *[c.StartSearch()] * 2,
         c.StopSearch(),

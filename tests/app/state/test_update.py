@@ -314,11 +314,11 @@ def test_settings_are_a_step_where_they_change():
 
 
 def test_views_change_what_is_given_alone():
-    session = after(make_session(), c.ChangeView(look="solid"), c.ChangeView(wipe=0.3))
-    assert (session.look.name, session.look.wipe, session.look.opacity) == ("solid", 0.3, 0.8)
+    session = after(make_session(), c.ChangeView(look="solid"), c.ChangeView(opacity=0.3))
+    assert (session.look.name, session.look.opacity) == ("solid", 0.3)
     maps = after(session, c.ChangeLandscape(half_width=0.1), c.ChangeLandscape(large=(0, 2))).maps
     assert (maps.half_width, maps.large) == (0.1, (0, 2))
-    closed = after(replace(session, maps=maps), c.ChangeLandscape(close_large=True)).maps
+    closed = after(replace(session, maps=maps), c.ChangeLandscape(large=(0, 2))).maps
     assert (closed.half_width, closed.large) == (0.1, None)
     assert session.history.past == ()
 
