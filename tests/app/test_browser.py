@@ -79,6 +79,8 @@ def test_hints_lead_through_the_demo_and_go_for_good(browser: Browser, demo: App
 
 
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):
+    page.wait_for_text("at this pose")
+    page.until(lambda: is_registered(page))  # the panels have come to rest
     place = tuple(round(v) for v in page.on_screen((700.0, 300.0), DEMO_PHOTO))
     left, top = page.view()["box"][:2]
     under = page.page.evaluate(

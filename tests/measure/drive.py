@@ -53,13 +53,12 @@ RUBBISH = (
 )  # fmt: skip
 KEYS = (
     "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "j", "l", "i", "k", "u", "o", "PageUp",
-    "PageDown", "1", "2", "3", "4", "5", "0", "Space", "b", "g", "h", "z", "y", "r", "Escape", "f",
+    "PageDown", "1", "2", "3", "4", "5", "0", "Space", "b", "h", "z", "y", "r", "Escape", "f",
     "?", "Tab", "Enter", "Delete", "a", "n", "p", "w", "d", "q", "e",
 )  # fmt: skip
 MODIFIERS = ([], [], [], ["Shift"], ["Control"], ["Alt"], ["Shift", "Alt"])
-NOT_OURS = "showSaveFilePicker", "_redrawFromAutoMarginCount", ".emit is not a function"
-"""Harmless errors of a page: a save dialog that a Chromium without a window sends away, a map of
-plotly's that is closed while it is drawn (two)."""
+NOT_OURS = ("showSaveFilePicker",)
+"""Harmless errors of a page: a save dialog that a Chromium without a window sends away."""
 PRESSABLE = (
     "button, input, textarea, [role=tab], [role=option], tr[tabindex], .pv-cell, .pv-photo, "
     "svg rect"
