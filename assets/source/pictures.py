@@ -236,9 +236,11 @@ def make_pairs(_folder: Path) -> None:
 
 def make_report(folder: Path) -> None:
     """The report of a batch of two rows, one of which fails, as a browser shows it."""
-    (folder / "001.jpg").write_bytes(DEMO.photo.read_bytes())
+    named = {"001.jpg": DEMO.photo, "car.glb": DEMO.model, "start.json": DEMO.start}
+    for name, path in named.items():
+        (folder / name).write_bytes(path.read_bytes())
     (folder / "002.jpg").write_text("not a photo")
-    rows = [f"00{number}.jpg,{DEMO.model},{DEMO.start}\n" for number in (1, 2)]
+    rows = [f"00{number}.jpg,car.glb,start.json\n" for number in (1, 2)]
     (folder / "jobs.csv").write_text("photo,model,start\n" + "".join(rows))
     command_line(["batch", f"{folder}/jobs.csv", "--out", f"{folder}/results", "--quiet"])
     with open_browser() as browser:
@@ -319,16 +321,14 @@ def make_hide(folder: Path) -> None:
 
 
 def make_objects(folder: Path) -> None:
-    """Three boxes in one photo, each fitted among the others."""
+    """Things in one photo, each fitted among the others."""
     shelf = make_groceries(folder / "shelf")
     camera = shelf.truths[0].camera
-    photo, numbered = (
-        PhotoReference("shelf.png", camera.width, camera.height),
-        enumerate(shelf.truths),
-    )
-    boxes = [ObjectRecord(str(i + 1), shelf.models[i], PoseRecord(p, photo)) for i, p in numbered]
+    photo = PhotoReference("shelf.png", camera.width, camera.height)
+    placed = enumerate(zip(shelf.models, shelf.truths, strict=True), 1)
+    objects = [ObjectRecord(str(n), model, PoseRecord(pose, photo)) for n, (model, pose) in placed]
     scene = folder / "shelf" / "shelf.scene.json"
-    save_scene(scene, SceneRecord(shelf.photo, photo, camera, tuple(boxes)))
+    save_scene(scene, SceneRecord(shelf.photo, photo, camera, tuple(objects)))
     with open_app(folder, scene) as tab:
         tab.open_step(3)
         press(tab, "Search all")
