@@ -24,8 +24,7 @@ from poseviewer.cli.main import main as command_line
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PhotoReference, PoseRecord, load_pose
-from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
+from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.starts.placing import surface_point
@@ -33,7 +32,7 @@ from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import StartCamera, load_model
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
-from tests.app.groceries import make_groceries
+from tests.several import make_three
 from tests.view_sets import write_views
 
 ASSETS = Path(__file__).resolve().parent.parent
@@ -321,15 +320,8 @@ def make_hide(folder: Path) -> None:
 
 
 def make_objects(folder: Path) -> None:
-    """Things in one photo, each fitted among the others."""
-    shelf = make_groceries(folder / "shelf")
-    camera = shelf.truths[0].camera
-    photo = PhotoReference("shelf.png", camera.width, camera.height)
-    placed = enumerate(zip(shelf.models, shelf.truths, strict=True), 1)
-    objects = [ObjectRecord(str(n), model, PoseRecord(pose, photo)) for n, (model, pose) in placed]
-    scene = folder / "shelf" / "shelf.scene.json"
-    save_scene(scene, SceneRecord(shelf.photo, photo, camera, tuple(objects)))
-    with open_app(folder, scene) as tab:
+    """Three things in one photo, each fitted among the others."""
+    with open_app(folder, make_three(folder)) as tab:
         tab.open_step(3)
         press(tab, "Search all")
         press(tab, "Keep it")
