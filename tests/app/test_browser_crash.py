@@ -26,6 +26,7 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
         tab.page.evaluate("window.poseviewer.zoomAt(200, 300, 1.7)")
         view = tab.view()
         tab.page.keyboard.press("Shift+ArrowRight")
+        tab.until(lambda: any((tmp_path / "state" / "sessions").glob("*.json")))
         tab.page.evaluate("document.activeElement.blur()")
         tab.page.keyboard.press("Space")
         app.kill()
