@@ -92,10 +92,10 @@ def save_sheet(path: Path, *pictures: np.ndarray) -> None:
 def open_app(
     folder: Path, *arguments: str | Path, size: tuple[int, int] = WINDOW, maps: str = "away"
 ) -> Iterator[AppPage]:
-    """The app's page, dark and without hints, when the first loss is there; ``maps`` beside, below
+    """The app's page, dark, when the first loss is there; ``maps`` beside, below
     or away, or where the page puts them by itself ("").
     """
-    kept = {"poseviewer.guide": "away"} | ({"poseviewer.maps": maps} if maps else {})
+    kept = {"poseviewer.maps": maps} if maps else {}
     storage = [{"name": name, "value": value} for name, value in kept.items()]
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
         state = {"origins": [{"origin": app.url.rstrip("/"), "localStorage": storage}]}

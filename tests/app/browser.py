@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from poseviewer.app.page.controls import STEPS
 
@@ -61,15 +61,6 @@ def open_browser() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
         yield browser
         browser.close()
-
-
-def table_texts(rows: Locator, first: int, end: int) -> list[list[str]]:
-    """The texts of a table's rows, in its columns from ``first`` to before ``end``."""
-    return rows.evaluate_all(
-        "(rows, [first, end]) => "
-        "rows.map(row => [...row.cells].slice(first, end).map(cell => cell.textContent))",
-        [first, end],
-    )
 
 
 class AppPage:

@@ -808,23 +808,6 @@ function showHint() {
   ].map((text) => `<span style="white-space:nowrap">${text}</span>`).join(" &nbsp; ");
 }
 
-// Hints for who is new, away for good with one press.
-const guide = document.createElement("div");
-guide.className = "pv-guide";
-const guideText = document.createElement("span");
-const guideAway = document.createElement("button");
-guideAway.type = "button";
-guideAway.textContent = "×";
-guideAway.title = "No more hints";
-guideAway.onclick = () => { stored(localStorage, "guide", "away"); setGuide(""); };
-guide.append(guideText, guideAway);
-cleanups.push(() => guide.remove());
-
-function setGuide(text) {
-  guide.hidden = !text || stored(localStorage, "guide") === "away";
-  guideText.innerHTML = text;
-}
-
 // The photos of a set: a press on one makes it the large one.
 const STRIP = 136; // CSS px: its height, as the style has it
 const EYE = '<svg viewBox="0 0 16 16"><path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/>' +
@@ -884,7 +867,7 @@ function watch(now) {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) { host.append(sheet, bar, guide, strip); showHint(); }
+    if (bar.parentElement !== host) { host.append(sheet, bar, strip); showHint(); }
     // The picture is shifted where maps lie over it: what it leaves free is as dark.
     viewer.canvas.style.background = "#16181d";
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
@@ -912,7 +895,7 @@ window.poseviewer = {
     kept = null;
   },
   setHint(text) { state.hint = text; showHint(); },
-  setGuide, setPen, forgetStrokes, setStrip, setStripRows,
+  setPen, forgetStrokes, setStrip, setStripRows,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, placeMaps,
   // Until the server knows its photo, what an earlier connection left is handed on.

@@ -58,7 +58,7 @@ class ClientScript:
         self._server = server
         self._config = config
         self._photo = (1, 1)
-        self._hint = self._guide = ""
+        self._hint = ""
         self._pen = ("", False)
         self._strip = self._rows = "[]"
         # A page that connects is told everything before it is told of a change.
@@ -88,13 +88,6 @@ class ClientScript:
             if self._hint != text:
                 self._hint = text
                 self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
-
-    def show_guide(self, text: str) -> None:
-        """A hint above the photo for new users, on pages that have not dismissed the hints."""
-        with self._telling:
-            if self._guide != text:
-                self._guide = text
-                self._run(f"window.poseviewer && window.poseviewer.setGuide({json.dumps(text)})")
 
     def show_pen(self, shape: str, erase: bool) -> None:
         """What the main button draws on the photo: ``brush``, ``polygon``, ``scribble``, "" for
@@ -140,9 +133,9 @@ class ClientScript:
                 "icon": f"data:image/svg+xml;base64,{icon}",
             }
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-            hints = f"setHint({json.dumps(self._hint)})", f"setGuide({json.dumps(self._guide)})"
+            hint = f"setHint({json.dumps(self._hint)})"
             strip = f"setStrip({self._strip})", f"setStripRows({self._rows})"
-            source += "".join(f"\nwindow.poseviewer.{call};" for call in (*hints, *strip))
+            source += "".join(f"\nwindow.poseviewer.{call};" for call in (hint, *strip))
             _run_on(client, f"{source}\n{self._pen_call()};")
 
     def _run(self, source: str) -> None:

@@ -17,7 +17,6 @@ from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
 from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
-from poseviewer.app.page.guide import Guide
 from poseviewer.app.page.landscape import PLACES_ORDER, LandscapePanel
 from poseviewer.app.page.panels import (
     FitPanel,
@@ -110,7 +109,6 @@ class Page:
             self._landscape = LandscapePanel(controls)
         self._maps.dock_right()
         self._maps.set_width(MAPS_WIDTHS[0])
-        self._guide = Guide()
         self._strip = PhotoStrip(self._script)
         self._next_panels = 0.0
         self._shown: Session | None = None
@@ -138,8 +136,6 @@ class Page:
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
             self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
-            if self._rows is None:
-                self._script.show_guide(self._guide.text(session))
             self.scene.show(session)
             self._strip.show(session)
             if self._shown is None or session.strokes != self._shown.strokes:

@@ -127,7 +127,6 @@ class PlacePanel:
         self._names: tuple[str, ...] = ()
         self._shown: object = None
         self._error_message = ""
-        self._session: Session | None = None
         with controls.step(STEPS[1]):
             self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
             controls.field(self._view, self._look_from)
@@ -146,7 +145,6 @@ class PlacePanel:
                     ),
                     c.SetFieldOfView,
                 )
-                self._exif = controls.button_for("From EXIF", lambda _: self._from_exif(), None)
                 self._intrinsics = [
                     controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
                     for name in ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
@@ -159,7 +157,7 @@ class PlacePanel:
         # After a refusal the fields still hold what was typed.
         if self._shown == key and self._error_message is session.error_message:
             return
-        self._shown, self._error_message, self._session = key, session.error_message, session
+        self._shown, self._error_message = key, session.error_message
         self._names = session.document.chart.names
         parameters = session.document.parameters
         for index, field in enumerate(self._parameters):
@@ -189,7 +187,6 @@ class PlacePanel:
         shown = camera_as_integer_centres(session.document.pose.camera)
         perspective = isinstance(shown, Perspective)
         self._projection.show("perspective" if perspective else "parallel")
-        set_properties(self._exif, visible=perspective and photo.focal_length_35mm is not None)
         if isinstance(shown, Parallel):
             self._field_of_view.show(self._field_of_view.handle.value, visible=False)
             values = [shown.scale, shown.scale, shown.cx, shown.cy]
@@ -201,13 +198,6 @@ class PlacePanel:
             values = [shown.fx, shown.fy, shown.cx, shown.cy]
         for index, (field, value) in enumerate(zip(self._intrinsics, values, strict=True)):
             field.show(round(value, 4), visible=perspective or index > 1)
-
-    def _from_exif(self) -> Request:
-        assert self._session is not None  # the page is shown before it can be pressed
-        photo = self._session.document.registration.photo
-        camera = camera_as_integer_centres(photo.default_camera())
-        assert isinstance(camera, Perspective)
-        return c.SetCamera(camera.fx, camera.fy, camera.cx, camera.cy)
 
     def _from_intrinsics(self, _: float) -> Request:
         fx, fy, cx, cy = (float(field.handle.value) for field in self._intrinsics)

@@ -58,11 +58,6 @@ def test_a_polygon_hides_its_inside():
     assert not hidden[:, 62:].any()
 
 
-def test_a_tap_hides_a_dot():
-    session = after(make_session(PERSPECTIVE), brush((50.0, 40.0), radius=4.0))
-    assert np.sum(1.0 - counts(session)) == pytest.approx(np.pi * 16, rel=0.25)
-
-
 def test_what_is_erased_counts_again():
     session = after(make_session(PERSPECTIVE), brush((40.0, 30.0), radius=10.0))
     part = after(session, brush((40.0, 30.0), radius=4.0, erase=True))

@@ -12,7 +12,6 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state.documents import (
@@ -20,8 +19,6 @@ from tests.app.state.documents import (
     PARALLEL,
     PERSPECTIVE,
     after,
-    make_document,
-    make_photo,
     make_session,
     moved_document,
 )
@@ -293,34 +290,6 @@ def test_unsaved_is_told():
     assert not saved.unsaved
     assert after(saved, c.Nudge("move", 1.0)).unsaved
     assert not after(saved, c.Nudge("move", 1.0), c.Undo()).unsaved
-
-
-def test_another_photo_is_a_step_and_can_be_undone():
-    session = make_session()
-    other = make_document(photo=make_photo(1))
-    opened = after(session, c.Open(other))
-    assert opened.document is other
-    assert not opened.unsaved
-    assert after(opened, c.Undo()).document is session.document
-
-
-def test_settings_are_a_step_where_they_change():
-    session = make_session()
-    grey = FitSettings(grey=True)
-    changed = after(session, c.AlterSettings(lambda _: grey))
-    assert changed.document.settings == grey
-    assert changed.history.past == (session.document,)
-    assert after(changed, c.AlterSettings(lambda now: replace(now, grey=True))) is changed
-
-
-def test_views_change_what_is_given_alone():
-    session = after(make_session(), c.ChangeView(look="solid"), c.ChangeView(opacity=0.3))
-    assert (session.look.name, session.look.opacity) == ("solid", 0.3)
-    maps = after(session, c.ChangeLandscape(half_width=0.1), c.ChangeLandscape(large=(0, 2))).maps
-    assert (maps.half_width, maps.large) == (0.1, (0, 2))
-    closed = after(replace(session, maps=maps), c.ChangeLandscape(large=(0, 2))).maps
-    assert (closed.half_width, closed.large) == (0.1, None)
-    assert session.history.past == ()
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ def among(*poses) -> Session:
     return after(Session(Document.of(ball, None, (front,))), c.StartSearch())
 
 
+@pytest.mark.slow
 def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
     # At the start the ball is as near as the box: most of that is not in front of it. Half of the
     # ball and more is where the box is, so that its depth there decides.

@@ -109,17 +109,6 @@ def test_each_item_is_taken_once_and_the_last_is_told_as_such(worker, bell):
     assert job.thread == "tested"
 
 
-def test_only_the_newest_item_is_kept(worker, bell):
-    job = Steps(range(5))
-    worker.start(job)
-    job.go(4)
-    for _ in range(4):
-        bell.heard()
-    assert taken(worker).item == 3
-    assert worker.take() is None
-    job.go()
-
-
 def test_a_new_job_displaces_the_old_one_whose_updates_are_dropped(worker, bell):
     old, new = Steps("abc"), Steps("x")
     first = worker.start(old)
@@ -135,20 +124,6 @@ def test_a_new_job_displaces_the_old_one_whose_updates_are_dropped(worker, bell)
     bell.heard()
     bell.heard()
     assert taken(worker) == JobUpdate(second, "x", finished=True)
-
-
-def test_of_several_waiting_jobs_only_the_newest_runs(worker, bell):
-    running, passed_over, newest = Steps("a"), Steps("b"), Steps("c")
-    worker.start(running)
-    assert running.began.wait(LONG)
-    worker.start(passed_over)
-    ticket = worker.start(newest)
-    running.go()
-    newest.go()
-    bell.heard()
-    bell.heard()
-    assert taken(worker) == JobUpdate(ticket, "c", finished=True)
-    assert not passed_over.began.is_set()
 
 
 def test_stop_drops_what_was_published_and_what_is_on_its_way(worker, bell):
@@ -189,22 +164,6 @@ def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
     assert taken(worker).item == "c"
 
 
-def test_a_held_job_can_be_displaced_and_stopped(worker, bell):
-    job, new = Steps("abc"), Steps("xy")
-    worker.hold(True)
-    worker.start(job)
-    job.go(3)
-    bell.heard()
-    ticket = worker.start(new)
-    new.go(2)
-    bell.heard()
-    assert taken(worker) == JobUpdate(ticket, "x")
-    worker.stop()
-    worker.hold(False)
-    assert new.ended.wait(LONG)
-    assert worker.take() is None
-
-
 def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
     error = ValueError("no such thing")
     job, after = Steps("a", error), Steps("x")
@@ -224,30 +183,6 @@ def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
     assert after.thread == "tested"
 
 
-def test_a_job_that_cannot_begin_is_told(worker, bell):
-    error = OSError("gone")
-
-    def make() -> Iterator[object]:
-        raise error
-
-    ticket = worker.start(make)
-    bell.heard()
-    assert taken(worker) == JobUpdate(ticket, None, error, finished=True)
-
-
-def test_a_displaced_jobs_exception_is_dropped(worker, bell):
-    job, new = Steps("a", ValueError("old")), Steps("x")
-    worker.start(job)
-    assert job.began.wait(LONG)
-    ticket = worker.start(new)
-    job.go()
-    new.go()
-    bell.heard()
-    bell.heard()
-    assert taken(worker) == JobUpdate(ticket, "x", finished=True)
-    assert bell.silent()
-
-
 @pytest.mark.parametrize("held", [False, True])
 def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
     worker: Worker[object] = Worker("closing", bell)
@@ -259,34 +194,6 @@ def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
     job.go(2)
     worker.close()
     assert not any(thread.name == "closing" for thread in threading.enumerate())
-
-
-def test_an_idle_worker_can_be_closed_and_stopped():
-    worker: Worker[object] = Worker("idle")
-    worker.stop()
-    assert worker.take() is None
-    worker.close()
-    assert not any(thread.name == "idle" for thread in threading.enumerate())
-
-
-def test_a_mailbox_keeps_the_order():
-    mailbox: Mailbox[int] = Mailbox()
-    for number in range(5):
-        mailbox.post(number)
-    assert mailbox.take(LONG) == [0, 1, 2, 3, 4]
-    assert mailbox.take(0.0) == []
-
-
-def test_a_mailbox_wakes_its_reader():
-    mailbox: Mailbox[str] = Mailbox()
-    found: list[list[str]] = []
-    reader = threading.Thread(target=lambda: found.append(mailbox.take(10.0 * LONG)))
-    reader.start()
-    mailbox.post("here")
-    reader.join(LONG)
-    assert found == [["here"]]
-    mailbox.notify()
-    assert mailbox.take(10.0 * LONG) == []
 
 
 def test_no_item_of_many_posters_is_lost():
