@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -55,16 +55,11 @@ class BatchPlan:
     mask: Path | None = None
 
 
-class StoppedError(Exception):
-    """The batch was told to stop in the middle of a job."""
-
-
-def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: False) -> JobResult:
+def run_job(job: Job, plan: BatchPlan) -> JobResult:
     """Fit a row and keep its result; at once where that was done before.
 
     Raises:
         BatchError: the result cannot be written, so that no other could.
-        StoppedError: ``stopped`` became true.
     """
     rows = (job, *job.mates)
     known = [load_result(plan.folder, row.key) for row in rows]
@@ -73,18 +68,16 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
     try:
         found: Sequence[FitResult | SetResult | PoseRecord]
         if job.mates:
-            scene = _fit_together(rows, plan, stopped)
+            scene = _fit_together(rows, plan)
             pairs = zip(scene.results, scene.scene.objects, strict=True)
             found = [result or one.record for result, one in pairs]
             picture = smaller(scene.picture())
         else:
-            fitted = _fit(job, plan, stopped)
+            fitted = _fit(job, plan)
             drawn = fitted.views[0] if isinstance(fitted, SetResult) else fitted
             found, picture = [fitted], smaller(drawn.picture())
     except PoseViewerError as error:
         return failed_result(job, str(error))
-    except StoppedError:
-        raise
     except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
         _log.debug("row %d", job.row, exc_info=error)
         return failed_result(job, f"{type(error).__name__}: {error}")
@@ -94,7 +87,7 @@ def run_job(job: Job, plan: BatchPlan, stopped: Callable[[], bool] = lambda: Fal
     return _keep(job, plan, found[0], picture)
 
 
-def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bool]) -> SceneCase:
+def _fit_together(rows: Sequence[Job], plan: BatchPlan) -> SceneCase:
     """All objects of a photo, each hidden by those in front of it."""
     if plan.mask is not None:
         raise SettingsError("--mask with --together: one mask is not that of all objects.")
@@ -113,40 +106,28 @@ def _fit_together(rows: Sequence[Job], plan: BatchPlan, stopped: Callable[[], bo
         objects.append(ObjectRecord(str(number), path, PoseRecord(one.start, of_photo, of_model)))
     scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
     case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
-    return case.fit(watch=_ending(stopped))
+    return case.fit()
 
 
-def _ending(stopped: Callable[[], bool]) -> Callable[..., None]:
-    """What ends a fit once ``stopped`` is true; to be called after every evaluation."""
-
-    def watch(_progress: object = None) -> None:
-        if stopped():
-            raise StoppedError
-
-    return watch
-
-
-def _fit(job: Job, plan: BatchPlan, stopped: Callable[[], bool]) -> FitResult | SetResult:
+def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     model, renderer = open_model(job.path(job.model), plan.settings)
-    watch = _ending(stopped)
     photo, start = job.path(job.photo), _start_of(job, plan)
     if photo.is_dir() or photo.suffix.lower() == ".json":
-        return _fit_set(photo, model, start, plan, watch)
+        return _fit_set(photo, model, start, plan)
     case = load(
         photo,
         model,
         start,
         plan.settings,
         box=job.rectangle(),
-        watch=watch,
         mask=plan.mask,
         # A renderer is for one thread at a time, and a cluster's worker may have several.
         renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
     )
-    return case.fit(watch=watch)
+    return case.fit()
 
 
 def _fit_set(
@@ -154,7 +135,6 @@ def _fit_set(
     model: LoadedModel,
     start: str | Path,
     plan: BatchPlan,
-    watch: Callable[[object], None],
 ) -> SetResult:
     """One pose in all photos of a set."""
     if start == AUTOMATIC or plan.mask is not None:
@@ -162,7 +142,7 @@ def _fit_set(
         raise SettingsError(
             f"{views.name}: {what} with a set of photos; name a pose file, and masks in the set."
         )
-    return load_views(views, model, start, plan.settings).fit(watch=watch)
+    return load_views(views, model, start, plan.settings).fit()
 
 
 def _start_of(job: Job, plan: BatchPlan) -> str | Path:

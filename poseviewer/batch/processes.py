@@ -12,25 +12,21 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.synchronize import Event
+from multiprocessing.connection import Connection
 
-from poseviewer.batch.job import BatchPlan, StoppedError, run_job
+from poseviewer.batch.job import BatchPlan, run_job
 from poseviewer.batch.results import JobResult, failed_result
 from poseviewer.batch.table import Job
 
 _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy the locks of other threads as they happen to be."""
 
-_stop: Event | None = None
-"""In a worker process: set when the batch is to stop."""
-
 
 def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[JobResult]:
     """The results of the jobs as they come, in no order.
 
     When a process dies (for lack of memory, say), the jobs under way are run again one by one, and
-    only one that dies again fails. To stop, stop asking: jobs under way end between two
-    evaluations.
+    only one that dies again fails. To stop, stop asking: processes with jobs under way end.
     """
     waiting = deque(jobs)
     while waiting:
@@ -51,8 +47,8 @@ def _run_together(
     waiting: deque[Job], plan: BatchPlan, processes: int, suspects: list[Job]
 ) -> Iterator[JobResult]:
     """Run jobs until none waits, or a process dies: ``suspects`` gets those under way then."""
-    stop = _SPAWN.Event()
-    pool = ProcessPoolExecutor(processes, _SPAWN, _begin, (stop,))
+    reader, writer = _SPAWN.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(processes, _SPAWN, _begin, (reader,))
     running: dict[Future[JobResult], Job] = {}
     try:
         while waiting or running:
@@ -62,7 +58,7 @@ def _run_together(
                 if job is None:
                     break
                 try:
-                    running[pool.submit(_work, job, plan)] = job
+                    running[pool.submit(run_job, job, plan)] = job
                 except BrokenProcessPool:
                     break
                 waiting.remove(job)
@@ -78,8 +74,9 @@ def _run_together(
             if suspects and not running:
                 return
     finally:
-        stop.set()
+        writer.close()
         pool.shutdown(cancel_futures=True)
+        reader.close()
 
 
 def first_ready(waiting: Iterable[Job], running: Iterable[Job]) -> Job | None:
@@ -88,26 +85,16 @@ def first_ready(waiting: Iterable[Job], running: Iterable[Job]) -> Job | None:
     return next((job for job in waiting if not ahead.intersection(job.above[:1])), None)
 
 
-def _begin(stop: Event) -> None:
-    """In a new worker process."""
-    global _stop
-    _stop = stop
+def _begin(reader: Connection) -> None:
+    """Prepare a worker process."""
     # Ctrl-C goes to all processes of a terminal; the first one tells the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    threading.Thread(target=_end_after, args=(reader,), name="end with parent", daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    """End this process when the one that started it has ended, even if it was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)  # the process that waits for results has ended
-
-
-def _work(job: Job, plan: BatchPlan) -> JobResult:
-    stop = _stop
-    try:
-        return run_job(job, plan, stop.is_set if stop is not None else lambda: False)
-    except StoppedError:
-        return failed_result(job, "stopped")
+def _end_after(reader: Connection) -> None:
+    """End this process when the pipe's other end is closed: the batch stops, or its process has
+    ended, even if it was killed. What a job had not written whole is left out.
+    """
+    reader.poll(None)
+    os._exit(1)
