@@ -5,9 +5,7 @@ study.md and study.png. Rows that are there are not run again.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import (
     add_fields,
@@ -25,9 +23,12 @@ from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
 
-if TYPE_CHECKING:
-    from poseviewer.evaluation.bop import BopPlan
-    from poseviewer.evaluation.plan import RealPlan, StudyPlan
+GROUPS = {
+    "": ("starts", "deviations", "readings", "kinds", "photos", "size", "model", "seed"),
+    "real": ("degrees", "cases", "draws", "among_others"),
+    "bop": ("dataset",),
+}
+"""Options of one study alone, by the option that chooses it."""
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -43,17 +44,13 @@ def add_options(parser: ArgumentParser) -> None:
     option(drawn, "--starts N", "for each point (10)", whole)
     option(drawn, "--deviations PERCENT,...", kind=listed(positive))
     option(drawn, "--readings NAME,...", "relative,absolute", names)
-    kinds = "plain,background,photo-parallel,photo-perspective"
-    option(drawn, "--kinds NAME,...", kinds, names)
+    option(drawn, "--kinds NAME,...", "plain,background,photo-parallel,photo-perspective", names)
     option(drawn, "--photos N", "synthetic ones of a kind (5)", whole)
     option(drawn, "--size WIDTHxHEIGHT", "of these (640x480)", size)
-    option(drawn, "--projection", "of these", choices=("parallel", "perspective"))
-    option(drawn, "--model MODEL", "a vehicle (the bundled one)", Path)
-    option(drawn, "--backgrounds FOLDER", "of photos", Path)
-    option(drawn, "--cars FOLDER", "of cases.json, for photo-...", Path)
+    option(drawn, "--model MODEL", "a vehicle, for these (the bundled one)", Path)
     option(drawn, "--seed SEED", kind=seed)
     real = parser.add_argument_group("real photos with fixed starts")
-    option(real, "--real FOLDER", "of cases.json and starts.json", Path, dest="folder")
+    option(real, "--real FOLDER", "of cases.json and starts.json", Path)
     option(real, "--degrees N,...", "(5,15)", listed(whole))
     option(real, "--cases PATTERN", "a part of the id, or with * and ?")
     option(real, "--draws N", "starts of each case (5)", whole)
@@ -66,10 +63,11 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Print the table."""
-    from poseviewer.evaluation.run import open_study, write_report
+    _refuse_of_others(options)
+    from poseviewer.evaluation.study import Plan, open_study, write_report
     from poseviewer.render.pool import processors
 
-    plan = _plan_of(options)
+    plan = made(Plan, options, limits=made(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)
         with progress_bar(len(run.left), options.quiet) as bar:
@@ -83,27 +81,17 @@ def run(options: Namespace) -> int:
     return 0
 
 
-def _plan_of(options: Namespace) -> StudyPlan | RealPlan | BopPlan:
-    """The study that is wanted; what was not typed is as its plan has it.
-
-    Raises:
-        SettingsError: the options do not go together, or one is out of range.
+def _refuse_of_others(options: Namespace) -> None:
+    """Raises:
+    SettingsError: the options do not go together.
     """
-    from poseviewer.evaluation.bop import BopPlan
-    from poseviewer.evaluation.plan import RealPlan, StudyPlan
-
     refuse_with_paper(options)
-    chosen = {"real": options.folder, "bop": options.bop}
-    plans = {"": StudyPlan, "real": RealPlan, "bop": BopPlan}
-    named = [name for name, value in chosen.items() if value is not None]
-    if len(named) > 1:
+    if options.real and options.bop:
         raise SettingsError("--real and --bop are two studies; leave one of them out")
-    wanted = plans.pop(named[0] if named else "")
-    known = {field.name for field in fields(wanted)}
-    for other, plan in plans.items():
-        for name in (field.name for field in fields(plan) if field.name not in known):
-            if getattr(options, name) is not None:
-                where = f"--{other}" if other else "synthetic photos"
+    chosen = "real" if options.real else "bop" if options.bop else ""
+    for study, own in GROUPS.items():
+        for name in own:
+            if study != chosen and getattr(options, name) is not None:
+                where = f"--{study}" if study else "synthetic photos"
                 flag = f"--{name.replace('_', '-')}"
                 raise SettingsError(f"{flag} goes with {where}; leave out {flag}")
-    return made(wanted, options, limits=made(Limits, options))

@@ -1,4 +1,4 @@
-"""What the trials come to: shares of fits that found the pose, and how sure they are."""
+"""Tables and lines of trials: shares of fits that found the pose, and how sure they are."""
 
 from __future__ import annotations
 
@@ -8,146 +8,119 @@ import numpy as np
 from scipy.stats import binomtest
 
 from poseviewer.evaluation.photos import KINDS
-from poseviewer.evaluation.trials import READINGS, RealTrial, Trial
+from poseviewer.evaluation.trials import FOUND_PERCENT, Trial
 from poseviewer.figures.study_sheet import ReliabilityLine, ReliabilityPanel
 from poseviewer.figures.text_table import Table
 
-NONE = "–"  # noqa: RUF001 - a dash in a table
+NONE = "-"
+WRONG_PERCENT = 2.0
+"""Error beyond the truth's own from which a pose that is called found counts as wrong."""
 LABELS = {str(kind): label for kind, label in KINDS.items()}
 Line = tuple[str, str, str, str]
-"""Method, reading, kind of photo, pixels."""
+"""Method, reading, photos, pixels."""
+Lines = dict[Line, list[Trial]]
 
 
 def wilson_interval(found: int, trials: int) -> tuple[float, float]:
-    """The 95 % interval of a share, in [0, 1]; unlike the normal approximation it is right for few
+    """95 % interval of a share, in [0, 1]; unlike the normal approximation it is right for few
     trials too, and for none or all found (Wilson, 1927).
     """
     interval = binomtest(found, trials).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
 
 
-def _lines(trials: Sequence[Trial]) -> dict[Line, list[Trial]]:
-    """Trials of one method, reading, kind and pixels; in this order."""
-    lines: dict[Line, list[Trial]] = {}
+def lines_of(trials: Sequence[Trial], groups: Mapping[str, str]) -> Lines:
+    """Sort trials into the report's lines. ``groups`` names the photos by the case; else it is the
+    set.
+    """
+    lines: Lines = {}
     for trial in trials:
-        where = trial.method, trial.reading, trial.kind, trial.pixels
-        lines.setdefault(where, []).append(trial)
-    readings, kinds = [str(reading) for reading in READINGS], [*LABELS]
+        line = trial.method, trial.reading, groups.get(trial.case, trial.set), trial.pixels
+        lines.setdefault(line, []).append(trial)
+    kinds = [*LABELS]
 
-    def order(line: Line) -> tuple[str, int, int, str]:
-        return line[0], readings.index(line[1]), kinds.index(line[2]), line[3]
+    def order(line: Line) -> tuple[str, bool, int, str, str]:
+        method, reading, photos, pixels = line
+        rank = kinds.index(photos) if photos in kinds else len(kinds)
+        return method, reading == "absolute", rank, photos, pixels
 
     return {line: lines[line] for line in sorted(lines, key=order)}
 
 
+def report_table(lines: Lines) -> Table:
+    """Tabulate a row for each line: shares found by deviation, and what all its fits come to."""
+    offs = sorted({(trial.percent, trial.degrees) for some in lines.values() for trial in some})
+    columns = (
+        *("method: photos", "off by"),
+        *(f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in offs),
+        *("start", "end", "improved", "made worse", "called found", "of these wrongly"),
+        *("loss below truth's", "evaluations", "seconds"),
+    )
+    rows = []
+    for line, some in lines.items():
+        drawn = _reliability(line, some)
+        cells = dict(zip(drawn.off, map(_cell, drawn.share, drawn.low, drawn.high), strict=True))
+        rows.append(
+            (
+                f"{line[0]}: {drawn.label}",
+                line[1] or "angle",
+                *(cells.get(percent or degrees, NONE) for percent, degrees in offs),
+                *_totals(some),
+            )
+        )
+    return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
+
+
+def report_panels(lines: Lines) -> list[list[ReliabilityPanel]]:
+    """Make the figure: a row for each method, a column for each reading."""
+    panels = []
+    for method in dict.fromkeys(line[0] for line in lines):
+        row = []
+        for reading in dict.fromkeys(line[1] for line in lines if line[0] == method):
+            size = {"relative": "own value", "absolute": "span"}.get(reading)
+            off = f"each number off by up to ... % of its {size}" if size else "degrees off"
+            own = [line for line in lines if line[:2] == (method, reading)]
+            drawn = [_reliability(line, lines[line]) for line in own]
+            row.append(ReliabilityPanel(f"method {method}, {reading}", off, tuple(drawn)))
+        panels.append(row)
+    return panels
+
+
 def _reliability(line: Line, trials: Sequence[Trial]) -> ReliabilityLine:
-    label = LABELS[line[2]] if line[3] == "near" else f"{LABELS[line[2]]}, {line[3]}"
-    percents = sorted({trial.percent for trial in trials})
-    counts = []
-    for percent in percents:
-        found = [trial.found for trial in trials if trial.percent == percent]
-        counts.append((sum(found), len(found)))
-    intervals = [wilson_interval(*count) for count in counts]
+    label = LABELS.get(line[2], line[2])
+    by_off: dict[float, list[bool]] = {}
+    for trial in sorted(trials, key=lambda trial: (trial.percent, trial.degrees)):
+        by_off.setdefault(trial.percent or trial.degrees, []).append(trial.found)
+    intervals = [wilson_interval(sum(found), len(found)) for found in by_off.values()]
     return ReliabilityLine(
-        label,
-        tuple(percents),
-        tuple(found / count for found, count in counts),
+        label if line[3] == "near" else f"{label}, {line[3]}",
+        tuple(by_off),
+        tuple(sum(found) / len(found) for found in by_off.values()),
         tuple(low for low, _ in intervals),
         tuple(high for _, high in intervals),
     )
 
 
-def study_table(trials: Sequence[Trial]) -> Table:
-    """A row for each method, reading, kind and pixels, a column for each deviation."""
-    percents = sorted({trial.percent for trial in trials})
-    rows = []
-    for line, some in _lines(trials).items():
-        found = _reliability(line, some)
-        cells = {
-            percent: f"{100 * share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
-            for percent, share, low, high in zip(
-                found.percent, found.share, found.low, found.high, strict=True
-            )
-        }
-        rows.append(
-            (
-                f"{line[0]}: {found.label}",
-                line[1],
-                *(cells.get(percent, NONE) for percent in percents),
-                f"{np.median([trial.evaluations for trial in some]):.0f}",
-                f"{np.median([trial.seconds for trial in some]):.2g}",
-            )
-        )
-    columns = (
-        *("method: photos", "off by"),
-        *(f"{percent:g} %" for percent in percents),
-        *("evaluations", "seconds"),
-    )
-    return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
+def _cell(share: float, low: float, high: float) -> str:
+    return f"{100 * share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def study_panels(trials: Sequence[Trial]) -> list[list[ReliabilityPanel]]:
-    """For the figure: a row for each method, a column for each reading."""
-    lines = _lines(trials)
-    panels = []
-    for method in dict.fromkeys(line[0] for line in lines):
-        row = []
-        for reading in (r for r in READINGS if any(line[1] == r for line in lines)):
-            size = "own value" if reading == "relative" else "span"
-            own = [
-                _reliability(line, some)
-                for line, some in lines.items()
-                if line[:2] == (method, reading)
-            ]
-            title = f"method {method}, {reading}"
-            row.append(
-                ReliabilityPanel(title, f"each number off by up to ... % of its {size}", tuple(own))
-            )
-        panels.append(row)
-    return panels
-
-
-def real_table(trials: Sequence[RealTrial], case_groups: Mapping[str, str]) -> Table:
-    """A row for each group of cases (those that ``case_groups`` does not name: their set), method
-    and deviation: medians of the errors, and shares of the fits.
-    """
-    groups: dict[tuple[str, str, str, int], list[RealTrial]] = {}
-    for trial in trials:
-        group = case_groups.get(trial.case, trial.set)
-        where = group, trial.method, trial.pixels, trial.degrees
-        groups.setdefault(where, []).append(trial)
-    return Table(
-        "Error as a share of the model's size in the photo, %; medians, and shares of the fits",
-        (
-            *("photos", "method", "off by", "fits", "start", "end", "improved"),
-            *("found", "+2 %", "made worse", "called found", "of these wrongly"),
-            *("loss below truth's", "seconds"),
-        ),
-        tuple(_real_row(where, groups[where]) for where in sorted(groups)),
-    )
-
-
-def _real_row(where: tuple[str, str, str, int], trials: Sequence[RealTrial]) -> tuple[str, ...]:
-    """``found``: within the truth's accuracy + 1 %. ``made worse``: by more than that accuracy.
-    ``called found`` is the verdict's word, ``wrongly`` beyond the accuracy + 2 %.
-    """
-    name, method, pixels, degrees = where
+def _totals(trials: Sequence[Trial]) -> tuple[str, ...]:
+    """Median errors in per cent of the model's size in the photo, shares, and medians of effort."""
     start = np.array([trial.error_percent_start for trial in trials])
     end = np.array([trial.error_percent_end for trial in trials])
     accuracy = np.array([trial.accuracy_percent for trial in trials])
     called = np.array([trial.verdict == "found" for trial in trials])
     shares = (
         end < start,
-        end < accuracy + 1.0,
-        end < accuracy + 2.0,
-        end > start + accuracy,
+        end > start + np.maximum(accuracy, FOUND_PERCENT),
         called,
-        end[called] > accuracy[called] + 2.0,
+        end[called] > accuracy[called] + WRONG_PERCENT,
         [trial.loss_end < trial.loss_truth for trial in trials],
     )
     return (
-        *(name, f"{method}, {pixels}", f"{degrees}°", str(len(trials))),
         *(f"{np.median(start):.2f}", f"{np.median(end):.2f}"),
-        *(f"{np.mean(share):.0%}" if len(share) else "-" for share in shares),
+        *(f"{np.mean(share):.0%}" if len(share) else NONE for share in shares),
+        f"{np.median([trial.evaluations for trial in trials]):.0f}",
         f"{np.median([trial.seconds for trial in trials]):.2g}",
     )

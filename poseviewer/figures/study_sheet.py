@@ -10,21 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
-INK, PALE = "0.15", "0.85"
-COLOURS = ("#440154", "#31688e", "#35b779", "#d1495b", "#e0a526", "#8a6fb0")
-MARKERS = ("o", "s", "^", "D", "v", "P")
+MARKERS = "os^DvP"
 PANEL_INCHES = (5.6, 3.8)
 APART = 0.02
-"""Lines are this far from one another along the axis, as a share of its decade, so that their
-intervals can be told apart."""
+"""Shift between lines along the axis, in decades, so that their intervals can be told apart."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReliabilityLine:
-    """One kind of photo; all tuples are as long as ``percent``."""
+    """One kind of photo; all tuples are of one length."""
 
     label: str
-    percent: tuple[float, ...]
+    off: tuple[float, ...]
+    """Deviations, per cent or degrees."""
     share: tuple[float, ...]
     """In [0, 1], with an interval from ``low`` to ``high``."""
     low: tuple[float, ...]
@@ -41,13 +39,13 @@ class ReliabilityPanel:
 
 
 def make_study_sheet(panels: Sequence[Sequence[ReliabilityPanel]]) -> Figure:
-    """The panels in rows and columns, on one scale; the deviation on a logarithmic one."""
+    """Draw the panels in rows and columns, on one scale; the deviation on a logarithmic one."""
     rows, columns = len(panels), max(len(row) for row in panels)
     size = columns * PANEL_INCHES[0], rows * PANEL_INCHES[1]
-    figure = Figure(figsize=size, facecolor="white", layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for axes_row, panel_row in zip(grid, panels, strict=True):
-        for axes, panel in zip(axes_row, panel_row, strict=True):
+        for axes, panel in zip(axes_row, panel_row, strict=False):
             _draw(axes, panel)
     return figure
 
@@ -58,32 +56,19 @@ def _draw(axes: Axes, panel: ReliabilityPanel) -> None:
         share = np.array(line.share)
         # A share may lie a rounding beside its interval.
         error = np.clip([share - line.low, np.array(line.high) - share], 0.0, None)
+        marker = MARKERS[i % len(MARKERS)]
         axes.errorbar(
-            np.array(line.percent) * away,
-            share,
-            error,
-            color=COLOURS[i % len(COLOURS)],
-            marker=MARKERS[i % len(MARKERS)],
-            markersize=5,
-            linewidth=1.4,
-            elinewidth=0.8,
-            capsize=2,
-            label=line.label,
+            *(np.array(line.off) * away, share, error), marker=marker, capsize=2, label=line.label
         )
-    percents = sorted({percent for line in panel.lines for percent in line.percent})
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(percents))
+    axes.xaxis.set_major_locator(
+        FixedLocator(sorted({o for line in panel.lines for o in line.off}))
+    )
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_ylim(-0.03, 1.05)
-    axes.set_title(panel.title, fontsize=10.5, color=INK, loc="left")
-    axes.set_xlabel(panel.x_label, fontsize=9, color=INK)
-    axes.set_ylabel("fits that found the pose", fontsize=9, color=INK)
-    axes.tick_params(labelsize=8.5, colors=INK)
-    axes.grid(color=PALE, linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.set(title=panel.title, xlabel=panel.x_label, ylabel="fits that found the pose")
+    axes.grid(color="0.85")
     # Below the axes: inside, some line or interval is always in its way.
     axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)

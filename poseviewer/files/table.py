@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from dataclasses import asdict, fields
-from inspect import get_annotations
 from io import StringIO
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
@@ -28,8 +27,7 @@ class RowTable(Generic[Row]):
         truth = {"True": True, "False": False}.__getitem__
         hints = get_type_hints(row_type)
         self._kinds = {name: truth if kind is bool else kind for name, kind in hints.items()}
-        own = get_annotations(row_type)  # stand before the fields that it inherits
-        self.columns = sorted((f.name for f in fields(row_type)), key=lambda n: n not in own)  # type: ignore[arg-type]
+        self.columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
         text = _read(path)
         whole = text[: text.rfind("\n") + 1]
         self.rows: list[Row] = self._parse(whole) if whole else []

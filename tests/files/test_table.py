@@ -11,15 +11,11 @@ from poseviewer.files.table import RowTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Base:
-    error: float
-    found: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row(Base):
+class Row:
     name: str
     draw: int
+    error: float
+    found: bool
 
 
 ROWS = [

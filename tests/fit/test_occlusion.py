@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import FitResult, load, make_case
-from poseviewer.evaluation.real_cases import load_cases, load_starts
-from poseviewer.evaluation.trials import RealTask
+from poseviewer.evaluation.study import real_tasks
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
 from poseviewer.fit import search as searching
@@ -106,13 +105,12 @@ def test_a_toy_behind_others_is_found_by_leaving_them_out(shared_data, monkeypat
     folder, name = shared_data / "clutter", "tight-5-cat"
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
-    case, *_ = load_cases(folder, name)
-    start = next(s for s in load_starts(folder, [15], 1) if s.case == name)
     settings = FitSettings(chart="free-body")
-    registration, renderer = RealTask(case, start, settings).open()
+    (task,) = real_tasks(folder, [15], 1, name, settings)
+    registration, renderer = task.open()
 
     def off(found: FitResult) -> float:
-        return pose_error(registration.mesh, found.pose, case.truth).percent
+        return pose_error(registration.mesh, found.pose, task.case.truth).percent
 
     toy = make_case(registration, settings, renderer=renderer)
     found = toy.fit()

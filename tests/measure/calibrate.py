@@ -29,7 +29,8 @@ from poseviewer.confidence import weights as verdict_weights
 from poseviewer.confidence.model import LARGEST_SCORE, scaled
 from poseviewer.confidence.uncertainty import SPREAD
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
-from poseviewer.evaluation.trials import RealTask, real_tasks
+from poseviewer.evaluation.study import real_tasks
+from poseviewer.evaluation.trials import Task
 from poseviewer.figures.text_table import Table
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.settings import FitSettings
@@ -217,7 +218,7 @@ class SureTrial:
     px_off: float
 
 
-def sure_trials(tasks: Sequence[RealTask]) -> Iterator[SureTrial]:
+def sure_trials(tasks: Sequence[Task]) -> Iterator[SureTrial]:
     """Fit, and compare covariances with the truth; poses that are lost are left out.
 
     Raises:

@@ -1,10 +1,11 @@
 """Whether fits still end where they did: ``python -m tests.measure.frozen_fits``.
 
-``--write TABLE.json`` makes 72 fits and keeps their ends, losses, evaluations and verdicts, and
+``--write TABLE.json`` makes 71 fits and keeps their ends, losses, evaluations and verdicts, and
 beside the table the synthetic photos; ``--compare TABLE.json`` makes them again and prints
-``equal``, or which differ and by how much (exit code 1). They are the demo's two photos, 30 real
-cases of $POSEVIEWER_DATA (or ../shared/data) from starts 5 and 15 degrees off, and ten synthetic
-photos with varied settings. Equal means bit-equal, so both runs want the same machine.
+``equal``, or which differ and by how much (exit code 1). They are the demo's two photos, one of
+them twice, 30 real cases of $POSEVIEWER_DATA (or ../shared/data) from starts 5 and 15 degrees off,
+and eight synthetic photos with varied settings. Equal means bit-equal, so both runs want the same
+machine.
 """
 
 from __future__ import annotations
@@ -21,15 +22,13 @@ import numpy as np
 
 from poseviewer.api import load
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
-from poseviewer.evaluation.photos import Kind, Studio, load_backgrounds, make_photos
-from poseviewer.evaluation.real_cases import load_cases, load_starts
-from poseviewer.evaluation.trials import draw_start
+from poseviewer.evaluation.cases import load_cases, load_starts
+from poseviewer.evaluation.photos import Kind, draw_start, make_photos
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.starts.registration import load_model
-from poseviewer.vehicle.chart import VehicleChart
 from tests.measure.real import DATA
 
 CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 1}
@@ -37,12 +36,11 @@ CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 
 CLUTTERED = 8
 """... and of the folder ``clutter``."""
 PAPER, WHOLE = FitSettings("paper"), FitSettings("paper", pixels="whole")
-SYNTHETIC: tuple[tuple[Kind, bool, tuple[FitSettings, ...]], ...] = (
-    ("plain", True, (FitSettings(), FitSettings(), PAPER, WHOLE)),
-    ("background", True, (FitSettings(), PAPER, WHOLE)),
-    ("plain", False, (FitSettings(), FitSettings(pixels="clip"), FitSettings(free_focal=True))),
-)
-"""Kind of photo, whether its projection is parallel, and the settings of the fits."""
+SYNTHETIC: dict[Kind, tuple[FitSettings, ...]] = {
+    "plain": (FitSettings(), FitSettings(), PAPER, WHOLE, FitSettings(pixels="clip")),
+    "background": (FitSettings(), PAPER, WHOLE),
+}
+"""Settings of the fits on synthetic photos, by their kind."""
 SIZE, OFF = (640, 480), 0.08
 """Of synthetic photos, px; how far off their starts are, relative to each parameter."""
 
@@ -92,10 +90,11 @@ class FrozenFit:
 
 
 def demo_fits() -> Iterator[FrozenFit]:
-    """The demo's two photos."""
-    for name in ("perspective", "parallel"):
-        case = demo_case(name)
-        yield FrozenFit(f"demo-{name}", case.photo, case.model, case.start, FitSettings())
+    """The demo's two photos, and one with its focal length free."""
+    for name, free in (("perspective", False), ("parallel", False), ("perspective", True)):
+        case, settings = demo_case(name), FitSettings(free_focal=free)
+        title = f"demo-{name}{'-focal' * free}"
+        yield FrozenFit(title, case.photo, case.model, case.start, settings)
 
 
 def real_fits(data: Path) -> Iterator[FrozenFit]:
@@ -128,25 +127,17 @@ def synthetic_fits(photos: Path) -> Iterator[FrozenFit]:
     Raises:
         RendererUnavailableError: there is no OpenGL to draw them.
     """
-    path = demo_case().model
-    model = load_model(path)
-    assert model.keypoints is not None  # it is a car
-    seed = 0
-    for kind, parallel, all_settings in SYNTHETIC:
-        studio = Studio(
-            path, model.mesh, model.keypoints, SIZE, parallel, load_backgrounds(None), 0
-        )
-        folder = photos / f"{kind}-{'parallel' if parallel else 'perspective'}"
-        folder.mkdir(parents=True, exist_ok=True)
-        made = make_photos(studio, kind, len(all_settings), folder)
-        for photo, settings in zip(made, all_settings, strict=True):
-            chart = VehicleChart.near(model.keypoints, photo.truth)
-            true = chart.from_pose(photo.truth)
-            start = draw_start(true, chart.scales(true), "relative", OFF, seed, lambda _: True)
-            file = photo.photo.with_name(f"{kind}-{photo.index}-start.json")
-            save_pose(file, PoseRecord(chart.to_pose(start)))
+    path, seed = demo_case().model, 0
+    keypoints = load_model(path).keypoints
+    assert keypoints is not None  # it is a car
+    for kind, all_settings in SYNTHETIC.items():
+        made = make_photos(kind, len(all_settings), photos, path, SIZE, 0)
+        for case, settings in zip(made, all_settings, strict=True):
+            start = draw_start(keypoints, case.truth, False, "relative", OFF, seed)
+            file = photos / f"{case.name}-start.json"
+            save_pose(file, PoseRecord(start))
             name = f"synthetic-{seed}-{kind}-{settings.method}"
-            yield FrozenFit(name, photo.photo, path, file, settings)
+            yield FrozenFit(name, case.photo, path, file, settings)
             seed += 1
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from poseviewer.api import load_views, make_case
 from poseviewer.cli.options import listed, whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
-from poseviewer.evaluation.real_cases import CASES, RealCase, load_cases, load_starts
+from poseviewer.evaluation.cases import CASES, Case, load_cases, load_starts
 from poseviewer.evaluation.trials import open_model, open_photo
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.photo import load_photo
@@ -98,7 +98,7 @@ def is_tuning(name: str) -> bool:
     return hashlib.sha256(name.encode()).digest()[0] % 2 == 0
 
 
-def fit_trials(cases: Sequence[RealCase], folder: Path, degrees: Sequence[int]) -> Iterator[Trial]:
+def fit_trials(cases: Sequence[Case], folder: Path, degrees: Sequence[int]) -> Iterator[Trial]:
     """Fits from the first start of each case at each deviation."""
     starts = {(s.case, s.degrees): s.camera_from_model for s in load_starts(folder, degrees, 1)}
     for case in cases:
@@ -107,7 +107,7 @@ def fit_trials(cases: Sequence[RealCase], folder: Path, degrees: Sequence[int]) 
             yield _fit(case, start, f"{off} deg", FitSettings(chart="free-body"))
 
 
-def start_trials(cases: Sequence[RealCase]) -> Iterator[Trial]:
+def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
     """Automatic starts with a rectangle and without, and the fits from them."""
     for case in cases:
         model, renderer = open_model(case.mesh)
@@ -151,7 +151,7 @@ def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
     return Rectangle(*map(round, wide))
 
 
-def _fit(case: RealCase, start: Pose, way: str, settings: FitSettings) -> Trial:
+def _fit(case: Case, start: Pose, way: str, settings: FitSettings) -> Trial:
     model, renderer = open_model(case.mesh)
     registration = Registration(
         open_photo(case.photo), model.mesh, model.name, "", model.keypoints, start, (),
@@ -163,7 +163,7 @@ def _fit(case: RealCase, start: Pose, way: str, settings: FitSettings) -> Trial:
 
 
 def _trial(
-    case: RealCase, way: str, start: Pose, end: Pose, verdict: Verdict | None, seconds: float
+    case: Case, way: str, start: Pose, end: Pose, verdict: Verdict | None, seconds: float
 ) -> Trial:
     model, _ = open_model(case.mesh)
     mesh, symmetry = model.mesh, model.whole_symmetry
@@ -193,13 +193,13 @@ def _trial(
 class SetCase:
     """A case with the photos that its pose is searched in, its own first."""
 
-    case: RealCase
+    case: Case
     start: Pose
     count: int
     views: Callable[[], ViewSet]
 
 
-def exact_sets(cases: Sequence[RealCase], folder: Path) -> Iterator[SetCase]:
+def exact_sets(cases: Sequence[Case], folder: Path) -> Iterator[SetCase]:
     """Sets of three photos and more of one model; starts 15 degrees off."""
     starts = {s.case: s.camera_from_model for s in load_starts(folder, (15,), 1)}
     exact = [case for case in cases if case.accuracy_percent == 0.0]
@@ -217,7 +217,7 @@ def exact_sets(cases: Sequence[RealCase], folder: Path) -> Iterator[SetCase]:
             yield SetCase(first, start, count, partial(_views, chosen[:count]))
 
 
-def _views(cases: Sequence[RealCase]) -> ViewSet:
+def _views(cases: Sequence[Case]) -> ViewSet:
     views = []
     for case in cases:
         camera = case.truth.camera
@@ -251,7 +251,7 @@ def bop_sets(folder: Path, min_views: int) -> Iterator[SetCase]:
             truth = Pose(camera, own[target])
             off = np.random.default_rng(first).normal(size=6) * START_DEVIATIONS
             start = FreeBodyChart.near(open_model(model)[0].mesh, truth).to_pose(off)
-            case = RealCase(f"{first}-{target}-by-{rig}", "lmo_bop", path, model, truth, 6.0)
+            case = Case(f"{first}-{target}-by-{rig}", "lmo_bop", path, model, truth, 6.0)
             views = partial(_bop_views, folder, sets[rig], rig)
             yield SetCase(case, start, len(sets[rig]), views)
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.cli import main as cli
-from poseviewer.evaluation.real_cases import CASES, load_cases
+from poseviewer.evaluation.cases import CASES, load_cases
 from tests.measure.real import DATA
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import pytest
 from poseviewer import api
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
-from poseviewer.evaluation.real_cases import load_cases
+from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo

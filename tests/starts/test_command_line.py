@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
-from poseviewer.evaluation.real_cases import load_cases
+from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import wheels_from_text

@@ -19,6 +19,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.files.checks import read_json
+from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_from_integer_centres
@@ -26,37 +27,40 @@ from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 CASES, STARTS = "cases.json", "starts.json"
 SEEN = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
-"""How much of a model is seen, in words, by the least share that they are for."""
+"""Label of a visible share, by the least share that it is for."""
 _PIXELS = re.compile(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))? px")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RealCase:
-    """A model in a photo."""
+class Case:
+    """A model in a photo, and its true pose."""
 
     name: str
     set: str
     photo: Path
     mesh: Path
     truth: Pose
-    accuracy_percent: float
-    """How far the truth itself may be off, as a share of the model's size in the photo."""
+    accuracy_percent: float = 0.0
+    """Error of the truth itself, as a share of the model's size in the photo."""
     visible: float | None = None
-    """Which share of the model's pixels nothing hides; None: the case does not say it."""
+    """Share of the model's pixels that nothing hides; None: unknown."""
+    is_drawn: bool = False
+    """Whether OpenGL drew the photo: the pose counts as found within 1 px, and else within the
+    truth's accuracy + 1 %."""
+    bop: BopModel | None = None
+    """Diameter and symmetries of the model in a BOP data set."""
 
     @property
     def group(self) -> str:
-        """The set, and how much is seen: cases of one line of the report."""
+        """The set and the class of visibility: the case's line of the report."""
         if self.visible is None:
             return self.set
-        return (
-            f"{self.set}, {next(words for least, words in SEEN.items() if self.visible >= least)}"
-        )
+        return f"{self.set}, {next(text for least, text in SEEN.items() if self.visible >= least)}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RealStart:
-    """A place to start from."""
+class Start:
+    """A pose to start from; ``draw`` numbers those of one case and deviation."""
 
     case: str
     degrees: int
@@ -64,23 +68,23 @@ class RealStart:
     camera_from_model: RigidTransform
 
 
-def load_cases(folder: Path, pattern: str = "") -> list[RealCase]:
-    """The cases whose id matches the pattern: as a whole if there is ``*`` or ``?`` in it, else as
-    a part of the id; empty: all.
+def load_cases(folder: Path, pattern: str = "") -> list[Case]:
+    """Load the cases whose id matches the pattern: as a whole if there is ``*`` or ``?`` in it,
+    else as a part of the id; empty: all.
 
     Raises:
         PoseFileError: there is no ``cases.json``, or it does not hold cases.
         SettingsError: no id matches.
     """
     listed = _listed(folder / CASES, "cases")
-    cases = [_case(folder, data) for data in listed if matches(str(data.get("id", "")), pattern)]
+    cases = [_case(folder, data) for data in listed if _matches(str(data.get("id", "")), pattern)]
     if not cases:
         raise SettingsError(f"--cases {pattern}: no id in {folder / CASES} matches; see there")
     return cases
 
 
-def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[RealStart]:
-    """The first ``draws`` starts of every case at each of the deviations.
+def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
+    """Load the first ``draws`` starts of every case at each of the deviations.
 
     Raises:
         PoseFileError: there is no ``starts.json``, or it does not hold starts.
@@ -99,35 +103,32 @@ def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[RealSt
 
 def _listed(path: Path, key: str = "") -> list[dict[str, Any]]:
     data = read_json(path)
-    found = data.get(key) if key and isinstance(data, dict) else data
-    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+    items = data.get(key) if key and isinstance(data, dict) else data
+    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
         raise PoseFileError(f"{path}: holds no list of {path.stem}; name a folder that has them")
-    return found
+    return items
 
 
-def matches(name: str, pattern: str) -> bool:
-    """Whether the id of a case matches a pattern, see ``load_cases``."""
+def _matches(name: str, pattern: str) -> bool:
     return fnmatchcase(name, pattern) if set("*?") & set(pattern) else pattern in name
 
 
-def _case(folder: Path, data: dict[str, Any]) -> RealCase:
+def _case(folder: Path, data: dict[str, Any]) -> Case:
     try:
-        photo = folder / data["photo"]
-        read = load_photo(photo)
-        camera = Perspective(**data["camera"], width=read.width, height=read.height)
+        path = folder / data["photo"]
+        photo = load_photo(path)
+        camera = Perspective(**data["camera"], width=photo.width, height=photo.height)
         truth = Pose(camera_from_integer_centres(camera), _transform(data))
-        accuracy = _accuracy_px(data["accuracy"]) / data["image_diagonal_px"]
-        return RealCase(
-            *(data["id"], data["set"], photo, folder / data["mesh"], truth, 100.0 * accuracy),
-            visible=data.get("visible"),
-        )
+        accuracy = 100.0 * _accuracy_px(data["accuracy"]) / data["image_diagonal_px"]
+        mesh, visible = folder / data["mesh"], data.get("visible")
+        return Case(data["id"], data["set"], path, mesh, truth, accuracy, visible)
     except (KeyError, TypeError, ValueError) as error:
         raise _unreadable(folder / CASES, data.get("id"), error) from None
 
 
-def _start(folder: Path, data: dict[str, Any]) -> RealStart:
+def _start(folder: Path, data: dict[str, Any]) -> Start:
     try:
-        return RealStart(data["case"], data["degrees"], data["draw"], _transform(data))
+        return Start(data["case"], data["degrees"], data["draw"], _transform(data))
     except (KeyError, TypeError, ValueError) as error:
         raise _unreadable(folder / STARTS, data.get("case"), error) from None
 
@@ -140,15 +141,15 @@ def _unreadable(path: Path, name: object, error: Exception) -> PoseFileError:
 
 
 def _accuracy_px(words: str) -> float:
-    """The worst that is said of a truth ("2-4 px ..."); 0 for one that is exact."""
+    """Largest error that is said of a truth ("2-4 px ..."); 0 for one that is exact."""
     if words.startswith("exact"):
         return 0.0
-    found = _PIXELS.search(words)
-    if not found:
+    match = _PIXELS.search(words)
+    if not match:
         raise ValueError(f"accuracy is {words!r}, wanted 'exact', or px as in '1-2 px'")
-    return float(found[2] or found[1])
+    return float(match[2] or match[1])
 
 
 def _transform(data: dict[str, Any]) -> RigidTransform:
-    found = data["camera_from_model"]
-    return RigidTransform(nearest_rotation(np.array(found["rotation"])), found["translation"])
+    matrix = data["camera_from_model"]
+    return RigidTransform(nearest_rotation(np.array(matrix["rotation"])), matrix["translation"])

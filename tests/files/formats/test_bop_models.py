@@ -1,0 +1,52 @@
+"""Files of a BOP data set that cannot be read are said in a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.bop_models import RESULTS, load_bop_estimates, load_bop_models
+
+HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+"""About the axis through (1, 0, 0) along z."""
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"symmetries_discrete": [[*HALF_TURN[:-8], 2, *HALF_TURN[-7:]]]}, "no rotation and shift"),
+        ({"symmetries_discrete": [HALF_TURN[:9]]}, "wanted a list of 16"),
+        ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
+        ({"diameter": -1}, "1.diameter is -1"),
+        ({"symmetries_discrete": 3}, "is not a list"),
+        (
+            {"symmetries_discrete": [HALF_TURN, [*HALF_TURN[:3], 3, *HALF_TURN[4:]]]},
+            "leave no common point",
+        ),
+    ],
+)
+def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> None:
+    path = tmp_path / "i.json"
+    path.write_text(json.dumps({"1": {"diameter": 4.0, **more}}))
+    with pytest.raises(PoseFileError, match=said) as caught:
+        load_bop_models(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b\n", "its head is 'a,b'"),
+        (",".join(RESULTS) + "\n1,2,3,0.5,1 0 0,0 0 0,-1\n", "wanted 9 numbers"),
+        (",".join(RESULTS) + "\n1,2,3\n", "line 2 has 3 cells"),
+        (",".join(RESULTS) + "\n1,x,3,0.5,1 0 0 0 1 0 0 0 1,0 0 0,-1\n", "wanted numbers"),
+    ],
+)
+def test_tables_that_are_none_are_said(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(PoseFileError, match=said):
+        load_bop_estimates(path)
