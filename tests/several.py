@@ -100,40 +100,6 @@ def make_three(folder: Path) -> Path:
     return folder / "three.scene.json"
 
 
-def make_crowd(folder: Path, count: int) -> Path:
-    """Write a scene of ``count`` objects of 20,480 triangles that stand close together, the first
-    one in front of its neighbours, each a little off; returns the scene file.
-    """
-    folder.mkdir(exist_ok=True)
-    camera = Perspective(900.0, 900.0, 320.0, 240.0, 640, 480)
-    objects, columns = [], 4
-    lit, nearest = np.full((480, 640, 3), 0.08), np.full((480, 640), np.inf)
-    for number in range(count):
-        tint = 0.4 + 0.6 * np.random.default_rng(number).random(3)
-        mesh = coloured(make_bumpy(5), (float(tint[0]), float(tint[1]), float(tint[2])))
-        row, column = divmod(number, columns)
-        place = [1.7 * (column - 1.5), 1.7 * (row - 0.5), 11.0 + (number > 0) + 0.1 * number]
-        turn = [0.4, 0.3 * number, 0.2]
-        pose = Pose(camera, RigidTransform.from_rotation_vector(turn, place))
-        renderer = SoftwareRenderer(mesh)
-        image, depth = renderer.render(pose), renderer.depth(pose)
-        light = np.clip(0.5 + 0.45 * image.normals @ LIGHT, 0.03, 1.0)
-        shown = image.reflectance * light[..., None]
-        in_front = depth < nearest
-        lit[in_front], nearest[in_front] = shown[in_front], depth[in_front]
-        off = FreeBodyChart.near(mesh, pose).to_pose(OFF[number % len(OFF)])
-        path = folder / f"{number + 1}.ply"
-        save_model(path, mesh)
-        objects.append(ObjectRecord(str(number + 1), path, PoseRecord(off)))
-    noisy = cv2.GaussianBlur(lit, (0, 0), 0.6)
-    noisy += np.random.default_rng(0).normal(0.0, 0.01, lit.shape)
-    save_image(folder / "crowd.png", np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8))
-    reference = PhotoReference("crowd.png", 640, 480)
-    scene = SceneRecord(folder / "crowd.png", reference, camera, tuple(objects))
-    save_scene(folder / "crowd.scene.json", scene)
-    return folder / "crowd.scene.json"
-
-
 def make_bop(folder: Path) -> Path:
     """Write the same as a BOP scene of one image, the starts as its poses; returns its folder. The
     models are in ``models`` beside it, as objects 1, 2, 3.

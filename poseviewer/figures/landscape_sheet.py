@@ -36,7 +36,6 @@ def make_landscape_sheet(
     *,
     title: str = "",
     what: str = "loss",
-    shared_scale: bool = True,
 ) -> Figure:
     """All slices on one sheet: 15 maps for six numbers, 21 for seven.
 
@@ -46,8 +45,6 @@ def make_landscape_sheet(
         pose: (d,) the numbers of the pose that is marked with a cross.
         title: of the sheet.
         what: the values are called.
-        shared_scale: one colour for one loss over all maps, with a colour bar; otherwise each map
-            has its own range, from its least to its greatest loss, which shows faint basins.
     """
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
@@ -60,11 +57,11 @@ def make_landscape_sheet(
         len(rows), len(columns), left=0.95 / width, right=1.0 - 0.25 / width,
         bottom=0.75 / height, top=1.0 - above / height, wspace=0.09, hspace=0.09,
     )  # fmt: skip
-    scale = _range([piece.losses for piece in slices]) if shared_scale else None
+    scale = _range([piece.losses for piece in slices])
     for piece in slices:
         row, column = rows.index(piece.second), columns.index(piece.first)
         axes = figure.add_subplot(grid[row, column])
-        _draw_map(axes, piece, pose, scale or _range([piece.losses]))
+        _draw_map(axes, piece, pose, scale)
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
     _add_key(figure, scale, what)
     figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
@@ -125,18 +122,17 @@ def readable(name: str) -> str:
     return short_name(name)
 
 
-def _add_key(figure: Figure, scale: Normalize | None, what: str) -> None:
+def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
     """The colour bar and the marks' meaning, in the upper right, which the maps leave free."""
     width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
     span = min(0.32, 2.6 / width)
-    if scale is not None:
-        axes = figure.add_axes((right - span, top - 0.16 / height, span, 0.13 / height))
-        bar = figure.colorbar(ScalarMappable(scale, COLOURS), cax=axes, orientation="horizontal")
-        bar.set_label(what, fontsize=9, color=INK)
-        bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
-        bar.ax.xaxis.set_major_locator(MaxNLocator(4))
-        bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
+    axes = figure.add_axes((right - span, top - 0.16 / height, span, 0.13 / height))
+    bar = figure.colorbar(ScalarMappable(scale, COLOURS), cax=axes, orientation="horizontal")
+    bar.set_label(what, fontsize=9, color=INK)
+    bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
+    bar.ax.xaxis.set_major_locator(MaxNLocator(4))
+    bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
     marks = [Line2D([], [], linestyle="none", **kind) for kind in (_POSE, _MINIMUM)]
     figure.legend(
         handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),

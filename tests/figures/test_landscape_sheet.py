@@ -52,10 +52,7 @@ def test_a_shared_scale_gives_one_loss_one_colour():
     slices = make_slices(3)
     bright = Slice(1, 2, slices[2].first_values, slices[2].second_values, slices[2].losses + 0.4)
     shared = make_landscape_sheet([*slices[:2], bright], NAMES[:3], np.zeros(3))
-    own = make_landscape_sheet([*slices[:2], bright], NAMES[:3], np.zeros(3), shared_scale=False)
     assert len({_limits(axes) for axes in maps_of(shared)}) == 1
-    assert len({_limits(axes) for axes in maps_of(own)}) == 2
-    assert len(shared.axes) == len(own.axes) + 1
 
 
 def _limits(axes):

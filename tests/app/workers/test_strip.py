@@ -12,9 +12,6 @@ from poseviewer.app.workers.outlines import StripWorker
 from tests.app.state.sets import make_set_session
 from tests.view_sets import MESH
 
-WEAK = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.04])
-"""The one way in which the pose is unsure: half a unit farther and 4 % larger."""
-
 
 def strip_of(session: Session) -> Strip:
     """The model in all photos, as the worker draws it."""
