@@ -31,7 +31,7 @@ MODELS = QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
 to where the loss has risen as far as the last models of a search look; always so many rounds."""
 SPREAD = 0.031
 """Standard deviation of the truth about the end where the curvature, the unexplained share and the
-seen share are 1: calibrated by ``tests.measure.calibrate region``."""
+seen share are 1: calibrated by ``tests.measure.real``."""
 PINV = 1e-12
 """Share of the greatest variance, or inverse of one, below which it stands for none."""
 SEEN_POWER = 2.0

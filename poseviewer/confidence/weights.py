@@ -1,5 +1,5 @@
 """The weight of each feature; written by
-``python -m tests.measure.calibrate verdict --write`` from 156 trials, 123 of them right.
+``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right.
 """
 
 FEATURES: dict[str, tuple[float, float, float]] = {

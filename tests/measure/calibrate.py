@@ -1,22 +1,17 @@
-"""The verdict's weights, and the factor of the covariance, against known poses.
+"""The verdict's weights, from fits with known poses: ``python -m tests.measure.calibrate TABLE``.
 
-``python -m tests.measure.calibrate verdict STUDY/trials.csv``, of ``poseviewer study --real FOLDER
---degrees 5,15,30 --draws 1 --out STUDY``, prints how well the verdict tells right from wrong on the
-half of the cases that it is made from and on the other; ``--write`` keeps the weights. Truths that
-are farther off than their source says make right fits wrong: ``--accuracy SET=PERCENT``.
-
-``python -m tests.measure.calibrate region FOLDER`` fits the cases of folders with exact truths and
-prints how often the region of a fit that is ``found`` holds the truth, on both halves, and what
-``SPREAD`` would make it 90 % on the first.
+The tables are ``trials.csv`` of ``poseviewer study --real FOLDER --degrees 5,15,30 --draws 1 --out
+STUDY``. It prints how well the verdict tells right from wrong on the half of the cases that it is
+made from and on the other; ``--write`` keeps the weights. Truths that are farther off than their
+source says make right fits wrong: ``--accuracy SET PERCENT``.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,20 +19,12 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
-from poseviewer.api import make_case
 from poseviewer.confidence import weights as verdict_weights
 from poseviewer.confidence.model import LARGEST_SCORE, scaled
-from poseviewer.confidence.uncertainty import SPREAD
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
-from poseviewer.evaluation.study import real_tasks
-from poseviewer.evaluation.trials import Task
 from poseviewer.figures.text_table import Table
-from poseviewer.files.writing import write_whole
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.pose_covariance import REGION, region_reach
-from poseviewer.geometry.pose_error import pose_error
-from tests.measure.real import is_tuning, print_trials
+from tests.measure.real import is_tuning
 
 WEIGHTS = Path(str(verdict_weights.__file__))
 BEYOND_TRUTH_PERCENT = 1.0
@@ -186,7 +173,7 @@ def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
         for name, mean, deviation, weight in zip(*columns, strict=True)
     )
     return f'''"""The weight of each feature; written by
-``python -m tests.measure.calibrate verdict --write`` from {trials} trials, {right} of them right.
+``python -m tests.measure.calibrate --write`` from {trials} trials, {right} of them right.
 """
 
 FEATURES: dict[str, tuple[float, float, float]] = {{
@@ -199,120 +186,25 @@ FOUND_FROM, LOST_BELOW = {calibration.found_from:.4g}, {calibration.lost_below:.
 '''
 
 
-@dataclass(frozen=True, slots=True)
-class SureTrial:
-    """A fit, how sure it is and how far off; lengths as shares of the model's radius."""
-
-    case: str
-    set: str
-    word: str
-    distance: float
-    """Between truth and end, in standard deviations: the region reaches ``region_reach``."""
-    depth: float
-    depth_off: float
-    sideways: float
-    sideways_off: float
-    turn_deg: float
-    turn_deg_off: float
-    px: float
-    px_off: float
-
-
-def sure_trials(tasks: Sequence[Task]) -> Iterator[SureTrial]:
-    """Fit, and compare covariances with the truth; poses that are lost are left out.
-
-    Raises:
-        PoseViewerError: photo or model cannot be read.
-    """
-    for task in tasks:
-        registration, renderer = task.open()
-        end = make_case(registration, task.settings, renderer=renderer).fit()
-        truth, mesh, sure = task.case.truth, registration.mesh, end.covariance
-        if end.verdict is None or sure is None or sure.depth is None:
-            continue
-        off = sure.deviation(truth)
-        sight = sure.pose.camera_from_model.apply(mesh.centre)
-        along = float(off[3:6] @ sight) / float(np.linalg.norm(sight))
-        across = math.sqrt(max(float(off[3:6] @ off[3:6]) - along**2, 0.0))
-        radius = mesh.diameter / 2.0
-        yield SureTrial(
-            case=task.case.name,
-            set=task.case.set,
-            word=end.verdict.word,
-            distance=math.sqrt(float(off @ np.linalg.solve(sure.matrix, off))),
-            depth=sure.depth / radius,
-            depth_off=abs(along) / radius,
-            sideways=sure.sideways / radius,
-            sideways_off=across / radius,
-            turn_deg=sure.degrees,
-            turn_deg_off=math.degrees(float(np.linalg.norm(off[:3]))),
-            px=sure.px,
-            px_off=pose_error(mesh, end.pose, truth).reprojection_px,
-        )
-
-
-def region_summary(trials: Sequence[SureTrial]) -> str:
-    """How often the region holds the truth, what ``SPREAD`` would make it 90 %, and its size."""
-    found = [trial for trial in trials if trial.word == "found"]
-    groups = {
-        "tuning half": [trial for trial in found if is_tuning(trial.case)],
-        "other half": [trial for trial in found if not is_tuning(trial.case)],
-        "all": found,
-        **{name: [t for t in found if t.set == name] for name in sorted({t.set for t in found})},
-        "doubtful": [trial for trial in trials if trial.word == "doubtful"],
-    }
-    measures = ("depth", "sideways", "turn_deg", "px")
-    lines = [f"{'found':<14}{'fits':>5}{'inside':>8}{'SPREAD':>8}"]
-    lines[0] += "".join(f"{name:>10}{'off':>8}" for name in measures)
-    for name, some in groups.items():
-        if not some:
-            continue
-        reach, distances = region_reach(6), np.array([trial.distance for trial in some])
-        spread = SPREAD * float(np.quantile(distances, REGION)) / reach
-        line = f"{name:<14}{len(some):>5}{np.mean(distances <= reach):>8.1%}{spread:>8.4f}"
-        for measure in measures:
-            for part, width in ((measure, 10), (f"{measure}_off", 8)):
-                line += f"{np.median([getattr(trial, part) for trial in some]):>{width}.4f}"
-        lines.append(line)
-    return "\n".join(lines)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Calibrate; print how well that does."""
     parser = argparse.ArgumentParser(description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    verdict = commands.add_parser("verdict")
-    verdict.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV")
-    verdict.add_argument("--accuracy", type=_accuracy, action="append", default=[])
-    verdict.add_argument("--write", action="store_true", help="keep the weights in the program")
-    region = commands.add_parser("region")
-    region.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
-    region.add_argument("--cases", default="", metavar="PATTERN", help="of the first folder")
-    region.add_argument("--degrees", type=int, default=5)
+    parser.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV")
+    parser.add_argument("--accuracy", nargs=2, action="append", default=[])
+    parser.add_argument("--write", action="store_true", help="keep the weights in the program")
     options = parser.parse_args(arguments)
     try:
-        if options.command == "region":
-            tasks = []
-            for number, folder in enumerate(options.folders):
-                pattern = "" if number else options.cases
-                tasks += real_tasks(folder, [options.degrees], 1, pattern, FitSettings())
-            return print_trials(sure_trials(tasks), region_summary)
-        trials = load_judged(options.trials, dict(options.accuracy))
+        accuracies = {name: float(percent) for name, percent in options.accuracy}
+        trials = load_judged(options.trials, accuracies)
         tuning = [trial for trial in trials if is_tuning(trial.case)]
         calibration = calibrate(tuning)
-        text = weights_as_python(calibration, len(tuning), sum(trial.right for trial in tuning))
-        print(f"{calibration_table(calibration, trials).as_text()}\n\n{text}", end="")
-        if options.write:
-            write_whole(WEIGHTS, text.encode(), SettingsError)
     except PoseViewerError as error:
         sys.stderr.write(f"poseviewer: {error}\n")
         return EXIT_MENDABLE
+    text = weights_as_python(calibration, len(tuning), sum(trial.right for trial in tuning))
+    print(f"{calibration_table(calibration, trials).as_text()}\n\n{text}", end="")
+    if options.write:
+        WEIGHTS.write_text(text)
     return 0
-
-
-def _accuracy(text: str) -> tuple[str, float]:
-    name, _, percent = text.rpartition("=")
-    return name, float(percent)
 
 
 if __name__ == "__main__":

@@ -52,10 +52,8 @@ from poseviewer.fit.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
 
 CORPUS = Path(__file__).with_name("fuzz_corpus.zip")
-MAX_SECONDS, MAX_BYTES = 2, 1 << 30
-"""Processor time of one mutant, and memory beyond what the process has at first."""
-STALL_SECONDS = 60
-"""Time after which a reader that waits for something is ended."""
+MAX_SECONDS, STALL_SECONDS, MAX_BYTES = 2, 60, 1 << 30
+"""Processor time and time of one mutant, and memory beyond what the process has at first."""
 PHOTO_SIZE = 160, 120
 NUMBER = re.compile(rb"-?\d+(\.\d*)?([eE][-+]?\d+)?")
 ODD_NUMBERS = (
@@ -237,7 +235,6 @@ def fuzz(name: str, seed: int, seconds: float, keep: Path | None = None) -> int:
 
 
 def main() -> int:
-    """Fuzz; exit code 1 where something was found."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--readers", nargs="*", default=READERS, choices=READERS, help="(all)")
     parser.add_argument("--seconds", type=float, default=600.0, help="for all readers together")

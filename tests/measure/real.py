@@ -3,10 +3,9 @@ on standard output and one table by set at the end.
 
 Plain: fits from the starts of ``starts.json``. ``--start``: automatic starts, in a careless
 rectangle and in the whole photo, and the fits from them. ``--views``: fits by one photo and, from
-the same start, by sets of photos 30 degrees apart or more. Folders (by default $POSEVIEWER_DATA or
-../shared/data, and its ``clutter``) hold ``cases.json`` and ``starts.json``; for ``--views`` also
-LINEMOD-Occlusion, where the annotations of one object tell how the camera moved while another is
-fitted, in photos between which the two moved together.
+the same start, by sets of photos 30 degrees apart or more, where poses are exact. Folders hold
+``cases.json`` and ``starts.json``; by default $POSEVIEWER_DATA or ../shared/data, and its
+``clutter``.
 """
 
 from __future__ import annotations
@@ -19,29 +18,26 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from poseviewer.api import load_views, make_case
+from poseviewer.api import FitResult, SetResult, load_views, make_case
 from poseviewer.cli.options import listed, whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
-from poseviewer.evaluation.cases import CASES, Case, load_cases, load_starts
+from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.evaluation.trials import open_model, open_photo
-from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.photo import load_photo
-from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.verdict import Verdict
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform, rotation_angle
+from poseviewer.geometry.transform import rotation_angle
 from poseviewer.geometry.view_set import View, ViewSet
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import StartQuery, best_start, outermost_points, propose
@@ -54,16 +50,11 @@ MARGIN = 0.1
 """Largest distance of a side of the careless rectangle from the object's box, by its size."""
 WRONG_PERCENT = 2.0
 """Error beyond the truth's accuracy from which a pose called found is wrong."""
-SCENE = Path("test") / "000002"
-APART_DEG, MAX_VIEWS = 30.0, 8
-"""Least angle between photos of a set, and its largest number of photos."""
+APART_DEG = 30.0
+"""Least angle between photos of a set."""
 MIN_SEEN = 0.5
 """Share of the model seen in each photo of a set with exact poses."""
-MOVED_MM, MOVED_DEG = 3.0, 1.0
-"""Largest motion between two objects of LINEMOD-Occlusion within a set."""
-START_DEVIATIONS = 0.1, 0.1, 0.1, 0.06, 0.06, 0.03
-"""Of starts on LINEMOD-Occlusion, in the free-body chart: 10 degrees in all, a tenth of the radius,
-3 % of the distance."""
+FOOT = "found: by the verdict; wrong, inside: of these; inside: the 90 % region holds the truth"
 Row = TypeVar("Row")
 
 
@@ -82,6 +73,8 @@ class Trial:
     """Distance along the line of sight, by that from the camera."""
     across_percent: float
     """Distance across the line of sight, by the model's diameter."""
+    deviations: float
+    """Distance by the covariance, in standard deviations; nan where the fit has none."""
     verdict: str
     is_wrong: bool
     """Whether the end is more than ``WRONG_PERCENT`` beyond the truth's accuracy off."""
@@ -135,10 +128,7 @@ def is_right(error: PoseError) -> bool:
 
 
 def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
-    """Rectangle about the object as a careless person draws it, the same for a case each time, px.
-
-    Each side lies up to a tenth of the object's size outside its box.
-    """
+    """Rectangle about the object as a careless person draws it, the same for a name, px."""
     box = box_of(truth, outermost_points(mesh))
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
     left, top, right, bottom = np.random.default_rng(seed).uniform(0.0, MARGIN, 4)
@@ -159,21 +149,23 @@ def _fit(case: Case, start: Pose, way: str, settings: FitSettings) -> Trial:
     )  # fmt: skip
     began = time.perf_counter()
     end = make_case(registration, settings, renderer=renderer).fit(threads=processors())
-    return _trial(case, way, start, end.pose, end.verdict, time.perf_counter() - began)
+    return _trial(case, way, start, end, time.perf_counter() - began)
 
 
-def _trial(
-    case: Case, way: str, start: Pose, end: Pose, verdict: Verdict | None, seconds: float
-) -> Trial:
+def _trial(case: Case, way: str, start: Pose, end: FitResult | SetResult, seconds: float) -> Trial:
     model, _ = open_model(case.mesh)
     mesh, symmetry = model.mesh, model.whole_symmetry
-    error = pose_error(mesh, end, case.truth, symmetry)
+    error = pose_error(mesh, end.pose, case.truth, symmetry)
     centre = case.truth.camera_from_model.apply(mesh.centre)
     distance = float(np.linalg.norm(centre))
-    nearest = symmetry.nearest_pose(end, case.truth).camera_from_model
+    nearest = symmetry.nearest_pose(end.pose, case.truth).camera_from_model
     off = nearest.apply(mesh.centre) - centre
     depth = float(off @ centre) / distance
     across = float(np.linalg.norm(off - centre * (depth / distance)))
+    sure, deviations = end.covariance, np.nan
+    if sure is not None and sure.depth is not None:
+        away = sure.deviation(case.truth)
+        deviations = float(np.sqrt(away @ np.linalg.solve(sure.matrix, away)))
     return Trial(
         case.group,
         way,
@@ -183,126 +175,58 @@ def _trial(
         float(error.rotation_deg),
         100.0 * abs(depth) / distance,
         100.0 * across / mesh.diameter,
-        "" if verdict is None else verdict.word,
+        deviations,
+        "" if end.verdict is None else end.verdict.word,
         error.percent > case.accuracy_percent + WRONG_PERCENT,
         seconds,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SetCase:
-    """A case with the photos that its pose is searched in, its own first."""
-
-    case: Case
-    start: Pose
-    count: int
-    views: Callable[[], ViewSet]
-
-
-def exact_sets(cases: Sequence[Case], folder: Path) -> Iterator[SetCase]:
-    """Sets of three photos and more of one model; starts 15 degrees off."""
+def view_trials(
+    cases: Sequence[Case], folder: Path, counts: Sequence[int], every: int
+) -> Iterator[Trial]:
+    """Fits by so many photos of one model as there are, all from the start 15 degrees off."""
     starts = {s.case: s.camera_from_model for s in load_starts(folder, (15,), 1)}
     exact = [case for case in cases if case.accuracy_percent == 0.0]
     exact = [case for case in exact if case.visible is None or case.visible >= MIN_SEEN]
-    for first in exact:
+    for first in exact[::every]:
         chosen = [first]
         for other in exact:
-            rotations = [one.truth.camera_from_model.rotation for one in chosen]
-            own = other.truth.camera_from_model.rotation
-            if other.mesh == first.mesh and _is_apart(own, rotations):
+            angles = [rotation_angle(_rotation(one), _rotation(other)) for one in chosen]
+            if other.mesh == first.mesh and np.degrees(min(angles)) >= APART_DEG:
                 chosen.append(other)
-        if len(chosen) >= 3:
-            start = Pose(first.truth.camera, starts[first.name])
-            count = min(len(chosen), MAX_VIEWS)
-            yield SetCase(first, start, count, partial(_views, chosen[:count]))
-
-
-def _views(cases: Sequence[Case]) -> ViewSet:
-    views = []
-    for case in cases:
-        camera = case.truth.camera
-        assert isinstance(camera, Perspective)  # of all cases with exact poses
-        photo = replace(load_photo(case.photo), camera=camera)
-        views.append(View(case.photo.name, photo, case.truth.camera_from_model))
-    return ViewSet("exact", tuple(views), None, 1.0)
-
-
-def _is_apart(rotation: np.ndarray, others: Iterable[np.ndarray]) -> bool:
-    return min(rotation_angle(one, rotation) for one in others) >= np.radians(APART_DEG)
-
-
-def bop_sets(folder: Path, min_views: int) -> Iterator[SetCase]:
-    """For each photo and object the set with the most photos, where these are enough."""
-    images = load_bop_images(folder / SCENE).images
-    placed = {image.number: {o.object_id: o.place for o in image.objects} for image in images}
-    for image in images:
-        first, own = image.number, placed[image.number]
-        path = folder / SCENE / image.photo
-        photo = load_photo(path)
-        camera = replace(image.camera, width=photo.width, height=photo.height)
-        for target in own:
-            sets = {
-                rig: _moved_together(placed, first, target, rig) for rig in own if rig != target
-            }
-            rig = max(sets, key=lambda rig: len(sets[rig]))
-            if len(sets[rig]) < min_views:
-                continue
-            model = folder / "models" / MODEL_FILE.format(target)
-            truth = Pose(camera, own[target])
-            off = np.random.default_rng(first).normal(size=6) * START_DEVIATIONS
-            start = FreeBodyChart.near(open_model(model)[0].mesh, truth).to_pose(off)
-            case = Case(f"{first}-{target}-by-{rig}", "lmo_bop", path, model, truth, 6.0)
-            views = partial(_bop_views, folder, sets[rig], rig)
-            yield SetCase(case, start, len(sets[rig]), views)
-
-
-def _bop_views(folder: Path, numbers: Sequence[int], rig: int) -> ViewSet:
-    known = load_view_set(folder / SCENE, SetChoice(tuple(map(str, numbers)), None, rig))
-    by_number = {int(Path(view.name).stem): view for view in known.views}
-    return replace(known, views=tuple(by_number[number] for number in numbers))
-
-
-def _moved_together(
-    placed: dict[int, dict[int, RigidTransform]], first: int, target: int, rig: int
-) -> list[int]:
-    own, chosen = placed[first], [first]
-    between = own[rig].inverse() @ own[target]
-    for number, places in placed.items():
-        if not {rig, target} <= set(places) or len(chosen) == MAX_VIEWS:
+        if len(chosen) < 3:
             continue
-        here = places[rig].inverse() @ places[target]
-        moved = float(np.linalg.norm(here.translation - between.translation))
-        turned = np.degrees(rotation_angle(here.rotation, between.rotation))
-        rotations = (placed[one][rig].rotation for one in chosen)
-        if moved < MOVED_MM and turned < MOVED_DEG and _is_apart(places[rig].rotation, rotations):
-            chosen.append(number)
-    return chosen
-
-
-def view_trials(sets: Iterable[SetCase], counts: Sequence[int]) -> Iterator[Trial]:
-    """Fits of every case by so many photos, all from the same start."""
-    for one in sets:
-        model, views = open_model(one.case.mesh)[0], one.views()
-        for count in (count for count in counts if count <= one.count):
-            some = replace(views, views=views.views[: max(count, 2)])
-            placed = load_views(some, model, one.start, view=some.views[0].name)
-            began = time.perf_counter()
+        model, start = open_model(first.mesh)[0], Pose(first.truth.camera, starts[first.name])
+        for count in (count for count in counts if count <= len(chosen)):
             if count == 1:
-                alone = make_case(placed.registration.registrations[0], placed.whole.settings)
-                end = alone.fit(threads=processors())
-            elif len(placed.views) == count:  # all see the model
-                end = placed.fit(threads=processors())
-            else:
+                yield _fit(first, start, "1 photo", FitSettings())
                 continue
+            views = ViewSet("exact", tuple(_view(case) for case in chosen[:count]), None, 1.0)
+            placed = load_views(views, model, start, view=views.views[0].name)
+            if len(placed.views) < count:  # one does not see the model
+                continue
+            began = time.perf_counter()
+            end = placed.fit(threads=processors())
             seconds = time.perf_counter() - began
-            way = f"{count} photos" if count > 1 else "1 photo"
-            yield _trial(one.case, way, one.start, end.pose, end.verdict, seconds)
+            yield _trial(first, f"{count} photos", start, end, seconds)
+
+
+def _rotation(case: Case) -> FloatArray:
+    return case.truth.camera_from_model.rotation
+
+
+def _view(case: Case) -> View:
+    camera = case.truth.camera
+    assert isinstance(camera, Perspective)  # of all cases with exact poses
+    photo = replace(load_photo(case.photo), camera=camera)
+    return View(case.photo.name, photo, case.truth.camera_from_model)
 
 
 def summary(trials: Sequence[Trial]) -> str:
     """Line for each set and way, and for all sets: medians, shares in per cent, and numbers."""
     head = ("trials", "start %", "end %", "deg", "depth %", "across %", "in 1 %", "in 2 %",
-            "in 5 %", "found", "wrong", "among", "first", "taken", "seconds")  # fmt: skip
+            "in 5 %", "found", "wrong", "inside", "among", "first", "taken", "seconds")  # fmt: skip
     lines = [f"{'':34}" + "".join(f"{name:>9}" for name in head)]
     groups = {(t.set, t.way) for t in trials} | {("all", t.way) for t in trials}
     for name, way in sorted(groups, key=lambda group: (group[0] == "all", group)):
@@ -315,6 +239,8 @@ def summary(trials: Sequence[Trial]) -> str:
         cells = [f"{len(some)}", *(f"{value:.2f}" for value in medians)]
         cells += [f"{np.mean([t.percent <= limit for t in some]):.0%}" for limit in (1, 2, 5)]
         cells += [f"{len(found)}", f"{sum(t.is_wrong for t in found)}"]
+        sure = np.array([t.deviations for t in found if not np.isnan(t.deviations)])
+        cells.append(f"{np.mean(sure <= region_reach(6)):.0%}" if len(sure) else "-")
         starts = [t for t in some if t.proposals]
         right = [t.right_proposal for t in starts]
         counts = sum(n > 0 for n in right), right.count(1), sum(t.is_taken_right for t in starts)
@@ -327,10 +253,7 @@ def summary(trials: Sequence[Trial]) -> str:
 
 
 def print_trials(trials: Iterable[Row], summarise: Callable[[Sequence[Row]], str]) -> int:
-    """Print dataclasses as CSV, each as soon as it is known, and their summary on standard error.
-
-    Returns the exit code. A trial that cannot be run ends it with a sentence.
-    """
+    """Print dataclasses as CSV, and their summary on standard error; returns the exit code."""
     rows: list[Row] = []
     table = csv.writer(sys.stdout)
     try:
@@ -348,7 +271,6 @@ def print_trials(trials: Iterable[Row], summarise: Callable[[Sequence[Row]], str
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the trials."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
     mode = parser.add_mutually_exclusive_group()
@@ -357,8 +279,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--degrees", type=listed(whole), default=(5, 15), help="of starts (5,15)")
     parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")
-    parser.add_argument("--sets", type=lambda text: text.split(","), help="only these, by comma")
-    parser.add_argument("--seen", type=float, default=0.0, metavar="SHARE", help="least (0)")
     parser.add_argument("--half", choices=("tuning", "other"), help="only this half of the cases")
     parser.add_argument("--every", type=whole, default=1, metavar="N", help="only each N-th case")
     return print_trials(_trials(parser.parse_args(arguments)), summary)
@@ -366,20 +286,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _trials(options: argparse.Namespace) -> Iterator[Trial]:
     for folder in options.folders:
-        if options.views and not (folder / CASES).is_file():
-            sets = [*bop_sets(folder, max(4, *options.photos))][:: options.every]
-            yield from view_trials(sets, options.photos)
-            continue
         cases = [
             case
             for case in load_cases(folder, options.cases)
-            if (options.sets is None or case.set in options.sets)
-            and (case.visible is None or case.visible >= options.seen)
-            and (options.half is None or is_tuning(case.name) is (options.half == "tuning"))
+            if options.half is None or is_tuning(case.name) is (options.half == "tuning")
         ]
         if options.views:
-            sets = [*exact_sets(cases, folder)][:: options.every]
-            yield from view_trials(sets, options.photos)
+            yield from view_trials(cases, folder, options.photos, options.every)
         elif options.start:
             yield from start_trials(cases[:: options.every])
         else:

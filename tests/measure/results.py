@@ -70,12 +70,12 @@ def page_tables(folder: Path, options: str) -> dict[str, str]:
     rows = {name: _rows(folder / name / "trials.csv") for name in ("real", "clutter", "among")}
     newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))
     day = datetime.fromtimestamp(newest, UTC).date()
-    order = [(name, degrees) for name in SETS for degrees in (5, 15, 30)]
     real = {
-        (SETS[name], f"{degrees}°"): [
-            row for row in rows["real"] if (row["set"], row["degrees"]) == (name, str(degrees))
+        (title, f"{degrees}°"): [
+            row for row in rows["real"] if (row["set"], row["degrees"]) == (name, degrees)
         ]
-        for name, degrees in order
+        for name, title in SETS.items()
+        for degrees in ("5", "15", "30")
     }
     shares = 1.0, 1.5, 2.0, 3.0
     study = (folder / "study" / "study.md").read_text(encoding="utf-8").splitlines()
@@ -156,11 +156,8 @@ def _verdict_table(groups: Mapping[str, Sequence[Row]]) -> str:
     for name, rows in groups.items():
         for word in ("found", "doubtful", "lost"):
             some = [row for row in rows if row["verdict"] == word]
-            known = {"lmo": LMO_PERCENT}
-            limits = [
-                max(float(row["accuracy_percent"]), known.get(row["set"], 0.0)) + 1.0
-                for row in some
-            ]
+            known = [LMO_PERCENT if row["set"] == "lmo" else 0.0 for row in some]
+            limits = np.maximum([float(row["accuracy_percent"]) for row in some], known) + 1.0
             end = _errors(some, "end")
             right, wrong = np.sum(end <= limits), np.sum(end > 5.0)
             lines.append(_line(name, f"`{word}`", len(some), right, wrong))
@@ -190,7 +187,6 @@ def fill(path: Path, tables: Mapping[str, str]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, and write the page's tables and the README's rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--starts", type=int, default=10, help="of each point of the study (10)")

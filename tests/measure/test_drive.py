@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import logging
-import sys
 
 import pytest
 
 from tests.measure import drive
 
-linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
-
 
 @pytest.mark.slow
-@linux
-def test_a_page_that_is_driven_is_well(capsys) -> None:
-    assert drive.drive(seed=1, seconds=3.0) == []
-    assert "round 1: " in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@linux
 def test_a_warning_in_the_log_is_found(monkeypatch) -> None:
     def warn(_: drive.Driver) -> str:
         logging.getLogger("poseviewer").warning("a worker failed")
