@@ -264,11 +264,9 @@ def _cell(
 def _markers(piece: Slice, markers: Markers) -> str:
     """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
     drawn = []
-    name = f"pv-t{piece.first}-{piece.second}"
     if markers.trail is not None and len(markers.trail) > 1:
         points = _points(on_map(piece, short_trail(markers.trail)))
-        drawn.append(f'<polyline id="{name}" points="{points}"/>')
-        drawn.append(f'<use href="#{name}" class="pv-trail"/>')
+        drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
     if markers.candidates is not None and len(markers.candidates):
         points = _points(candidates_outline(piece, markers.candidates))
         drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')

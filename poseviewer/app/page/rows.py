@@ -74,7 +74,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     accepted = sum(bool(row.result.review) for row in rows) - rejected
     shown = "" if end - first == len(rows) else f", {first + 1} to {end} are listed"
     said = f"{len(rows)} rows, {accepted} accepted, {rejected} rejected{shown}"
-    return f'<div class="pv-said">{said}</div><div class="pv-rows">{drawn}</div>'
+    return f'<div class="pv-counts">{said}</div><div class="pv-rows">{drawn}</div>'
 
 
 def _row(folder: Path, row: ReviewRow, index: int, is_open: bool) -> str:
