@@ -54,7 +54,6 @@ APART_DEG = 30.0
 """Least angle between photos of a set."""
 MIN_SEEN = 0.5
 """Share of the model seen in each photo of a set with exact poses."""
-FOOT = "found: by the verdict; wrong, inside: of these; inside: the 90 % region holds the truth"
 Row = TypeVar("Row")
 
 
