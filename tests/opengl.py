@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from poseviewer.render.opengl.context import opengl_unavailable_reason
+from poseviewer.render.opengl import opengl_unavailable_reason
 
 
 def require_opengl() -> None:

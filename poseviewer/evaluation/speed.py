@@ -38,7 +38,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.opengl.context import opengl_renderer_name
+from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import make_renderer

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,13 +12,10 @@ from scipy.spatial.transform import Rotation
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.opengl.renderer import clip_from_world
+from poseviewer.render.opengl import OpenGLRenderer
 
-if TYPE_CHECKING:
-    from poseviewer.render.opengl.shading import ShadedCanvas, Shading
-
-FAR_EYE_PER_DIAMETER = 100.0
-"""How far away highlights see the eye of a parallel camera, which has no place of its own."""
+SHARPNESS = 46.8
+"""Exponent of Blinn-Phong highlights: that of a roughness of 0.45, as of car paint."""
 OVER_THE_SHOULDER = (0.0, -0.6, -0.8)
 """Camera frame (y down, z away): from behind and above the photographer."""
 WIDEST_ANGLE_DEG = 65.0
@@ -48,11 +44,8 @@ class LightSources:
     ambient: FloatArray
     """(3,): RGB of a white surface that no directional light reaches."""
     lights: tuple[DirectionalLight, ...] = ()
-    """At most four."""
 
     def __post_init__(self) -> None:
-        if len(self.lights) > 4:
-            raise ValueError(f"{len(self.lights)} directional lights; at most 4 can be drawn")
         object.__setattr__(self, "ambient", frozen_array(self.ambient, (3,)))
 
 
@@ -87,8 +80,8 @@ def _direction(rng: np.random.Generator) -> FloatArray:
 class PhotoQuality:
     """What a camera does to a picture."""
 
-    supersampling: int = 3
-    """Each pixel is the mean of this number squared of smaller ones, each of 4 samples."""
+    supersampling: int = 4
+    """Each pixel is the mean of this number squared of samples."""
     blur_px: float = 0.0
     """Standard deviation of a Gaussian blur."""
     noise: float = 0.0
@@ -98,25 +91,41 @@ class PhotoQuality:
 class Photographer:
     """A model in a studio, to be photographed in many poses. One thread only, as ``opengl``."""
 
-    def __init__(self, mesh: Mesh, shading: Shading = "diffuse") -> None:
-        """``shading`` as ``render.opengl.shading.Shading``."""
-        self.mesh = mesh
-        self.shading: Shading = shading
-        self._canvas: ShadedCanvas | None = None
+    def __init__(self, mesh: Mesh, highlights: float = 0.0) -> None:
+        """``highlights``: strength of Blinn-Phong highlights; 0 is Lambert's law alone."""
+        self.highlights = highlights
+        self._renderer = OpenGLRenderer(mesh)
 
     def cut_out(
-        self, pose: Pose, lighting: LightSources, supersampling: int = 3, shadows: bool = False
+        self, pose: Pose, lighting: LightSources, supersampling: int = 4
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
+        """Draw the picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
 
-        Both in [0, 1]. What is ``diffuse`` is ``reflectance (ambient + sum of intensity
-        max(0, n.l))``, clamped, in display-encoded values.
+        Both in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` and
+        highlights, clamped, in display-encoded values.
         """
         camera = pose.camera
-        rgba = self._draw(pose.scaled(supersampling), lighting, shadows)
-        fine = rgba.astype(np.float32) / np.float32(255.0)
+        fine = pose.scaled(supersampling)
+        image = self._renderer.render(fine)
+        rows, columns = np.nonzero(image.mask)
+        normals = image.normals[image.mask].astype(float)
+        towards_eye = np.array([0.0, 0.0, -1.0])
+        if isinstance(fine.camera, Perspective):
+            rays = fine.camera.rays(np.column_stack([columns, rows]) + 0.5)
+            towards_eye = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        diffuse, highlight = np.broadcast_to(lighting.ambient, normals.shape), 0.0
+        for light in lighting.lights:
+            arriving = np.maximum(normals @ light.towards, 0.0)[:, None] * light.intensity
+            diffuse = diffuse + arriving
+            half = light.towards + towards_eye
+            half = half / np.linalg.norm(half, axis=-1, keepdims=True)
+            peak = np.maximum(np.sum(normals * half, axis=1), 0.0)
+            highlight = highlight + arriving * peak[:, None] ** SHARPNESS
+        shaded = np.zeros((*image.mask.shape, 4), np.float32)
+        colours = image.reflectance[image.mask] * diffuse + self.highlights * highlight
+        shaded[image.mask] = np.column_stack([np.clip(colours, 0.0, 1.0), np.ones(len(rows))])
         size = (camera.width, camera.height)
-        small = np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), np.float32)
+        small = np.asarray(cv2.resize(shaded, size, interpolation=cv2.INTER_AREA), np.float32)
         return small[..., :3], small[..., 3]
 
     def photograph(
@@ -125,7 +134,6 @@ class Photographer:
         lighting: LightSources,
         background: ArrayLike = (0.7, 0.7, 0.7),
         quality: PhotoQuality | None = None,
-        shadows: bool = False,
         seed: int = 0,
     ) -> NDArray[np.uint8]:
         """(h, w, 3) RGB. ``background``: RGB in [0, 1], or a photo (h, w, 3) uint8, resized.
@@ -133,38 +141,13 @@ class Photographer:
         ``seed`` is that of the sensor's noise.
         """
         quality = quality or PhotoQuality()
-        colour, coverage = self.cut_out(pose, lighting, quality.supersampling, shadows)
+        colour, coverage = self.cut_out(pose, lighting, quality.supersampling)
         behind = _background(background, pose.camera.width, pose.camera.height)
         return as_photographed(colour + (1.0 - coverage[..., None]) * behind, quality, seed)
 
     def close(self) -> None:
         """Free the graphics memory; the next picture takes it again."""
-        if self._canvas is not None:
-            self._canvas.delete()
-            self._canvas = None
-
-    def _draw(self, pose: Pose, lighting: LightSources, shadows: bool) -> NDArray[np.uint8]:
-        # Importing it makes the OpenGL context, which must not happen before it is wanted.
-        from poseviewer.render.opengl.shading import ShadedCanvas
-
-        mesh = self.mesh
-        if self._canvas is None:
-            self._canvas = ShadedCanvas(mesh, self.shading)
-        clip = clip_from_world(mesh, pose)
-        if clip is None:
-            return np.zeros((pose.camera.height, pose.camera.width, 4), np.uint8)
-        model_from_camera = pose.camera_from_model.inverse()
-        eye = -FAR_EYE_PER_DIAMETER * mesh.diameter * model_from_camera.rotation[:, 2]
-        if isinstance(pose.camera, Perspective):
-            eye = model_from_camera.translation - mesh.centre
-        return self._canvas.draw(
-            (pose.camera.width, pose.camera.height),
-            clip,
-            eye,
-            lighting.ambient,
-            [(model_from_camera.rotation @ o.towards, o.intensity) for o in lighting.lights],
-            shadows,
-        )
+        self._renderer.close()
 
 
 def as_photographed(

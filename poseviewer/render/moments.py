@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +16,6 @@ from poseviewer.render.structure import (
     orientation_field,
 )
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
-
-Part: TypeAlias = tuple[slice, slice]
-"""Rows and columns of a picture."""
-WHOLE: Part = (slice(None), slice(None))
 
 
 def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArray:
@@ -44,21 +38,18 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
     return np.moveaxis(np.stack(planes, dtype=float), 0, -1)
 
 
-def moments_of_images(image: AttributeImage, photo: PhotoAttributes, part: Part = WHOLE) -> Moments:
-    """The plain path: pictures of all attributes, then sums over P. The measure for fast paths.
-
-    The image is of the photo's ``part`` that the model is in, with ``MARGIN_PX`` about it.
-    """
-    weights = photo.weights[part]
+def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
+    """The plain path: pictures of all attributes, then sums over P. The measure for fast paths."""
+    weights = photo.weights
     covered = np.flatnonzero(image.mask & (weights > 0.0))
     model = model_attributes(image.at(covered), photo)
     w = weights.ravel()[covered].astype(float)
-    planes = (plane[part].ravel() for plane in photo.planar)
+    planes = (plane.ravel() for plane in photo.planar)
     seen = np.stack([plane[covered] for plane in planes], dtype=float).T
     if photo.structure is not None:
-        labels = photo.structure.labels[part].ravel()[covered]
+        labels = photo.structure.labels.ravel()[covered]
         memberships = np.eye(len(photo.structure.shares))[labels]
-        cosine = _edge_cosine(image, photo.structure.field[part], weights)
+        cosine = _edge_cosine(image, photo.structure.field, weights)
         seen = np.concatenate([seen, memberships], axis=1)
         return _moments_of_classes(w, seen, model, photo.structure, cosine)
     if not photo.clipped:

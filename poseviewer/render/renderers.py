@@ -21,8 +21,7 @@ def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
         RendererUnavailableError: ``gpu`` or ``opengl`` on a machine without it.
     """
     if name == "opengl":
-        from poseviewer.render.opengl.context import opengl_unavailable_reason
-        from poseviewer.render.opengl.renderer import OpenGLRenderer
+        from poseviewer.render.opengl import OpenGLRenderer, opengl_unavailable_reason
 
         reason = opengl_unavailable_reason()
         if reason:

@@ -40,7 +40,7 @@ def photograph(mesh: Mesh, chart: VehicleChart, seed: int) -> Photo:
     """A diffuse car before a plain background, in light that the fit does not know, with sensor
     noise."""
     require_opengl()
-    photographer = Photographer(mesh, "diffuse")
+    photographer = Photographer(mesh)
     lighting = random_lighting(np.random.default_rng(seed))
     pixels = photographer.photograph(
         chart.to_pose(THETA), lighting, quality=PhotoQuality(noise=1.0), seed=seed

@@ -14,7 +14,7 @@ from poseviewer.evaluation.synthetic import (
 )
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.opengl.renderer import OpenGLRenderer
+from poseviewer.render.opengl import OpenGLRenderer
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 
@@ -91,7 +91,7 @@ def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
     opengl = OpenGLRenderer(mesh)
     fine = opengl.covers(pose.scaled(12))
     exact = fine.reshape(pose.camera.height, 12, pose.camera.width, 12).mean(axis=(1, 3))
-    assert np.abs(coverage - exact).max() < 0.1  # of 36 samples each
+    assert np.abs(coverage - exact).max() < 0.15  # of 16 samples each
     for axis in (0, 1):
         place = np.arange(exact.shape[1 - axis]) + 0.5
         sums = coverage.sum(axis=axis, dtype=float), exact.sum(axis=axis)
@@ -105,34 +105,10 @@ def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
 def test_highlights_only_add_light():
     pose = Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE)
     mesh = make_bumpy()
-    diffuse, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
-    phong, _ = Photographer(mesh, "phong").cut_out(pose, LIGHTING)
-    physical, _ = Photographer(mesh, "physical").cut_out(pose, LIGHTING)
-    assert (phong >= diffuse - 1 / 255).all()
-    assert (phong - diffuse).max() > 0.1
-    inside = coverage == 1.0
-    assert np.corrcoef(physical[inside].ravel(), diffuse[inside].ravel())[0, 1] > 0.8
-
-
-def test_shadow_falls_on_the_ground_away_from_the_light():
-    light = DirectionalLight(np.array([1.0, -1.0, 0.0]), np.full(3, 0.6))
-    lighting = LightSources(np.full(3, 0.3), (light,))
-    camera = Perspective.from_field_of_view(50.0, 240, 180)
-    tilt = RigidTransform.from_rotation_vector([0.5, 0.0, 0.0], [0.0, 0.0, 6.0])
-    box, slab = make_box((1.0, 1.0, 1.0)), make_box((5.0, 0.02, 5.0))
-    both = make_mesh(
-        np.concatenate([box.vertices, slab.vertices + np.array([0.0, 0.51, 0.0])]),
-        np.concatenate([box.faces, slab.faces + len(box.vertices)]),
-        np.concatenate([box.normals, slab.normals]),
-        np.concatenate([box.colours, slab.colours]),
-    )
-    photographer = Photographer(both)
-    lit, _ = photographer.cut_out(Pose(camera, tilt), lighting)
-    shadowed, _ = photographer.cut_out(Pose(camera, tilt), lighting, shadows=True)
-    darker = lit.sum(axis=-1) - shadowed.sum(axis=-1) > 0.2
-    assert (shadowed <= lit + 2 / 255).all()
-    assert darker.mean() > 0.01
-    assert np.nonzero(darker)[1].mean() < 110
+    diffuse, _ = Photographer(mesh).cut_out(pose, LIGHTING)
+    glossy, _ = Photographer(mesh, 0.4).cut_out(pose, LIGHTING)
+    assert (glossy >= diffuse - 1e-6).all()
+    assert (glossy - diffuse).max() > 0.1
 
 
 def test_background_blur_and_noise():

@@ -7,7 +7,7 @@ import pytest
 
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.opengl.renderer import OpenGLRenderer
+from poseviewer.render.opengl import OpenGLRenderer
 from tests.meshes import make_mesh, make_sphere
 from tests.opengl import require_opengl
 

@@ -1,0 +1,290 @@
+"""Pictures of a model's attributes by OpenGL, off screen: the second renderer, which shares no code
+with the software renderer but the texture pyramid.
+
+pyrender's ``OffscreenRenderer`` brings the process's one context (EGL, or what PYOPENGL_PLATFORM
+names); two shaders draw into a framebuffer of 32-bit floats.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import RendererUnavailableError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, Pose, level_pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from poseviewer.geometry.mesh import Mesh, hull_points
+from poseviewer.render.moments import moments_of_images
+from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
+
+ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
+MAX_FACES = (1 << 24) - 1
+"""Largest number of a face that a float32 holds exactly."""
+NEAR_PER_DIAMETER = 1e-3
+"""Distance of the near plane under perspective, as a share of the model's diameter."""
+VERTEX_SHADER = """#version 330 core
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec3 colour;
+layout(location = 3) in vec2 uv;
+uniform mat4 clip_from_world;
+uniform mat3 camera_from_world;
+out vec3 seen_normal;
+out vec3 seen_colour;
+out vec2 seen_uv;
+
+void main()
+{
+    gl_Position = clip_from_world * vec4(position, 1.0);
+    seen_normal = camera_from_world * normal;
+    seen_colour = colour;
+    seen_uv = uv;
+}
+"""
+FRAGMENT_SHADER = """#version 330 core
+in vec3 seen_normal;
+in vec3 seen_colour;
+in vec2 seen_uv;
+layout(location = 0) out vec4 normal_and_face;  // on the side that is seen; 0 where there is none
+layout(location = 1) out vec4 reflectance;
+layout(location = 2) out vec4 uv;
+
+void main()
+{
+    float length_of_normal = length(seen_normal);
+    float scale = length_of_normal > 0.0 ? 1.0 / length_of_normal : 0.0;
+    vec3 normal = (gl_FrontFacing ? scale : -scale) * seen_normal;
+    normal_and_face = vec4(normal, float(gl_PrimitiveID + 1));
+    reflectance = vec4(seen_colour, 1.0);
+    uv = vec4(seen_uv, 0.0, 0.0);
+}
+"""
+
+_context: Any = None
+_thread = 0
+
+
+def opengl() -> Any:
+    """PyOpenGL's functions. The first call makes the context, in the thread that alone may use it.
+
+    Raises:
+        RendererUnavailableError: this machine gives no context; the message says what to install.
+        RuntimeError: another thread made the context.
+    """
+    global _context, _thread
+    if _context is None:
+        platform = os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                import pyrender
+
+                _context = pyrender.OffscreenRenderer(1, 1)
+        except Exception as error:
+            raise RendererUnavailableError(
+                f"OpenGL by {platform} gave no context ({type(error).__name__}: {error}); {ADVICE}."
+            ) from error
+        _thread = threading.get_ident()
+    if _thread != threading.get_ident():
+        raise RuntimeError("the OpenGL context belongs to the thread that made it")
+    from OpenGL import GL
+
+    return GL
+
+
+def opengl_unavailable_reason() -> str | None:
+    """Say in a sentence why there is no OpenGL here, or None. Makes the context if there is."""
+    try:
+        opengl()
+    except RendererUnavailableError as error:
+        return str(error)
+    return None
+
+
+def opengl_renderer_name() -> str | None:
+    """Name what draws, a graphics card or Mesa's rasteriser; None where there is no OpenGL."""
+    if opengl_unavailable_reason():
+        return None
+    gl = opengl()
+    return gl.glGetString(gl.GL_RENDERER).decode(errors="replace")
+
+
+class OpenGLRenderer:
+    """A mesh drawn by OpenGL. To be used by one thread of the process, always the same.
+
+    The graphics card interpolates normals, colours and texture coordinates in float32; textures
+    are sampled here.
+    """
+
+    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
+        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes).
+
+        OpenGL itself is first touched by the first picture.
+        """
+        if len(mesh.faces) > MAX_FACES:
+            raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
+        self.mesh = mesh
+        self.two_sided = two_sided
+        self._textures = TexturePyramid.from_textures(mesh.textures)
+        self._texel_areas = self._textures.texel_areas(mesh)
+        # Texture coordinates are read back only where they are needed.
+        self._targets = 3 if mesh.textures else 2
+        self._size = 0, 0
+        self._objects: dict[str, Any] = {}
+        self._program = 0
+
+    def render(self, pose: Pose) -> AttributeImage:
+        """Draw face numbers, reflectance and normals (camera frame) at every pixel centre.
+
+        Raises:
+            RendererUnavailableError: no OpenGL on this machine; the message says what to install.
+            RuntimeError: another thread made the process's OpenGL context.
+        """
+        size = pose.camera.width, pose.camera.height
+        clip = clip_from_world(self.mesh, pose)
+        if clip is None:
+            nothing = np.zeros((2, size[1], size[0], 3), np.float32)
+            return AttributeImage(np.full((size[1], size[0]), -1, np.int32), *nothing)
+        pictures = self._draw(pose, clip, size)
+        face_ids = pictures[0][..., 3].astype(np.int32) - 1
+        normals, reflectance = (np.ascontiguousarray(p[..., :3]) for p in pictures[:2])
+        if self.mesh.textures:
+            self._apply_textures(pose, face_ids, pictures[2][..., :2], reflectance)
+        return AttributeImage(face_ids, reflectance, normals)
+
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen."""
+        return self.render(pose).mask
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """Sum the joint moments of the photo's and the model's attributes by the plain path."""
+        return moments_of_images(self.render(level_pose(pose, photo.factor)), photo)
+
+    def close(self) -> None:
+        """Free the graphics memory; the next picture takes it again."""
+        if not self._objects:
+            return
+        gl = opengl()
+        for kind, made in self._objects.items():
+            getattr(gl, f"glDelete{kind}")(len(made), made)
+        gl.glDeleteProgram(self._program)
+        self._size = 0, 0
+        self._objects.clear()
+
+    def _draw(self, pose: Pose, clip: FloatArray, size: tuple[int, int]) -> list[NDArray]:
+        """(height, width, 4) float32 each, from the targets of the fragment shader."""
+        gl = opengl()
+        if not self._objects:
+            self._upload(gl)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._objects["Framebuffers"][0])
+        gl.glBindVertexArray(self._objects["VertexArrays"][0])
+        targets = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(self._targets)]
+        if size != self._size:
+            self._size = size
+            places = [*targets, gl.GL_DEPTH_ATTACHMENT]
+            for buffer, place in zip(self._objects["Renderbuffers"], places, strict=True):
+                kind = gl.GL_RGBA32F if place in targets else gl.GL_DEPTH_COMPONENT24
+                gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
+                gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, kind, *size)
+                gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, place, gl.GL_RENDERBUFFER, buffer)
+            gl.glDrawBuffers(len(targets), targets)
+        gl.glUseProgram(self._program)
+        # OpenGL's first row is the lowest: it draws upside down, where faces wind the other way.
+        flipped = np.diag([1.0, -1.0, 1.0, 1.0]) @ clip
+        for name, matrix, put in (
+            ("clip_from_world", flipped, gl.glUniformMatrix4fv),
+            ("camera_from_world", pose.camera_from_model.rotation, gl.glUniformMatrix3fv),
+        ):
+            put(gl.glGetUniformLocation(self._program, name), 1, True, matrix.astype(np.float32))
+        gl.glViewport(0, 0, *size)
+        gl.glFrontFace(gl.GL_CW)
+        gl.glEnable(gl.GL_DEPTH_TEST)
+        (gl.glDisable if self.two_sided else gl.glEnable)(gl.GL_CULL_FACE)
+        gl.glClearColor(0.0, 0.0, 0.0, 0.0)
+        gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+        gl.glDrawElements(gl.GL_TRIANGLES, self.mesh.faces.size, gl.GL_UNSIGNED_INT, None)
+        pictures = []
+        for target in targets:
+            pictures.append(np.empty((size[1], size[0], 4), np.float32))
+            gl.glReadBuffer(target)
+            gl.glReadPixels(0, 0, *size, gl.GL_RGBA, gl.GL_FLOAT, pictures[-1])
+        return pictures
+
+    def _upload(self, gl: Any) -> None:
+        from OpenGL.GL import shaders
+
+        vertex = shaders.compileShader(VERTEX_SHADER, gl.GL_VERTEX_SHADER)
+        fragment = shaders.compileShader(FRAGMENT_SHADER, gl.GL_FRAGMENT_SHADER)
+        counts = {"Framebuffers": 1, "Renderbuffers": self._targets + 1}
+        for kind, count in (counts | {"VertexArrays": 1, "Buffers": 2}).items():
+            self._objects[kind] = np.atleast_1d(getattr(gl, f"glGen{kind}")(count))
+        mesh = self.mesh
+        columns = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
+        vertices = np.column_stack(columns).astype(np.float32)
+        gl.glBindVertexArray(self._objects["VertexArrays"][0])
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._objects["Framebuffers"][0])
+        kinds = gl.GL_ARRAY_BUFFER, gl.GL_ELEMENT_ARRAY_BUFFER
+        data = vertices, mesh.faces.astype(np.uint32)
+        for kind, buffer, values in zip(kinds, self._objects["Buffers"], data, strict=True):
+            gl.glBindBuffer(kind, buffer)
+            gl.glBufferData(kind, values.nbytes, values, gl.GL_STATIC_DRAW)
+        for location, (length, offset) in enumerate(((3, 0), (3, 12), (3, 24), (2, 36))):
+            gl.glEnableVertexAttribArray(location)
+            start = ctypes.c_void_p(offset)
+            gl.glVertexAttribPointer(location, length, gl.GL_FLOAT, False, 44, start)
+        self._program = shaders.compileProgram(vertex, fragment)
+
+    def _apply_textures(
+        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, seen: NDArray[np.float32]
+    ) -> None:
+        """Multiply the colours ``seen`` (height, width, 3) by the textures at ``uv``."""
+        mesh = self.mesh
+        textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
+        faces = face_ids[textured]
+        pixel_areas = doubled_areas(pose.project(mesh.vertices)[mesh.faces])
+        levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
+        colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
+        seen[textured] *= colours
+
+
+def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
+    """(4, 4): from the model's frame, with its centre as the origin, to OpenGL's clip space.
+
+    None if all of the model is too near, or behind the camera. It is multiplied in double precision
+    before OpenGL's floats see it: far-off models and long lenses keep their sub-pixel and their
+    depth accuracy. The viewport spans [-1, 1] as the picture spans [0, width] and [0, height]:
+    pixel centres at i + 0.5, as everywhere inside, with no shift. Depths span it tightly.
+    """
+    camera = pose.camera
+    depths = pose.camera_from_model.apply(hull_points(mesh))[:, 2]
+    margin, nearest = 1e-3 * mesh.diameter, NEAR_PER_DIAMETER * mesh.diameter
+    near, far = float(depths.min()) - margin, float(depths.max()) + margin
+    off_x, off_y = 1.0 - 2.0 * camera.cx / camera.width, 2.0 * camera.cy / camera.height - 1.0
+    clip_from_camera = np.zeros((4, 4))
+    if isinstance(camera, Perspective):
+        if far - margin <= nearest:
+            return None
+        near = max(near, nearest)
+        scales = 2.0 * camera.fx / camera.width, 2.0 * camera.fy / camera.height
+        clip_from_camera[:2, 2] = off_x, off_y
+        clip_from_camera[2, 2:] = (far + near) / (near - far), 2.0 * far * near / (near - far)
+        clip_from_camera[3, 2] = -1.0
+    else:
+        scales = 2.0 * camera.scale / camera.width, 2.0 * camera.scale / camera.height
+        clip_from_camera[:2, 3] = -off_x, -off_y
+        clip_from_camera[2, 2:] = 2.0 / (near - far), (far + near) / (near - far)
+        clip_from_camera[3, 3] = 1.0
+    clip_from_camera[0, 0], clip_from_camera[1, 1] = scales
+    opengl_from_model = OPENGL_FROM_OPENCV @ pose.camera_from_model
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = opengl_from_model.rotation
+    camera_from_world[:3, 3] = opengl_from_model.apply(mesh.centre)
+    return clip_from_camera @ camera_from_world

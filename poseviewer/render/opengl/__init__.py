@@ -1,1 +1,0 @@
-"""pyrender as the second renderer, and the maker of synthetic photos."""
