@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from poseviewer.api import FitResult, SceneCase, SetResult, load, load_views
+from poseviewer.api import FitResult, SetResult, load, load_views
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
@@ -25,8 +24,6 @@ from poseviewer.batch.results import (
 from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord, save_pose
-from poseviewer.files.scene import ObjectRecord, SceneRecord
 from poseviewer.fit.registration import LoadedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.looks import Picture
@@ -34,13 +31,12 @@ from poseviewer.render.pool import Cloneable
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.registration import among_others, load_model, load_registration
+from poseviewer.starts.registration import load_model
 
 _log = logging.getLogger(__name__)
 
 MODELS_KEPT = 8
 """How many models stay loaded in each process."""
-HIDDEN = "Not searched for: it stands wholly behind other objects of the photo."
 PICTURE_SIDE = 480
 """Longer side of the pictures of the poses, px."""
 
@@ -61,52 +57,19 @@ def run_job(job: Job, plan: BatchPlan) -> JobResult:
     Raises:
         BatchError: the result cannot be written, so that no other could.
     """
-    rows = (job, *job.mates)
-    known = [load_result(plan.folder, row.key) for row in rows]
-    if known[0] is not None and None not in known:
-        return as_row_of(job, known[0])
+    known = load_result(plan.folder, job.key)
+    if known is not None:
+        return as_row_of(job, known)
     try:
-        found: Sequence[FitResult | SetResult | PoseRecord]
-        if job.mates:
-            scene = _fit_together(rows, plan)
-            pairs = zip(scene.results, scene.scene.objects, strict=True)
-            found = [result or one.record for result, one in pairs]
-            picture = smaller(scene.picture())
-        else:
-            fitted = _fit(job, plan)
-            drawn = fitted.views[0] if isinstance(fitted, SetResult) else fitted
-            found, picture = [fitted], smaller(drawn.picture())
+        fitted = _fit(job, plan)
+        drawn = fitted.views[0] if isinstance(fitted, SetResult) else fitted
+        picture = smaller(drawn.picture())
     except PoseViewerError as error:
         return failed_result(job, str(error))
     except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
         _log.debug("row %d", job.row, exc_info=error)
         return failed_result(job, f"{type(error).__name__}: {error}")
-    # The first row's last: where it is there, all are.
-    for row, one in zip(rows[1:], found[1:], strict=True):
-        _keep(row, plan, one, picture)
-    return _keep(job, plan, found[0], picture)
-
-
-def _fit_together(rows: Sequence[Job], plan: BatchPlan) -> SceneCase:
-    """All objects of a photo, each hidden by those in front of it."""
-    if plan.mask is not None:
-        raise SettingsError("--mask with --together: one mask is not that of all objects.")
-    photo, settings = rows[0].path(rows[0].photo), plan.settings
-    alone, renderers, objects = [], [], []
-    for number, row in enumerate(rows):
-        path = row.path(row.model)
-        model, renderer = open_model(path, settings)
-        one = load_registration(photo, model, row.path(row.start))
-        alone.append(one)
-        cloned = renderer.clone() if isinstance(renderer, Cloneable) else None
-        renderers.append(cloned or make_renderer(model.mesh, settings.renderer))
-        seen = one.photo
-        of_photo = PhotoReference(seen.name, seen.width, seen.height, seen.sha256)
-        of_model = ModelReference(one.mesh_name, one.mesh_sha256, one.mesh.unit)
-        objects.append(ObjectRecord(str(number), path, PoseRecord(one.start, of_photo, of_model)))
-    scene = SceneRecord(photo, PhotoReference(), alone[0].start.camera, tuple(objects))
-    case = SceneCase(scene, among_others(alone), settings, tuple(renderers), (None,) * len(rows))
-    return case.fit()
+    return _keep(job, plan, fitted, picture)
 
 
 def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
@@ -179,36 +142,30 @@ def _open_model(
     return model, make_renderer(model.mesh, settings.renderer)
 
 
-def _keep(
-    job: Job, plan: BatchPlan, fitted: FitResult | SetResult | PoseRecord, picture: Picture
-) -> JobResult:
-    """Write the pose, the picture and, last, the result; of an object that stands wholly behind
-    others the start.
-    """
-    named, files = (job.row, job.photo, job.model, job.start), result_files(job)
-    if isinstance(fitted, PoseRecord):
-        result = JobResult(*named, HIDDEN, verdict="lost", probability=0.0, reasons=HIDDEN)
-        save = partial(save_pose, record=fitted)
-    else:
-        progress, save = fitted.progress, fitted.save
-        assert progress is not None  # it was searched for
-        result = JobResult(
-            *named,
-            progress.status.value,
-            loss=progress.loss,
-            start_loss=progress.start_loss,
-            unexplained=progress.unexplained,
-            start_unexplained=progress.start_unexplained,
-            evaluations=progress.evaluations,
-            seconds=round(progress.seconds, 3),
-            **standard_deviations(fitted.covariance),
-        )
-        if (verdict := progress.verdict) is not None:
-            certain, reasons = round(verdict.probability, 4), "\n".join(verdict.reasons)
-            result = replace(result, verdict=verdict.word, probability=certain, reasons=reasons)
+def _keep(job: Job, plan: BatchPlan, fitted: FitResult | SetResult, picture: Picture) -> JobResult:
+    """Write the pose, the picture and, last, the result."""
+    progress, files = fitted.progress, result_files(job)
+    assert progress is not None  # it was searched for
+    result = JobResult(
+        job.row,
+        job.photo,
+        job.model,
+        job.start,
+        progress.status.value,
+        loss=progress.loss,
+        start_loss=progress.start_loss,
+        unexplained=progress.unexplained,
+        start_unexplained=progress.start_unexplained,
+        evaluations=progress.evaluations,
+        seconds=round(progress.seconds, 3),
+        **standard_deviations(fitted.covariance),
+    )
+    if (verdict := progress.verdict) is not None:
+        certain, reasons = round(verdict.probability, 4), "\n".join(verdict.reasons)
+        result = replace(result, verdict=verdict.word, probability=certain, reasons=reasons)
     result = replace(result, pose=files[0], picture=files[1])
     try:
-        save(plan.folder / result.pose)
+        fitted.save(plan.folder / result.pose)
         save_image(plan.folder / result.picture, picture)
         save_result(plan.folder, job, result)
     except PoseViewerError as error:

@@ -43,8 +43,6 @@ class Manifest:
     settings: FitSettings = field(default_factory=FitSettings)
     scene: str | None = None
     """The BOP scene that the rows are from, absolute; None for those of a table."""
-    together: bool = False
-    """Whether all rows of a photo are fitted together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,13 +203,8 @@ def save_manifest(folder: Path, manifest: Manifest) -> None:
         "format": FORMAT,
         "version": VERSION,
         "scene": manifest.scene,
-        "together": manifest.together,
         "settings": settings_as_json(manifest.settings),
-        # Mates are rows of their own.
-        "jobs": [
-            {name: value for name, value in asdict(job).items() if name != "mates"}
-            for job in manifest.jobs
-        ],
+        "jobs": [asdict(job) for job in manifest.jobs],
     }
     write_json(folder / MANIFEST, data, BatchError, indent=1)
 
@@ -227,8 +220,7 @@ def load_manifest(folder: Path) -> Manifest:
         if (data["format"], data["version"]) != (FORMAT, VERSION):
             raise ValueError(f"{data['format']} {data['version']}")
         jobs = tuple(Job(**{**job, "above": tuple(job["above"])}) for job in data["jobs"])
-        settings, is_together = settings_from_json(data["settings"]), data.get("together", False)
-        return Manifest(jobs, settings, data["scene"], bool(is_together))
+        return Manifest(jobs, settings_from_json(data["settings"]), data["scene"])
     except FileNotFoundError:
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "

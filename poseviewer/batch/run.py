@@ -13,14 +13,13 @@ from poseviewer.batch.results import (
     JobResult,
     Manifest,
     alone_in,
-    failed_result,
     known_results,
     make_folders,
     save_manifest,
     save_table,
 )
 from poseviewer.batch.scene import SceneOptions, load_scene_jobs, save_scene
-from poseviewer.batch.table import Job, load_jobs, together
+from poseviewer.batch.table import Job, load_jobs
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.pool import processors
 
@@ -41,16 +40,8 @@ class Batch:
 
     @property
     def to_do(self) -> tuple[Job, ...]:
-        """The first job of each key that is not done: equal rows are fitted once. Where those of a
-        photo are fitted together, one for each photo.
-        """
+        """The first job of each key that is not done: equal rows are fitted once."""
         rows = {result.row for result in self.done}
-        if self.manifest.together:
-            return tuple(
-                job
-                for job in together(self.jobs)
-                if not rows.issuperset(row.row for row in (job, *job.mates))
-            )
         first: dict[str, Job] = {}
         for job in self.jobs:
             if job.row not in rows:
@@ -69,9 +60,8 @@ def open_batch(
     table, folder = Path(table), Path(folder).resolve()
     if table.is_dir():
         scene = table.resolve()
-        chosen = scene_options or SceneOptions()
-        jobs = load_scene_jobs(scene, folder, settings, chosen)
-        manifest = Manifest(jobs, settings, str(scene), chosen.together)
+        jobs = load_scene_jobs(scene, folder, settings, scene_options or SceneOptions())
+        manifest = Manifest(jobs, settings, str(scene))
     else:
         manifest = Manifest(load_jobs(table, settings), settings)
     make_folders(folder)
@@ -107,10 +97,6 @@ def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:
     folder, manifest = batch.plan.folder, batch.manifest
     key_of = {job.row: job.key for job in batch.jobs}
     failed = {key_of[result.row]: result for result in fresh if result.failed}
-    if manifest.together:  # what fails, fails for all objects of the photo
-        for job in together(manifest.jobs):
-            if (found := failed.get(job.key)) is not None:
-                failed |= {mate.key: failed_result(mate, found.reason) for mate in job.mates}
     results = known_results(folder, manifest, failed)
     save_summaries(folder, manifest, results)
     return results

@@ -1,6 +1,4 @@
-"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene, with
-masks.
-"""
+"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
 
 from __future__ import annotations
 
@@ -8,40 +6,27 @@ import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from poseviewer.batch.job import open_model
 from poseviewer.batch.results import JobResult, Manifest, make_folders
-from poseviewer.batch.table import LAST, Job, keyed_together, with_keys
+from poseviewer.batch.table import LAST, Job, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
-    MASKS,
     MODEL_FILE,
     MODEL_NAME,
     PHOTO_NAME,
-    VISIBLE_MASKS,
     BopImage,
     BopObject,
     load_bop_images,
     load_scene_file,
-    mask_file,
     same_intrinsics,
     save_bop_images,
-    save_masks,
 )
-from poseviewer.files.pose import (
-    PoseRecord,
-    load_pose,
-    recorded_size,
-    save_pose,
-)
-from poseviewer.fit.registration import PlacedModel
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Camera, Perspective, Pose
-from poseviewer.starts.automatic import AUTOMATIC
 
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""
@@ -56,11 +41,9 @@ class SceneOptions:
     """The folder of ``obj_000001.ply`` and so on, in mm."""
     start: str = FROM_SCENE
     """``gt``: the scene's own poses; ``last``: the pose that the image before ended in, the first
-    image from the scene's own; else a pose file, for all images."""
+    image from the scene's own."""
     objects: tuple[int, ...] = ()
     """Which objects; empty: all that have poses."""
-    together: bool = False
-    """Whether the objects of an image are fitted together, each hidden by those in front of it."""
 
 
 def load_scene_jobs(
@@ -73,11 +56,6 @@ def load_scene_jobs(
     """
     if settings.free_focal:
         raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
-    if options.together and options.start == LAST:
-        raise BatchError(
-            "--together with --start last: the objects of an image start from where the scene has "
-            "them, or a pose file; leave one of the two out."
-        )
     if options.models is None:
         raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
     if not options.models.is_dir():
@@ -100,34 +78,24 @@ def load_scene_jobs(
         model = str(models / MODEL_FILE.format(found.object_id))
         jobs.append(Job(row, image.photo, model, start, str(scene)))
         before = same
-    keyed = with_keys(jobs, settings)
-    return keyed_together(keyed) if options.together else keyed
+    return with_keys(jobs, settings)
 
 
 def _objects_to_fit(scene: Path, options: SceneOptions) -> list[tuple[BopImage, BopObject, int]]:
     """Image, object at its start pose, and which of several of this object in the image."""
-    if options.start == AUTOMATIC:
+    if options.start not in (FROM_SCENE, LAST):
         raise BatchError(
-            "--start auto with a BOP scene: the start would not know the scene's cameras; give "
-            "gt, last or a pose file."
+            f"--start {options.start} with a BOP scene; wanted gt or last. For other starts make a "
+            "table with a row for each image."
         )
-    read, wanted = load_bop_images(scene), options.objects
-    one_start = options.start not in (FROM_SCENE, LAST)
-    if not read.posed and not (one_start and wanted):
-        raise BatchError(
-            f"{scene}: no scene_gt.json in it, so --start has to be a pose file, and --objects to "
-            "say which objects."
-        )
-    place = load_pose(options.start, 1, 1).pose.camera_from_model if one_start else None
-    if place is not None and wanted:
-        return [(image, BopObject(number, place), 0) for image in read.images for number in wanted]
-    found = []
+    read, found = load_bop_images(scene), []
+    if not read.posed:
+        raise BatchError(f"{scene}: no scene_gt.json in it; make a table with a start in each row.")
     for image in read.images:
         seen: Counter[int] = Counter()
         for one in image.objects:
-            if not wanted or one.object_id in wanted:
-                start = one if place is None else replace(one, place=place)
-                found.append((image, start, seen[one.object_id]))
+            if not options.objects or one.object_id in options.objects:
+                found.append((image, one, seen[one.object_id]))
                 seen[one.object_id] += 1
     return found
 
@@ -161,39 +129,6 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
             found = BopObject(_number(MODEL_NAME, result.model), place)
             poses[_number(PHOTO_NAME, result.photo)].append(found)
     save_bop_images(folder, load_scene_file(Path(manifest.scene) / CAMERAS), dict(poses))
-    if manifest.together:
-        _save_masks(folder, manifest, results)
-
-
-def _save_masks(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
-    """Write masks; those of images whose poses are as they were stay."""
-    rows: dict[int, list[JobResult]] = defaultdict(list)
-    for result in sorted(results, key=lambda result: result.row):
-        if result.pose:
-            rows[_number(PHOTO_NAME, result.photo)].append(result)
-    jobs = {job.row: job for job in manifest.jobs}
-    for image, found in rows.items():
-        if _is_newer(folder, image, found):
-            continue
-        placed = []
-        for result in found:
-            path = folder / result.pose
-            model, _ = open_model(jobs[result.row].path(result.model), manifest.settings)
-            placed.append(PlacedModel(model.mesh, load_pose(path, *recorded_size(path)).pose))
-        save_image_masks(folder, image, placed)
-
-
-def _is_newer(folder: Path, image: int, found: Sequence[JobResult]) -> bool:
-    """Whether the masks of an image are there, and were written after its poses."""
-    masks = [
-        mask_file(folder / name, image, number)
-        for name in (MASKS, VISIBLE_MASKS)
-        for number in range(len(found))
-    ]
-    if not all(path.is_file() for path in masks):
-        return False
-    newest = max((folder / result.pose).stat().st_mtime_ns for result in found)
-    return newest <= min(path.stat().st_mtime_ns for path in masks)
 
 
 def require_scene_camera(manifest: Manifest, photo: str, camera: Camera) -> None:
@@ -219,9 +154,3 @@ def _number(pattern: str, path: str) -> int:
     if found is None:
         raise BatchError(f"{Path(path).name}: no BOP number in its name; run the batch again.")
     return int(found[1])
-
-
-def save_image_masks(folder: Path, image: int, models: Sequence[PlacedModel]) -> None:
-    """Write the masks of the models in an image of a BOP scene's folder, by one camera."""
-    seen = visibility(models)
-    save_masks(folder, image, seen.drawn, [seen.seen(index) for index in range(len(models))])

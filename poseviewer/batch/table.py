@@ -6,7 +6,6 @@ import csv
 import hashlib
 import json
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -48,8 +47,6 @@ class Job:
     above: tuple[str, ...] = ()
     """Where the start is ``LAST``: the keys of the rows above, the nearest first, down to one with
     a start of its own."""
-    mates: tuple[Job, ...] = ()
-    """The other objects of the photo, where all are fitted together, as one job."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
@@ -104,25 +101,6 @@ def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
     return tuple(keyed)
 
 
-def keyed_together(jobs: Iterable[Job]) -> tuple[Job, ...]:
-    """The jobs with other keys: what comes of a row depends on all rows of its photo."""
-    jobs = tuple(jobs)
-    of_photo: dict[str, list[str]] = defaultdict(list)
-    for job in jobs:
-        of_photo[job.photo].append(job.key)
-    return tuple(
-        replace(job, key=_hash([job.key, "together", *of_photo[job.photo]])) for job in jobs
-    )
-
-
-def together(jobs: Iterable[Job]) -> tuple[Job, ...]:
-    """A job for each photo: that of its first row, with the others as its mates."""
-    of_photo: dict[str, list[Job]] = defaultdict(list)
-    for job in jobs:
-        of_photo[job.photo].append(job)
-    return tuple(replace(first, mates=tuple(rest)) for first, *rest in of_photo.values())
-
-
 def _read_rows(path: Path) -> list[dict[str, str]]:
     reading = Reading(path, [], BatchError, "table of jobs (CSV)", LARGEST_TABLE)
     with reading.naming_errors():
@@ -156,11 +134,7 @@ def _key(job: Job, settings: Mapping[str, Any]) -> str:
     if job.start == LAST:
         content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
-    return _hash([content, settings])
-
-
-def _hash(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True)
+    text = json.dumps([content, settings], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 

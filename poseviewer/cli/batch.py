@@ -38,13 +38,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--quiet", "no progress")
     scene = parser.add_argument_group("of a BOP scene")
     option(scene, "--models FOLDER", "of obj_000001.ply and so on, in mm", Path)
-    option(
-        scene,
-        "--start gt|last|POSE.json",
-        "the scene's own poses (gt, as it is), the pose that the image before ended in, or a "
-        "pose file for all images",
-    )
-    option(scene, "--together", "all objects of an image, each hidden by those in front of it")
+    starts = "the scene's own poses (gt, as it is), or the pose that the image before ended in"
+    option(scene, "--start gt|last", starts)
     option(scene, "--objects NUMBER,...", "(all with a pose)", listed(whole))
     add_settings(parser)
     add_fields(add_search(parser), FitSettings, KEPT)
@@ -91,7 +86,7 @@ def _scene_options(options: Namespace) -> SceneOptions | None:
 
     if options.jobs.is_dir():
         return made(SceneOptions, options)
-    for name in ("models", "start", "objects", "together"):
+    for name in ("models", "start", "objects"):
         if getattr(options, name):
             raise SettingsError(
                 f"--{name} with {options.jobs.name}, which is a table: it is for the folder of a "

@@ -83,13 +83,13 @@ def run(options: Namespace) -> int:
 
 def _convert_scene(options: Namespace) -> int:
     """Read or write all objects of a photo at once, and say what was written."""
-    from poseviewer.batch.scene import save_image_masks
-    from poseviewer.files.formats.bop import read_bop_image, write_bop_image
+    from poseviewer.files.formats.bop import read_bop_image, save_masks, write_bop_image
     from poseviewer.files.formats.conversion import refuse_existing
     from poseviewer.files.formats.table import OF_SCENES
     from poseviewer.files.mesh.load import load_mesh
     from poseviewer.files.scene import load_scene, save_scene
     from poseviewer.fit.registration import PlacedModel
+    from poseviewer.fit.visibility import visibility
 
     request = _request(options)
     if options.source_format == SCENE:
@@ -117,7 +117,9 @@ def _convert_scene(options: Namespace) -> int:
         files = written.files
         meshes = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
         models = [PlacedModel(meshes[one.model], one.record.pose) for one in scene.objects]
-        save_image_masks(options.out, image, models)
+        seen = visibility(models)
+        visible = [seen.seen(index) for index in range(len(models))]
+        save_masks(options.out, image, seen.drawn, visible)
     elif options.out_format in OF_SCENES:
         files = OF_SCENES[options.out_format](scene, options.out, request).files
     else:

@@ -186,7 +186,7 @@ def test_a_scene_in_series_starts_each_image_from_the_one_before(scene, tmp_path
     [
         (SceneOptions(), "--models"),
         (SceneOptions(Path("models")), "no scene_gt.json"),
-        (SceneOptions(Path("models"), "auto"), "would not know the scene's cameras"),
+        (SceneOptions(Path("models"), "auto"), "wanted gt or last"),
         (SceneOptions(Path("none")), "no such folder"),
     ],
     ids=["no models", "no poses", "auto", "no folder"],

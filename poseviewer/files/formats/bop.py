@@ -188,12 +188,8 @@ def save_masks(
         make_folder(folder / name)
         for number, mask in enumerate(masks):
             data = mask_as_png(Mask.of(mask))
-            write_whole(mask_file(folder / name, image, number), data, PoseFileError)
-
-
-def mask_file(folder: Path, image: int, number: int) -> Path:
-    """Where the mask of an image's object lies in ``mask/`` or ``mask_visib/``."""
-    return folder / f"{image:06d}_{number:06d}.png"
+            path = folder / name / f"{image:06d}_{number:06d}.png"
+            write_whole(path, data, PoseFileError)
 
 
 def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
