@@ -84,7 +84,6 @@ from poseviewer.starts.registration import (
     load_registration,
     load_scene_registrations,
     load_with_start,
-    with_symmetry,
 )
 from poseviewer.starts.view_set import SetRegistration, place_in_views
 
@@ -119,7 +118,6 @@ def load(
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
     mask: str | Path | Mask | None = None,
-    symmetry: str | Path | None = None,
     renderer: Renderer | None = None,
     watch: Callable[[], object] = lambda: None,
     **changes: Any,
@@ -141,8 +139,6 @@ def load(
             degrees.
         mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
             weights (height, width) from 0, hidden, to 1. Default: that of the pose file.
-        symmetry: a file that says what maps the model onto itself; or ``"none"``. Default: the
-            file beside the model, or of its BOP data set.
         watch: for ``"auto"``: called after every evaluation; what it raises ends the search.
         renderer: one of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
@@ -162,8 +158,6 @@ def load(
         start = AutoStart(rectangle, camera or StartCamera(), chosen, watch).find
     if isinstance(mask, str | Path):
         chosen = replace(chosen, mask=Path(mask).name)
-    if symmetry is not None and not isinstance(model, LoadedModel):
-        model = load_model(model, own_symmetry=False)
     more = (calibration, mask, chosen.without or ())
     if isinstance(start, str | Path):
         registration = load_registration(photo, model, start, *more)
@@ -171,8 +165,6 @@ def load(
         find = (lambda _, pose=start: Start(pose, ())) if isinstance(start, Pose) else start
         opened = model if isinstance(model, LoadedModel) else Path(model)
         registration = load_with_start(Path(photo), opened, find, *more)
-    if symmetry is not None:
-        registration = with_symmetry(registration, symmetry)
     own = model.mesh if isinstance(model, LoadedModel) else None
     if registration.mesh.left_out and registration.mesh is not own:
         renderer = None  # it draws the parts that are left out
@@ -209,7 +201,6 @@ def load_views(
     view: str | None = None,
     scale: float | None = None,
     choice: SetChoice | None = None,
-    symmetry: str | Path | None = None,
     **changes: Any,
 ) -> SetCase:
     """A model in several photos of one thing, whose cameras know their poses to one another.
@@ -224,7 +215,6 @@ def load_views(
         scale: how many lengths of the model's unit one of the set's is, in place of what the set
             says. Where nobody says it, it is searched for.
         choice: which of the set's photos, and what else its file does not say.
-        symmetry: as of ``load``.
         **changes: fields of the settings by name.
 
     Raises:
@@ -232,13 +222,9 @@ def load_views(
     """
     chosen = _chosen(settings, changes)
     read = views if isinstance(views, ViewSet) else load_view_set(views, choice)
-    loaded = model if isinstance(model, LoadedModel) else load_model(model, symmetry is None)
+    loaded = model if isinstance(model, LoadedModel) else load_model(model)
     loaded = replace(loaded, mesh=loaded.mesh.without(chosen.without or ()))
     placed = place_in_views(read, loaded, start, view, scale)
-    if symmetry is not None:
-        first = with_symmetry(placed.registrations[0], symmetry)
-        own = [replace(o, whole_symmetry=first.whole_symmetry) for o in placed.registrations]
-        placed = replace(placed, registrations=tuple(own))
     return make_set_case(placed, chosen, make_renderer(loaded.mesh, chosen.renderer))
 
 

@@ -67,7 +67,6 @@ def open_case(options: Namespace) -> Case:
             box=given.get("box"),
             camera=camera,
             mask=options.mask,
-            symmetry=given.get("symmetry"),
             watch=bar.update,
         )
     return _noted(case, options)
@@ -80,7 +79,7 @@ def open_scene(options: Namespace) -> SceneCase:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
     settings = settings_of(options)
-    given = ("photo", "mask", "calibration", "box", "focal", "symmetry")
+    given = ("photo", "mask", "calibration", "box", "focal")
     refuse_beside(options, "--scene", given)
     _tell_of_compiling(settings)
     return _noted(load_scene(options.scene, settings), options)
@@ -107,7 +106,6 @@ def open_views(options: Namespace) -> SetCase:
         view=options.view,
         scale=options.scale,
         choice=choice_of(options),
-        symmetry=vars(options).get("symmetry"),
     )
     return _noted(case, options)
 

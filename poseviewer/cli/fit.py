@@ -24,7 +24,6 @@ from poseviewer.cli.overlay import add_look
 from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
 from poseviewer.fit.settings import FitSettings
-from poseviewer.optimise.restarts import RestartOptions
 
 SEARCHED = {
     "method": (
@@ -35,11 +34,7 @@ SEARCHED = {
     "seed": ("--seed SEED", None, seed),
     **KEPT,
 }
-RESTARTED = {
-    "x_tolerance": ("--tolerance SHARE", "size of a finished simplex ({:g})", positive),
-    "step": ("--step SHARE", "edge of the first simplex ({:g})", positive),
-}
-"""Fields of ``FitSettings`` and ``RestartOptions`` that this command alone has."""
+"""Fields of ``FitSettings`` that this command alone has."""
 
 
 def add_options(parser: ArgumentParser) -> None:
@@ -50,11 +45,8 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--overlay OVERLAY.png", "draw the pose found", Path)
     add_look(parser, "of the overlay")
     add_settings(parser)
-    option(parser, "--symmetry FILE|none", "what maps the model onto itself (a file beside it)")
     add_views(parser)
-    search = add_search(parser)
-    for of, options in ((FitSettings, SEARCHED), (RestartOptions, RESTARTED)):
-        add_fields(search, of, options)
+    add_fields(add_search(parser), FitSettings, SEARCHED)
 
 
 def _add_start(parser: ArgumentParser) -> None:

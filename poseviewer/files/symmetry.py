@@ -12,17 +12,12 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading, kind_of
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn, worst_turn
+from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
 ANY = "any"
 """The fold of a continuous symmetry, in files."""
-NONE = "none"
-"""What may be asked for in place of a file."""
-LARGEST_DISTANCE = 0.06
-"""Share of the diameter by which a symmetry may bring the surface off: scans of symmetric things
-come to 0.036, others from 0.066."""
 MOST_TURNS = 100
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 
@@ -37,7 +32,7 @@ def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
     in; where neither is, none.
 
     Raises:
-        MeshFileError: the file beside it cannot be used, or the model has no such symmetry.
+        MeshFileError: the file beside it cannot be used.
         PoseFileError: the same of that of the data set.
     """
     mesh_path = Path(mesh_path)
@@ -53,7 +48,7 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
     """The symmetry that a file says of a model; a ``models_info.json``, of the one so called.
 
     Raises:
-        MeshFileError: it cannot be used, or the model has no such symmetry.
+        MeshFileError: it cannot be used.
         PoseFileError: the same of a ``models_info.json``.
     """
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
@@ -70,15 +65,6 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
             reading.require_format(data, FORMAT)
             reading.require_unit(data, mesh.unit)
             symmetry = symmetry_from_json(reading, data, "")
-    if not symmetry.is_none:
-        turn, off = worst_turn(mesh, symmetry)
-        if off > LARGEST_DISTANCE:
-            raise reading.error(
-                f"the model has no such symmetry, {turn.words} through "
-                f"{np.round(symmetry.centre, 3).tolist()} brings its surface off by {off:.0%} of "
-                "its size",
-                f"wanted {LARGEST_DISTANCE:.0%} at most; mend axis and centre, or leave it out",
-            )
     return symmetry
 
 

@@ -14,12 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 
 STEP = 0.01
@@ -41,15 +39,6 @@ where it is."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
 """Of the equal poses, the one turned least from this is canonical. No pose that people give exactly
 lies half way from it to an equal one, as those along the axes do from the identity."""
-SURFACE_SAMPLES, MOVED_SAMPLES = 40_000, 2_000
-"""Points on a mesh that stand for its surface, and those of them that are moved."""
-SAMPLE_SPACING = 0.02
-"""Share of the diameter by which a moved point may lie beside the samples that it is on a level
-with, as these are apart themselves."""
-NEARLY_ALL = 0.98
-"""Share of the points that a symmetry must move well: a spout or a button is more than the rest."""
-ROUND_ANGLES = 2.399963 * np.arange(1, 7)
-"""The golden angle's multiples, which share no step: what these turns leave as it is, all do."""
 
 
 class Turn(NamedTuple):
@@ -221,37 +210,6 @@ class Symmetry:
     def about(self, rotation: FloatArray) -> RigidTransform:
         """The rotation (3, 3) about the centre."""
         return RigidTransform(rotation, self.centre - rotation @ self.centre)
-
-
-def worst_turn(mesh: Mesh, symmetry: Symmetry) -> tuple[Turn, float]:
-    """The turn of a symmetry that brings a mesh's surface farthest from itself, and how far: the
-    distance of its moved points, but for the worst 2 %, as a share of the diameter.
-    """
-    random = np.random.default_rng(0)
-    corners = mesh.vertices[mesh.faces]
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(crossed, axis=1)
-    faces = random.choice(len(areas), SURFACE_SAMPLES, p=areas / areas.sum())
-    shares = random.dirichlet((1.0, 1.0, 1.0), SURFACE_SAMPLES)
-    points = np.einsum("nc,nck->nk", shares, corners[faces])
-    normals, tree = crossed[faces] / areas[faces, None], KDTree(points)
-
-    def distance(angle: float, axis: FloatArray) -> float:
-        turn = symmetry.about(Rotation.from_rotvec(angle * axis).as_matrix())
-        moved = turn.apply(points[:MOVED_SAMPLES])
-        nearest = tree.query(moved)[1]
-        away = moved - points[nearest]
-        level = np.abs(np.einsum("nk,nk->n", away, normals[nearest]))
-        beside = np.linalg.norm(away, axis=1) - SAMPLE_SPACING * mesh.diameter
-        return float(np.quantile(np.maximum(level, beside), NEARLY_ALL)) / mesh.diameter
-
-    distances = []
-    for axis, fold in symmetry.turns:
-        # Beyond half a turn, steps are these, backwards.
-        steps = 2.0 * math.pi / fold * np.arange(1, fold // 2 + 1) if fold else ROUND_ANGLES
-        distances.append(max(distance(angle, axis) for angle in steps))
-    worst = int(np.argmax(distances))
-    return symmetry.turns[worst], distances[worst]
 
 
 NO_SYMMETRY = Symmetry(np.zeros(3), np.eye(3)[None], np.zeros((0, 3)))

@@ -21,14 +21,13 @@ from poseviewer.files.photo import (
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene import SceneRecord
-from poseviewer.files.symmetry import NONE, load_symmetry, read_symmetry
+from poseviewer.files.symmetry import load_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import Photo
-from poseviewer.geometry.symmetry import NO_SYMMETRY
 from poseviewer.vehicle.keypoints import VehicleKeypoints
 
 
@@ -83,16 +82,15 @@ class StartInputs:
 FindStart = Callable[[StartInputs], Start]
 
 
-def load_model(path: str | Path, own_symmetry: bool = True) -> LoadedModel:
-    """A model, its key points and, unless another is to be used, its symmetry.
+def load_model(path: str | Path) -> LoadedModel:
+    """A model, its key points and its symmetry.
 
     Raises:
         PoseViewerError: one of them cannot be used.
     """
     mesh, name = load_mesh(path), printable(Path(path).name)
     keypoints = load_keypoints(path, mesh)
-    symmetry = load_symmetry(path, mesh) if own_symmetry else NO_SYMMETRY
-    return LoadedModel(mesh, name, sha256_of(path), keypoints, symmetry)
+    return LoadedModel(mesh, name, sha256_of(path), keypoints, load_symmetry(path, mesh))
 
 
 def load_registration(
@@ -182,18 +180,6 @@ def _mask_of(photo: Photo, mask: str | Path | Mask | None) -> Mask | None:
     if mask is None or isinstance(mask, Mask):
         return mask
     return load_mask(mask, photo.width, photo.height)
-
-
-def with_symmetry(own: Registration, which: str | Path) -> Registration:
-    """The same with the symmetry of a file, or with none.
-
-    Raises:
-        PoseViewerError: the file cannot be used, or the model has no such symmetry.
-    """
-    if which == NONE:
-        return replace(own, whole_symmetry=NO_SYMMETRY)
-    symmetry = read_symmetry(Path(which), own.mesh.whole, own.mesh_name)
-    return replace(own, whole_symmetry=symmetry)
 
 
 def load_scene_registrations(

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
+from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -245,12 +246,12 @@ def test_the_app_imports_nothing_that_its_page_can_wait_for():
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
-def test_ctrl_c_keeps_the_best_pose(scene, tmp_path):
+def test_ctrl_c_keeps_the_best_pose(tmp_path):
     out = tmp_path / "pose.json"
-    files = [scene.photo, scene.model, "--pose", scene.start, "--out"]
+    demo = demo_case()  # large, so that it takes long enough to be stopped
+    files = [demo.photo, demo.model, "--pose", demo.start, "--out"]
     command = [sys.executable, "-m", "poseviewer.cli.main", "fit", *files, out]
-    # Long enough to be stopped.
-    command += ["--method", "paper", "--tolerance", "1e-300", "--evaluations", 10_000_000]
+    command += ["--method", "paper", "--evaluations", 10_000_000]
     # On a terminal the progress is shown at once; in a pipe only every few seconds.
     terminal, its_end = pty.openpty()
     termios.tcsetwinsize(its_end, (24, 120))

@@ -169,8 +169,7 @@ def test_autosaved_sessions_of_several_objects_and_photos_open() -> None:
 
 def test_symmetry_and_key_points_open() -> None:
     tube = make_bumpy(2)
-    with pytest.raises(Exception, match="has no such symmetry"):  # it was read, and then compared
-        read_symmetry(FIXTURES / "can.symmetry.json", tube)
+    assert not read_symmetry(FIXTURES / "can.symmetry.json", tube).is_none
     keypoints = load_keypoints(FIXTURES / "car.glb", tube)
     data = json.loads((FIXTURES / "car.keypoints.json").read_text())
     assert keypoints is not None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry, Turn, worst_turn
+from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from tests.meshes import make_box
 
@@ -148,12 +148,3 @@ def test_what_never_closes_is_refused():
     with pytest.raises(ValueError, match="no common point"):
         Symmetry.from_transforms([*SYMMETRIES["half"].transforms(), aside], [], [], 3.0)
     assert NO_SYMMETRY.is_none
-
-
-def test_the_worst_turn_is_told():
-    box, centre = make_box(), [0.0, 0.0, 0.0]
-    turn, off = worst_turn(box, Symmetry.from_turns(centre, [Turn(Z, 4)]))
-    assert turn.words == "1/4 of a turn about (0, 0, 1)"
-    assert off > 0.1
-    assert worst_turn(box, Symmetry.from_turns(centre, [Turn(Z, 2)]))[1] < 0.01
-    assert worst_turn(box, Symmetry.from_turns([0.4, 0.0, 0.0], [Turn(Z, 2)]))[1] > 0.1
