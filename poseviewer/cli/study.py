@@ -1,5 +1,5 @@
-"""Fit from many starts, on synthetic photos and others with known poses; write DIR/trials.csv,
-study.md and study.png. Rows that are there are not run again.
+"""Fit from many starts, on synthetic photos and others with known poses; write DIR/trials.csv and
+study.md. Rows that are there are not run again.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def run(options: Namespace) -> int:
     except KeyboardInterrupt:
         tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
         return EXIT_INTERRUPTED
-    say(write_report(run).as_text())
+    say(write_report(run).as_markdown())
     say(f"\nrows, summary: {run.out}")
     return 0
 

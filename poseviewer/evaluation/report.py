@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binomtest
 
 from poseviewer.evaluation.photos import KINDS
 from poseviewer.evaluation.trials import FOUND_PERCENT, Trial
-from poseviewer.figures.study_sheet import ReliabilityLine, ReliabilityPanel
 from poseviewer.figures.text_table import Table
 
 NONE = "-"
@@ -19,6 +19,19 @@ LABELS = {str(kind): label for kind, label in KINDS.items()}
 Line = tuple[str, str, str, str]
 """Method, reading, photos, pixels."""
 Lines = dict[Line, list[Trial]]
+
+
+@dataclass(frozen=True, slots=True)
+class ReliabilityLine:
+    """Shares of fits by deviation; all tuples are of one length."""
+
+    label: str
+    off: tuple[float, ...]
+    """Deviations, per cent or degrees."""
+    share: tuple[float, ...]
+    """In [0, 1], with an interval from ``low`` to ``high``."""
+    low: tuple[float, ...]
+    high: tuple[float, ...]
 
 
 def wilson_interval(found: int, trials: int) -> tuple[float, float]:
@@ -69,21 +82,6 @@ def report_table(lines: Lines) -> Table:
             )
         )
     return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
-
-
-def report_panels(lines: Lines) -> list[list[ReliabilityPanel]]:
-    """Make the figure: a row for each method, a column for each reading."""
-    panels = []
-    for method in dict.fromkeys(line[0] for line in lines):
-        row = []
-        for reading in dict.fromkeys(line[1] for line in lines if line[0] == method):
-            size = {"relative": "own value", "absolute": "span"}.get(reading)
-            off = f"each number off by up to ... % of its {size}" if size else "degrees off"
-            own = [line for line in lines if line[:2] == (method, reading)]
-            drawn = [_reliability(line, lines[line]) for line in own]
-            row.append(ReliabilityPanel(f"method {method}, {reading}", off, tuple(drawn)))
-        panels.append(row)
-    return panels
 
 
 def _reliability(line: Line, trials: Sequence[Trial]) -> ReliabilityLine:

@@ -22,10 +22,8 @@ from poseviewer.evaluation.photos import (
     make_seed,
 )
 from poseviewer.evaluation.pool import run_all
-from poseviewer.evaluation.report import lines_of, report_panels, report_table
+from poseviewer.evaluation.report import lines_of, report_table
 from poseviewer.evaluation.trials import KEY, Task, Trial, open_model
-from poseviewer.figures.save import save_figure
-from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.checks import read_json
 from poseviewer.files.demo import demo_case
@@ -35,8 +33,8 @@ from poseviewer.files.writing import make_folder, sha256_of, write_json, write_w
 from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
 from poseviewer.geometry.camera import Pose
 
-ABOUT, TRIALS, SUMMARY, FIGURE, PHOTOS = (
-    *("study.json", "trials.csv", "study.md", "study.png"),
+ABOUT, TRIALS, SUMMARY, PHOTOS = (
+    *("study.json", "trials.csv", "study.md"),
     "photos",
 )
 READINGS: tuple[Reading, ...] = get_args(Reading)
@@ -176,7 +174,7 @@ def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
 
 
 def write_report(run: Run) -> Table:
-    """Write the summary of all rows in the folder, and their figure; the table, for a terminal."""
+    """Write the summary of all rows in the folder; returns its table."""
     rows, lines = run.table.rows, lines_of(run.table.rows, run.groups)
     words = f"{len(rows):,} trials; `{TRIALS}` has them all."
     if run.targets:
@@ -184,8 +182,7 @@ def write_report(run: Run) -> Table:
         words += " A target without an estimate counts as not found."
     else:
         table = report_table(lines)
-        save_figure(run.out / FIGURE, make_study_sheet(report_panels(lines)))
-        words += f" {EXPLAINED}\n\n![Reliability]({FIGURE})"
+        words += f" {EXPLAINED}"
     text = f"# Reliability\n\n{table.as_markdown()}\n\n{words}\n"
     write_whole(run.out / SUMMARY, text.encode(), SettingsError)
     return table

@@ -1,1 +1,1 @@
-"""Landscapes, benchmarks and studies, drawn for print. The only user of matplotlib."""
+"""Landscapes drawn for print, and tables. The only user of matplotlib."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -21,6 +23,7 @@ INK = "0.15"
 LEVELS = 15
 CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
 """Side of a map, and least side of all maps together."""
+DOTS_PER_INCH = 150
 POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
 
 _MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": MINIMUM_COLOUR}
@@ -138,3 +141,15 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
         handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),
         fontsize=8, frameon=False, labelcolor=INK, borderaxespad=0.0,
     )  # fmt: skip
+
+
+def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
+    """A figure as the content of a file of that ``kind``, without pyplot: no window, no state
+    shared between threads.
+
+    Raises:
+        ValueError: the kind is unknown.
+    """
+    memory = BytesIO()
+    FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)
+    return memory.getvalue()

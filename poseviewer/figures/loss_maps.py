@@ -41,8 +41,7 @@ class LossMaps:
             about = self.names, self.centre, self.scales
             return landscape_npz_bytes(*about, self.slices, self.photo)
         # Half a second of Matplotlib, which opening the app need not wait for.
-        from poseviewer.figures.landscape_sheet import make_landscape_sheet
-        from poseviewer.figures.save import figure_bytes
+        from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
 
         sheet = make_landscape_sheet(
             [piece.shown(self.loss_scale) for piece in self.slices],

@@ -201,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"poseviewer: {error}\n")
         return EXIT_MENDABLE
     text = weights_as_python(calibration, len(tuning), sum(trial.right for trial in tuning))
-    print(f"{calibration_table(calibration, trials).as_text()}\n\n{text}", end="")
+    print(f"{calibration_table(calibration, trials).as_markdown()}\n\n{text}", end="")
     if options.write:
         WEIGHTS.write_text(text)
     return 0
