@@ -32,6 +32,7 @@ from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.registration import StartCamera, load_model
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
+from tests.lenses import from_taken
 from tests.several import make_three
 from tests.view_sets import write_views
 
@@ -190,7 +191,7 @@ def make_lens(folder: Path) -> None:
     camera = replace(known, fx=1.15 * known.fx, fy=1.15 * known.fy)
     rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
     points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-    at = Undistortion(LENS, camera, known).from_taken(points) - 0.5
+    at = from_taken(Undistortion(LENS, camera, known), points) - 0.5
     at = at.reshape(*rows.shape, 2).astype(np.float32)
     taken = cv2.remap(photo.pixels, at[..., 0], at[..., 1], cv2.INTER_CUBIC)
     Image.fromarray(taken).save(folder / "taken.png")

@@ -12,12 +12,11 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.frames import camera_as_integer_centres, points_as_integer_centres
-from poseviewer.geometry.frames import points_from_integer_centres as from_integer_centres
+from poseviewer.geometry.frames import camera_as_integer_centres
 
 LensModel = Literal["opencv", "fisheye"]
 COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
@@ -66,27 +65,6 @@ class Undistortion:
     def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
         """Undistort into a picture of the same size, principal point and focal length."""
         return cls(lens, taken, taken)
-
-    def to_taken(self, points: ArrayLike) -> FloatArray:
-        """Points (n, 2) of the undistorted photo, px, to the photo as taken (n, 2)."""
-        rays = self.camera.rays(np.asarray(points, dtype=float).reshape(-1, 2))
-        matrix = opencv_matrix(self.taken)
-        if self.lens.model == "fisheye":
-            flat = np.ascontiguousarray(rays[None, :, :2])
-            found = cv2.fisheye.distortPoints(flat, matrix, self.lens.array)
-        else:
-            found, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, self.lens.array)
-        return from_integer_centres(found.reshape(-1, 2))
-
-    def from_taken(self, points: ArrayLike) -> FloatArray:
-        """Points (n, 2) of the photo as taken, px, to the undistorted photo (n, 2)."""
-        taken = points_as_integer_centres(np.asarray(points, dtype=float).reshape(1, -1, 2))
-        matrix, wanted = opencv_matrix(self.taken), opencv_matrix(self.camera)
-        enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-        found = self.lens.module.undistortPoints(
-            taken, matrix, self.lens.array, P=wanted, criteria=enough
-        )
-        return from_integer_centres(found.reshape(-1, 2))
 
 
 def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:

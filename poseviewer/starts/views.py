@@ -68,13 +68,6 @@ class ViewPoses:
     """(n,): the absolute logarithm of the outline's aspect ratio over the rectangle's."""
 
 
-def box_of(pose: Pose, points: FloatArray) -> Rectangle:
-    """The rectangle about ``points`` (k, 3) of the model in the photo, px."""
-    seen = pose.project(points)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    return Rectangle(float(low[0]), float(low[1]), *(float(side) for side in high - low))
-
-
 def poses_filling(
     box: Rectangle, rotations: FloatArray, points: FloatArray, centre: FloatArray, camera: Camera
 ) -> ViewPoses:

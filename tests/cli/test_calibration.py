@@ -24,6 +24,7 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import load_registration
+from tests.lenses import from_taken
 from tests.scene import Scene
 from tests.schemas import json_schema
 
@@ -42,7 +43,7 @@ def taken_through(lens: Lens, scene: Scene, folder: Path) -> tuple[Path, Path]:
     """The scene's photo as a lens takes it, and its calibration as OpenCV writes it."""
     pixels = np.array(load_photo(scene.photo).pixels, np.uint8)
     v, u = np.mgrid[:120, :160] + 0.5
-    seen = Undistortion.of(lens, TAKEN).from_taken(np.stack([u, v], -1).reshape(-1, 2)) - 0.5
+    seen = from_taken(Undistortion.of(lens, TAKEN), np.stack([u, v], -1).reshape(-1, 2)) - 0.5
     maps = seen.reshape(120, 160, 2).astype(np.float32)
     assert np.abs(maps - np.stack([u, v], -1) + 0.5).max() > 5.0
     photo, calibration = folder / "taken.png", folder / "camera.yml"

@@ -69,14 +69,6 @@ def test_known_points_land_where_a_pinhole_sees_them(lens, deep):
         assert np.linalg.norm(centroid(picture, point) - point) < 0.1
 
 
-@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
-def test_points_go_to_the_taken_photo_and_back(lens):
-    undistortion = Undistortion.of(lens, TAKEN)
-    taken = undistortion.to_taken(POINTS)
-    np.testing.assert_allclose(taken, taken_by_the_book(POINTS, lens), atol=1e-9)
-    np.testing.assert_allclose(undistortion.from_taken(taken), POINTS, atol=1e-3)
-
-
 def test_what_the_photo_does_not_show_is_black_and_said_so():
     white = np.full((480, 640, 1), 255, np.uint8)
     picture, covered = undistort(white, Undistortion.of(LENSES["pincushion"], TAKEN))

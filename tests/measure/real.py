@@ -41,7 +41,7 @@ from poseviewer.geometry.transform import rotation_angle
 from poseviewer.geometry.view_set import View, ViewSet
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import StartQuery, best_start, outermost_points, propose
-from poseviewer.starts.views import box_of
+from tests.meshes import box_of
 
 DATA = Path(os.environ.get("POSEVIEWER_DATA") or Path(__file__).parents[3] / "shared" / "data")
 START_DEG, START_PERCENT = 15.0, 15.0

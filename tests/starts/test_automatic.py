@@ -25,9 +25,9 @@ from poseviewer.starts.automatic import (
     propose,
 )
 from poseviewer.starts.registration import load_model
-from poseviewer.starts.views import box_of
 from poseviewer.vehicle.chart import visible_side
 from tests.measure.real import careless_box, is_right
+from tests.meshes import box_of
 from tests.scene import Scene
 
 SIZE = (160, 120)

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.views import box_of, even_rotations, ground_views, poses_filling
+from poseviewer.starts.views import even_rotations, ground_views, poses_filling
 from tests.app.state.documents import make_keypoints
-from tests.meshes import make_box
+from tests.meshes import box_of, make_box
 
 CAR = make_box((4.0, 1.7, 1.3))
 BOX = Rectangle(20.0, 70.0, 60.0, 35.0)

@@ -28,6 +28,7 @@ from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 from tests.files.formats.foreign import read_with
 from tests.files.formats.test_round_trip import ENDINGS, assert_same, contents
+from tests.lenses import from_taken, to_taken
 
 K4 = (-0.2, 0.05, 0.001, -0.002)
 LENSES = {
@@ -51,7 +52,7 @@ def record_through(lens: Lens, zoom: float = 0.9) -> PoseRecord:
 def seen_as_taken(record: PoseRecord, points: np.ndarray) -> np.ndarray:
     """Where the photo as taken shows points of the model, as poseviewer knows it."""
     assert record.undistortion is not None
-    return record.undistortion.to_taken(record.pose.project(points))
+    return to_taken(record.undistortion, record.pose.project(points))
 
 
 def written(name: str, record: PoseRecord, folder: Path, more: str = "") -> int:
@@ -112,7 +113,7 @@ def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
         enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         rays = cv2.undistortPoints(pixels, camera, coefficients, criteria=enough)
     assert record.undistortion is not None
-    ours = record.undistortion.from_taken(pixels[:, 0] + 0.5)
+    ours = from_taken(record.undistortion, pixels[:, 0] + 0.5)
     expected = record.undistortion.camera.rays(ours)[:, :2]
     np.testing.assert_allclose(rays[:, 0], expected, atol=1e-6)
 
