@@ -7,11 +7,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from poseviewer.cli.options import add_search, add_settings, option, settings_of
-from poseviewer.cli.terminal import progress_bar, require_writable, say, tell
-from poseviewer.errors import SettingsError
+from poseviewer.cli.terminal import progress_bar, say, tell
 
 if TYPE_CHECKING:
     from poseviewer.fit.progress import FitProgress
@@ -22,7 +21,6 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "photo PHOTO", kind=Path)
     option(parser, "models MODEL", kind=Path, nargs="+")
     option(parser, "--start POSE.json", kind=Path, required=True)
-    option(parser, "--json FILE", "write ranks and poses", Path)
     option(parser, "--quiet", "no progress, no notes")
     add_settings(parser)
     add_search(parser)
@@ -30,10 +28,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Print which model explains the photo best."""
-    if options.json:
-        require_writable(options.json, SettingsError)
     from poseviewer.confidence.identify import identify
-    from poseviewer.files.writing import write_json
     from poseviewer.starts.registration import load_registration
 
     settings = settings_of(options)
@@ -54,9 +49,6 @@ def run(options: Namespace) -> int:
 
         ranked = identify(opened, settings, watch)
     _print_ranking(ranked)
-    if options.json:
-        write_json(options.json, _as_json(ranked), SettingsError)
-        say(f"json: {options.json}")
     return 0
 
 
@@ -70,27 +62,3 @@ def _print_ranking(ranked: Sequence[tuple[str, FitProgress]]) -> None:
         say(f"{rank:<3}{name:{width}}  {shares}")
     say("unexplained, of the same pixels: 0, all explained, to 1, nothing")
     say("margin: how much more the next model leaves unexplained")
-
-
-def _as_json(ranked: Sequence[tuple[str, FitProgress]]) -> list[dict[str, Any]]:
-    """Rank, name, losses, their margin to the next one, and pose (OpenCV axes) of each model."""
-    from poseviewer.files.pose import PoseRecord, record_as_json
-
-    losses = [fit.loss for _, fit in ranked]
-    entries = []
-    for rank, (name, fit) in enumerate(ranked, 1):
-        pose = record_as_json(PoseRecord(fit.pose))
-        entries.append(
-            {
-                "rank": rank,
-                "model": name,
-                "loss": fit.loss,
-                "start_loss": fit.start_loss,
-                "margin": losses[rank] - fit.loss if rank < len(ranked) else None,
-                "unexplained": fit.unexplained,
-                "start_unexplained": fit.start_unexplained,
-                "status": fit.status.value,
-                **{key: pose[key] for key in ("projection", "camera", "camera_from_model")},
-            }
-        )
-    return entries

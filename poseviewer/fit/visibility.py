@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseviewer.fit.registration import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.mesh import Mesh, kept_lately
+from poseviewer.geometry.mesh import Mesh
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
@@ -116,7 +117,7 @@ def depth_image(model: PlacedModel) -> DepthImage:
     return _renderer(model.mesh).clone().depth(model.pose)
 
 
-@kept_lately(16)
+@lru_cache(maxsize=16)
 def _renderer(mesh: Mesh) -> SoftwareRenderer:
     """To be cloned: it may be asked for by several threads."""
     from poseviewer.render.software.renderer import SoftwareRenderer

@@ -43,8 +43,3 @@ def camera_with_rows_from_below(camera: Perspective) -> Perspective:
 def points_from_integer_centres(points: ArrayLike) -> FloatArray:
     """Image points (..., 2) that count from pixel centres (OpenCV, files), as used inside."""
     return np.asarray(points, dtype=float) + HALF_PIXEL
-
-
-def points_as_integer_centres(points: ArrayLike) -> FloatArray:
-    """Image points (..., 2) as used inside, counted from pixel centres (OpenCV, files)."""
-    return np.asarray(points, dtype=float) - HALF_PIXEL

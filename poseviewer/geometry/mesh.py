@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
-from functools import cached_property, wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +13,8 @@ from scipy.spatial import ConvexHull, QhullError
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 
-P = ParamSpec("P")
-T = TypeVar("T")
 FEWEST_FOR_HULL = 100
 """Models of fewer vertices are taken for their own convex hull."""
-MOST_FACES_KEPT = 10_000_000
-"""Of models for which something is kept that can be made again: a renderer takes about as much
-memory as its model, and the largest model has twice as many."""
 MOST_NAMES = 12
 """Parts that a message names."""
 
@@ -148,37 +140,7 @@ class Mesh:
         return self.vertices[np.unique(self.faces[np.isin(self.face_part, wanted)])]
 
 
-def kept_lately(
-    most: int,
-) -> Callable[[Callable[Concatenate[Mesh, P], T]], Callable[Concatenate[Mesh, P], T]]:
-    """What a function makes of a model is kept for those that were asked for last: ``most`` of
-    them, fewer where they have more than ``MOST_FACES_KEPT`` together, and always the last one.
-    """
-
-    def decorated(make: Callable[Concatenate[Mesh, P], T]) -> Callable[Concatenate[Mesh, P], T]:
-        kept: OrderedDict[Any, T] = OrderedDict()
-
-        @wraps(make)
-        def asked(mesh: Mesh, *args: P.args, **more: P.kwargs) -> T:
-            key = mesh, args, tuple(more.items())
-            if key in kept:
-                with suppress(KeyError):  # another thread may take it away just now
-                    kept.move_to_end(key)
-                    return kept[key]
-            made = kept[key] = make(mesh, *args, **more)
-            faces = 0
-            for place, old in enumerate(reversed(list(kept))):
-                faces += len(old[0].faces)
-                if place and (place >= most or faces > MOST_FACES_KEPT):
-                    kept.pop(old, None)
-            return made
-
-        return asked
-
-    return decorated
-
-
-@kept_lately(16)
+@lru_cache(maxsize=16)
 def hull_points(mesh: Mesh) -> FloatArray:
     """(k, 3): those vertices whose convex hull holds all others; found once for each model.
 

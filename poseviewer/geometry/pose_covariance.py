@@ -224,19 +224,6 @@ class PoseCovariance:
         return 100.0 * math.sqrt(max(self.matrix[6, 6], 0.0)) if self.has_size else None
 
     @property
-    def reach(self) -> float:
-        """How many standard deviations the ellipsoid of the ``REGION`` of the pose reaches, every
-        way.
-        """
-        scales = self.scales[: len(self._of_pose)]
-        return region_reach(np.linalg.matrix_rank(self._of_pose / np.outer(scales, scales)))
-
-    @property
-    def _of_pose(self) -> FloatArray:
-        """Of what this photo shows: without the size."""
-        return self.matrix[:6, :6] if self.has_size else self.matrix
-
-    @property
     def _line_of_sight(self) -> FloatArray:
         middle = self.pose.camera_from_model.apply(self.centre)
         return middle / max(float(np.linalg.norm(middle)), 1e-300)

@@ -135,20 +135,10 @@ def load_with_start(
         PoseViewerError: a file cannot be used, or no start is found, or one for a photo of another
             size.
     """
-    if not callable(find):
-        raise SettingsError(
-            f"a start of type {type(find).__name__}; wanted a pose file, a pose, "
-            '"auto", or a function that finds a start on the photo.'
-        )
     photo = load_calibrated_photo(photo_path, calibration)
     model = _model_of(model, without)
     mask = _mask_of(photo, mask)
     start = find(StartInputs(photo, model.mesh, model.keypoints, mask))
-    if not isinstance(start, Start):
-        raise SettingsError(
-            f"the function that finds a start gave {type(start).__name__}; "
-            "wanted a starts.registration.Start."
-        )
     camera = start.pose.camera
     if (camera.width, camera.height) != (photo.width, photo.height):
         raise SettingsError(

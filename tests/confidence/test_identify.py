@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 import trimesh
@@ -11,7 +9,6 @@ import trimesh
 from poseviewer.cli import main as cli
 from poseviewer.confidence.identify import identify, shared_settings
 from poseviewer.errors import SettingsError
-from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.rectangle import Rectangle
@@ -70,23 +67,15 @@ def test_what_cannot_be_compared_is_refused(scene, others):
         identify(open_all(scene, [scene.model, *others]), FitSettings(pixels="clip"))
 
 
-def test_the_command_prints_a_table_and_writes_json(scene, others, tmp_path, capsys):
-    out = tmp_path / "ranks.json"
+def test_the_command_prints_a_table(scene, others, capsys):
     arguments = ["identify", scene.photo, others[0], scene.model, "--start", scene.start,
-                 "--json", out, "--evaluations", 100, "--quiet"]  # fmt: skip
+                 "--evaluations", 100, "--quiet"]  # fmt: skip
     assert cli.main([str(argument) for argument in arguments]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     lines = printed.out.splitlines()
     assert lines[1].split()[:2] == ["1", scene.model.name]
     assert lines[2].split()[:2] == ["2", "box.ply"]
-    first, second = json.loads(out.read_text())
-    assert first["loss"] < second["loss"]
-    assert first["margin"] == pytest.approx(second["loss"] - first["loss"])
-    assert second["margin"] is None
-    # What it says of a pose is what a pose file says.
-    (tmp_path / "pose.json").write_text(json.dumps({**first, "model": None}))
-    assert load_pose(tmp_path / "pose.json", 160, 120).loss == first["loss"]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.geometry.mesh import kept_lately
 from tests.meshes import make_box, make_two_boxes
 
 
@@ -40,22 +39,3 @@ def test_a_part_that_is_not_there_is_said_with_those_that_are():
 def test_the_last_part_cannot_be_left_out():
     with pytest.raises(SettingsError, match=r"nothing would be left.*body, mirror; leave one"):
         make_two_boxes().without(["body", "mirror"])
-
-
-@pytest.mark.parametrize(("most", "faces", "kept"), [(2, 100, 2), (5, 30, 2), (5, 1, 1)])
-def test_what_is_made_of_models_is_kept_for_those_asked_for_last(monkeypatch, most, faces, kept):
-    """Boxes have twelve faces; of a model larger than all that is kept there is one at least."""
-    monkeypatch.setattr("poseviewer.geometry.mesh.MOST_FACES_KEPT", faces)
-    made = []
-
-    @kept_lately(most)
-    def number(mesh, more: int = 0) -> int:
-        made.append((mesh, more))
-        return len(made)
-
-    boxes = [make_box() for _ in range(4)]
-    assert [number(box) for box in boxes] == [1, 2, 3, 4]
-    assert [number(box) for box in reversed(boxes[-kept:])] == [4, 3, 2, 1][:kept]
-    assert number(boxes[-1]) == 4
-    assert number(boxes[0]) == 5
-    assert number(boxes[0], 1) == 6

@@ -78,7 +78,6 @@ def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:
     np.testing.assert_allclose(np.cov(numbers.T) / scales, told / scales, atol=0.01)
     plain = PoseCovariance(pose, MESH.centre, sure.matrix[:6, :6])
     np.testing.assert_allclose(sure.in_chart(reference), plain.in_chart(reference))
-    assert sure.reach == plain.reach
     assert np.isnan(plain.in_chart(chart)[-1]).all()
     assert sure.size_percent == pytest.approx(100.0 * math.sqrt(sure.matrix[6, 6]))
     assert "its size ±" in sure.words()
@@ -140,7 +139,6 @@ def test_numbers_that_are_held_are_sure() -> None:
     sure = PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), only_turns)
     assert sure.degrees == pytest.approx(math.degrees(0.01))
     assert sure.depth == pytest.approx(0.0, abs=1e-12)
-    assert sure.reach == region_reach(3)
 
 
 def test_a_parallel_projection_tells_its_scale() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 from poseviewer.api import Case, SetCase, SetResult, make_case, make_set_case
@@ -32,7 +32,7 @@ from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.fit.together import ModelToPlace, search_together
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.mesh import Mesh, kept_lately
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
@@ -154,7 +154,7 @@ def search_all(document: Document, objects: Sequence[SceneObject]) -> Iterator[S
     yield replace(update, together=replace(update.together, is_over=True))
 
 
-@kept_lately(16)
+@lru_cache(maxsize=16)
 def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
     """A model's renderer, or nothing yet; kept for the models that were at hand lately (renderers
     fill the memory).

@@ -11,6 +11,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations_with_replacement, product
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose, level_pose
-from poseviewer.geometry.mesh import Mesh, kept_lately
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.gpu.device import GROUPS, Device, gpu_device
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.rasterise import GUARD_PX
@@ -265,7 +266,7 @@ class GpuRenderer(SoftwareRenderer):
         )
 
 
-@kept_lately(8)
+@lru_cache(maxsize=8)
 def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> GpuRenderer:
     return GpuRenderer(simplify(mesh, faces), two_sided)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
-from poseviewer.geometry.mesh import Mesh, kept_lately
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
@@ -316,6 +317,6 @@ def camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
     return numbers
 
 
-@kept_lately(8)
+@lru_cache(maxsize=8)
 def _simplified(mesh: Mesh, faces: int, two_sided: bool) -> SoftwareRenderer:
     return SoftwareRenderer(simplify(mesh, faces), two_sided)
