@@ -81,17 +81,6 @@ def _connected(address: str) -> Any:
 
 
 def _submit(client: Any, jobs: Sequence[Job], plan: BatchPlan) -> dict[Any, Job]:
-    """The futures of all jobs; a job that starts from the row above runs after it."""
-    futures: dict[str, Any] = {}
-    for job in jobs:
-        above = futures.get(job.above[0]) if job.above else None
-        # The same name for the same job of the same batch, whoever submits it.
-        name = f"poseviewer-{job.key}-{plan.folder}"
-        futures[job.key] = client.submit(_run_after, job, plan, above, key=name)
-    return {futures[job.key]: job for job in jobs}
-
-
-def _run_after(job: Job, plan: BatchPlan, above: JobResult | None) -> JobResult:
-    """Run a job when the row ``above`` is done; its result is read from its file."""
-    del above
-    return run_job(job, plan)
+    """The futures of all jobs; a job of a batch has one name, whoever submits it."""
+    names = {job: f"poseviewer-{job.key}-{plan.folder}" for job in jobs}
+    return {client.submit(run_job, job, plan, key=name): job for job, name in names.items()}

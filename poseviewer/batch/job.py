@@ -21,7 +21,7 @@ from poseviewer.batch.results import (
     save_result,
     standard_deviations,
 )
-from poseviewer.batch.table import COLUMNS, LAST, Job, file_stamp
+from poseviewer.batch.table import COLUMNS, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.fit.registration import LoadedModel
@@ -77,7 +77,7 @@ def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     model, renderer = open_model(job.path(job.model), plan.settings)
-    photo, start = job.path(job.photo), _start_of(job, plan)
+    photo, start = job.path(job.photo), job.start if job.start == AUTOMATIC else job.path(job.start)
     if photo.is_dir() or photo.suffix.lower() == ".json":
         return _fit_set(photo, model, start, plan)
     case = load(
@@ -106,21 +106,6 @@ def _fit_set(
             f"{views.name}: {what} with a set of photos; name a pose file, and masks in the set."
         )
     return load_views(views, model, start, plan.settings).fit()
-
-
-def _start_of(job: Job, plan: BatchPlan) -> str | Path:
-    if job.start == AUTOMATIC:
-        return AUTOMATIC
-    if job.start != LAST:
-        return job.path(job.start)
-    above = (load_result(plan.folder, key) for key in job.above)
-    nearest = next((result for result in above if result is not None), None)
-    if nearest is None:
-        raise SettingsError(
-            "the start is 'last', and no row just above ended in a pose; name a pose file in the "
-            "first row of a series."
-        )
-    return plan.folder / nearest.pose
 
 
 def open_model(path: Path, settings: FitSettings) -> tuple[LoadedModel, Renderer | None]:

@@ -9,7 +9,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
@@ -53,15 +53,12 @@ def _run_together(
     try:
         while waiting or running:
             # No more than can run: any of those under way may be why a process died.
-            while len(running) < processes and not suspects:
-                job = first_ready(waiting, running.values())
-                if job is None:
-                    break
+            while waiting and len(running) < processes and not suspects:
                 try:
-                    running[pool.submit(run_job, job, plan)] = job
+                    running[pool.submit(run_job, waiting[0], plan)] = waiting[0]
                 except BrokenProcessPool:
                     break
-                waiting.remove(job)
+                waiting.popleft()
             if not running:
                 return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -77,12 +74,6 @@ def _run_together(
         writer.close()
         pool.shutdown(cancel_futures=True)
         reader.close()
-
-
-def first_ready(waiting: Iterable[Job], running: Iterable[Job]) -> Job | None:
-    """The first job that need not wait for the row above it."""
-    ahead = {job.key for job in (*waiting, *running)}
-    return next((job for job in waiting if not ahead.intersection(job.above[:1])), None)
 
 
 def _begin(reader: Connection) -> None:

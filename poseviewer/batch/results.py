@@ -219,7 +219,8 @@ def load_manifest(folder: Path) -> Manifest:
         data = json.loads((folder / MANIFEST).read_bytes())
         if (data["format"], data["version"]) != (FORMAT, VERSION):
             raise ValueError(f"{data['format']} {data['version']}")
-        jobs = tuple(Job(**{**job, "above": tuple(job["above"])}) for job in data["jobs"])
+        names = [one.name for one in fields(Job)]
+        jobs = tuple(Job(**{name: job[name] for name in names}) for job in data["jobs"])
         return Manifest(jobs, settings_from_json(data["settings"]), data["scene"])
     except FileNotFoundError:
         raise BatchError(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poseviewer.batch.results import JobResult, Manifest, make_folders
-from poseviewer.batch.table import LAST, Job, with_keys
+from poseviewer.batch.table import Job, with_keys
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -30,7 +30,6 @@ from poseviewer.geometry.camera import Camera, Perspective, Pose
 
 STARTS = "starts"
 """In the folder of results: the start poses of a scene's rows."""
-FROM_SCENE = "gt"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +38,6 @@ class SceneOptions:
 
     models: Path | None = None
     """The folder of ``obj_000001.ply`` and so on, in mm."""
-    start: str = FROM_SCENE
-    """``gt``: the scene's own poses; ``last``: the pose that the image before ended in, the first
-    image from the scene's own."""
     objects: tuple[int, ...] = ()
     """Which objects; empty: all that have poses."""
 
@@ -66,28 +62,17 @@ def load_scene_jobs(
     if not objects:
         raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")
     make_folders(out, [STARTS])
-    if options.start == LAST:  # object by object, each from where it was in the image before
-        objects.sort(key=lambda one: (one[1].object_id, one[2], one[0].number))
     models = Path(os.path.relpath(options.models.resolve(), scene))
-    jobs, before = [], None
+    jobs = []
     for row, (image, found, instance) in enumerate(objects, 1):
-        same = found.object_id, instance
-        start = LAST
-        if options.start != LAST or same != before:
-            start = os.path.relpath(_save_start(out, image, found, instance), scene)
+        start = os.path.relpath(_save_start(out, image, found, instance), scene)
         model = str(models / MODEL_FILE.format(found.object_id))
         jobs.append(Job(row, image.photo, model, start, str(scene)))
-        before = same
     return with_keys(jobs, settings)
 
 
 def _objects_to_fit(scene: Path, options: SceneOptions) -> list[tuple[BopImage, BopObject, int]]:
     """Image, object at its start pose, and which of several of this object in the image."""
-    if options.start not in (FROM_SCENE, LAST):
-        raise BatchError(
-            f"--start {options.start} with a BOP scene; wanted gt or last. For other starts make a "
-            "table with a row for each image."
-        )
     read, found = load_bop_images(scene), []
     if not read.posed:
         raise BatchError(f"{scene}: no scene_gt.json in it; make a table with a start in each row.")

@@ -19,10 +19,6 @@ from poseviewer.fit.settings import FitSettings, settings_as_json
 COLUMNS = ("photo", "model", "start")
 BOX = "box"
 """An optional column: where the start is ``auto``, a rectangle about the object."""
-LAST = "last"
-"""In the column ``start``: the pose that the nearest row above ended in."""
-REACH = 20
-"""How many rows above are searched for one that ended in a pose."""
 KEY_LENGTH = 16
 LARGEST_TABLE = 100_000_000
 """Bytes: a million rows."""
@@ -44,9 +40,6 @@ class Job:
     """A hash of the files' names, sizes and times and of the settings; it names the result."""
     box: str = ""
     """For the start ``auto``: left, top, width, height in px, as the table has it."""
-    above: tuple[str, ...] = ()
-    """Where the start is ``LAST``: the keys of the rows above, the nearest first, down to one with
-    a start of its own."""
 
     def path(self, text: str) -> Path:
         """The absolute path of a file that the row names."""
@@ -90,15 +83,9 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
 
 
 def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
-    """The jobs, in the order of their rows, with ``key`` and ``above`` filled in."""
-    keyed: list[Job] = []
+    """The jobs, in the order of their rows, with their keys."""
     written = settings_as_json(settings)
-    for job in jobs:
-        if job.start == LAST and keyed:
-            nearest = keyed[-1]
-            job = replace(job, above=(nearest.key, *nearest.above)[:REACH])
-        keyed.append(replace(job, key=_key(job, written)))
-    return tuple(keyed)
+    return tuple(replace(job, key=_key(job, written)) for job in jobs)
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
@@ -131,8 +118,6 @@ def _rows_in(reading: Reading) -> list[dict[str, str]]:
 def _key(job: Job, settings: Mapping[str, Any]) -> str:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
     content: list[Any] = [[str(path), *file_stamp(path)] for path in files]
-    if job.start == LAST:
-        content[-1] = [LAST, *job.above[:1]]
     content += [job.box] if job.box else []
     text = json.dumps([content, settings], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

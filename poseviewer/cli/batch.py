@@ -1,4 +1,4 @@
-"""Fit every row of a table with the columns photo, model and start (a pose file, or last); relative
+"""Fit every row of a table with the columns photo, model and start (a pose file, or auto); relative
 paths start from the table's folder. Or fit the images of a BOP scene. Run again, it goes on where
 it was.
 """
@@ -38,8 +38,6 @@ def add_options(parser: ArgumentParser) -> None:
     option(parser, "--quiet", "no progress")
     scene = parser.add_argument_group("of a BOP scene")
     option(scene, "--models FOLDER", "of obj_000001.ply and so on, in mm", Path)
-    starts = "the scene's own poses (gt, as it is), or the pose that the image before ended in"
-    option(scene, "--start gt|last", starts)
     option(scene, "--objects NUMBER,...", "(all with a pose)", listed(whole))
     add_settings(parser)
     add_fields(add_search(parser), FitSettings, KEPT)
@@ -86,7 +84,7 @@ def _scene_options(options: Namespace) -> SceneOptions | None:
 
     if options.jobs.is_dir():
         return made(SceneOptions, options)
-    for name in ("models", "start", "objects"):
+    for name in ("models", "objects"):
         if getattr(options, name):
             raise SettingsError(
                 f"--{name} with {options.jobs.name}, which is a table: it is for the folder of a "

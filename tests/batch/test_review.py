@@ -1,4 +1,4 @@
-"""A BOP scene in, fitted, reviewed, and out again; series of photos, each from the last pose."""
+"""A BOP scene in, fitted, reviewed, and out again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import pytest
 
 from poseviewer.batch import review
 from poseviewer.batch.job import run_job
-from poseviewer.batch.processes import first_ready
 from poseviewer.batch.results import ACCEPTED, worst_first
 from poseviewer.batch.run import Batch, open_batch, save_outcome
 from poseviewer.batch.scene import SceneOptions
@@ -154,42 +153,14 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     assert not any(row.result.review for row in review.load_queue(out).rows)
 
 
-def test_last_starts_from_the_row_above(scene, tmp_path):
-    for name in ("a.png", "b.png", "c.png"):
-        shutil.copy(scene.photo, tmp_path / name)
-    table = tmp_path / "jobs.csv"
-    lines = [f"a.png,{scene.model},{scene.start}", f"gone.png,{scene.model},last",
-             f"b.png,{scene.model},last"]  # fmt: skip
-    table.write_text("photo,model,start\n" + "\n".join(lines) + "\n")
-    batch = open_batch(table, tmp_path / "out", QUICK)
-    first, second, third = batch.jobs
-    assert first_ready([third, second], [first]) is None
-    assert first_ready([third, second], []) is second
-    results = [run_job(job, batch.plan) for job in batch.to_do]
-    assert [result.failed for result in results] == [False, True, False]
-    # A search never ends worse than it began, and begins where the nearest row above ended.
-    assert results[2].start_loss is not None
-    assert results[0].start_loss is not None
-    assert results[2].start_loss == pytest.approx(results[0].loss, rel=0.2)
-    assert results[2].start_loss < results[0].start_loss
-
-
-def test_a_scene_in_series_starts_each_image_from_the_one_before(scene, tmp_path):
-    bop, models = make_bop(scene, tmp_path)
-    batch = open_batch(bop, tmp_path / "out", QUICK, scene_options=SceneOptions(models, "last"))
-    assert [job.start for job in batch.jobs][1:] == ["last", "last"]
-    assert (bop / batch.jobs[0].start).is_file()
-
-
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
         (SceneOptions(), "--models"),
         (SceneOptions(Path("models")), "no scene_gt.json"),
-        (SceneOptions(Path("models"), "auto"), "wanted gt or last"),
         (SceneOptions(Path("none")), "no such folder"),
     ],
-    ids=["no models", "no poses", "auto", "no folder"],
+    ids=["no models", "no poses", "no folder"],
 )
 def test_a_scene_that_lacks_something_is_said(scene, tmp_path, rule, words):
     bop, _ = make_bop(scene, tmp_path, posed=False)
