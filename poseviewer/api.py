@@ -134,7 +134,7 @@ def load(
         calibration: the camera and its lens: a file, or a choice among the cameras of one
             (``files.cameras.Calibration``); a distorted photo is undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; default:
-            the settings' region, or the whole photo.
+            the settings' region.
         camera: for ``"auto"``: what is known of it; default: EXIF's focal length, or a view of 50
             degrees.
         mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of

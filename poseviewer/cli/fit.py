@@ -58,7 +58,7 @@ def _add_start(parser: ArgumentParser) -> None:
     option(start, "--wheels REAR;FRONT", ellipses)
     about = "look for both wheels in a rectangle about the car, in px"
     option(start, f"--find-wheels {RECTANGLE}", about, rectangle)
-    found = "look for one: in the --box, else in the whole photo"
+    found = "look for one in the --box, or the --region"
     option(start, "--start", found, choices=("auto",))
     option(start, "--scene SCENE.json", SCENE, Path)
     option(group, "--object ID", "the only one of the scene to search for")

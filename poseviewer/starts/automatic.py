@@ -3,9 +3,7 @@
 A rectangle about the object fixes where and how large the model is in each view. Views whose
 outline has another shape than the rectangle need no try. The others are scored by the loss of a fit
 on the coarsest pyramid level; the best that differ are improved by short descents, the best of
-these by longer ones, and a few are proposed. Without a rectangle, squares of a few sizes all over
-the photo are tried first: that holds for a large object on a calm ground, not for small ones in
-clutter.
+these by longer ones, and a few are proposed.
 """
 
 from __future__ import annotations
@@ -63,17 +61,6 @@ TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 TRIAL = Limits(400)
 """Of the fit from each proposal that decides which is taken."""
 
-SQUARES = (0.25, 0.4, 0.6, 0.85)
-"""Sides of the squares tried without a rectangle, as shares of the photo's shorter side."""
-STRIDE = 0.5
-"""From one square to the next, as a share of its side."""
-PHOTO_PX = 160.0
-"""Longer side of the photo on the level that the squares are tried on."""
-VIEWS_A_SQUARE = 16
-"""Views tried in each square."""
-MOST_SQUARES, LARGEST_OVERLAP = 3, 0.3
-"""Squares that are searched, and their largest intersection over union."""
-
 BeginThread = Callable[[], None]
 
 
@@ -119,7 +106,7 @@ class StartQuery:
     keypoints: VehicleKeypoints | None
     camera: Camera
     rectangle: Rectangle | None = None
-    """About the object; None: anywhere in the photo."""
+    """About the object; None: it is still to be drawn."""
     settings: FitSettings = field(default_factory=FitSettings)
     mask: Mask | None = None
     """How much each pixel of the photo counts; None: all do."""
@@ -135,15 +122,12 @@ class StartQuery:
         """(k, 3): vertices that say where the model's outline is, in its frame."""
         return outermost_points(self.mesh)
 
-    def views(self, rectangle: Rectangle, count: int | None = None, stride: int = 1) -> ViewPoses:
-        """Poses that fill a rectangle: about ``count``, or each ``stride``-th of all. A vehicle's
-        are those on level ground.
-        """
+    def views(self, rectangle: Rectangle, count: int | None = None) -> ViewPoses:
+        """Poses that fill a rectangle: ``count``, or all. A vehicle's are those on level ground."""
         if self.keypoints is None:
-            rotations = even_rotations(count or self.options.views // stride)
+            rotations = even_rotations(count or self.options.views)
         else:
-            rotations = ground_views(self.keypoints)
-            rotations = rotations[:: -(-len(rotations) // count) if count else stride]
+            rotations = ground_views(self.keypoints)[:count]
         return poses_filling(rectangle, rotations, self.points, self.mesh.centre, self.camera)
 
     def photo_about(self, rectangle: Rectangle) -> PhotoAttributes:
@@ -191,16 +175,18 @@ def propose(
     ``begin`` is called by each thread first (to lower its priority, say).
 
     Raises:
-        QuickStartError: the rectangle is too small, or not in the photo.
+        QuickStartError: there is no rectangle; or it is too small, or not in the photo.
         SettingsError: the region leaves too few pixels.
     """
-    renderer = make_renderer(query.mesh) if renderer is None else renderer
     if query.rectangle is None:
-        search, found = _search_everywhere(query, renderer, begin)
-    else:
-        rectangle = _checked(query.rectangle, query.photo)
-        search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin)
-        found = _with_wheels(search, search.best_views(query.views(rectangle)))
+        raise QuickStartError(
+            "A start is looked for in a rectangle about the object, and there is none; draw it "
+            "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
+        )
+    renderer = make_renderer(query.mesh) if renderer is None else renderer
+    rectangle = _checked(query.rectangle, query.photo)
+    search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin)
+    found = _with_wheels(search, search.best_views(query.views(rectangle)))
     if not found:
         raise QuickStartError(
             "No view of the model fits there; lay the rectangle closer about the object."
@@ -332,65 +318,6 @@ def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
     return bool(max(off) < WHEEL_DISTANCE)
 
 
-def _search_everywhere(
-    query: StartQuery, renderer: Renderer, begin: BeginThread | None
-) -> tuple[_ViewSearch, list[Proposal]]:
-    """A search in each of the likeliest squares; each has its share of the views."""
-    everywhere = Rectangle(0.0, 0.0, float(query.photo.width), float(query.photo.height))
-    photo = query.photo_about(everywhere)
-    squares = _likeliest_squares(query, photo, renderer, begin)
-    # The squares say where, not which shape.
-    options = replace(query.options, aspect_threshold=np.inf, rectangle_weight=0.0)
-    query = replace(query, options=options)
-    poses: list[Pose] = []
-    for square in squares:
-        search = _ViewSearch(query, square, query.photo_about(square), renderer, begin)
-        views = query.views(square, stride=2 * len(squares))
-        poses += [one.pose for one in search.best_views(views)]
-    # Regions about other places are other pixels: all are compared again, over the whole photo.
-    largest = max(squares, key=lambda square: square.width)
-    search = _ViewSearch(query, largest, photo, renderer, begin)
-    return search, search.ranked(poses)
-
-
-def _likeliest_squares(
-    query: StartQuery, photo: PhotoAttributes, renderer: Renderer, begin: BeginThread | None
-) -> list[Rectangle]:
-    """The likeliest places of the model in a photo, the best first; on all cores."""
-    height, width = (side * photo.factor for side in photo.weights.shape)
-    squares = squares_over(width, height)
-    factor = max(1, round(max(photo.weights.shape) / PHOTO_PX))
-    area = float(np.median([square.area for square in squares])) / photo.factor**2
-    level = simplified_level(photo, renderer, factor, area)
-
-    def score(own: Renderer, pose: Pose) -> float:
-        return registration_loss(own.moments(pose, level.photo))
-
-    with RendererPool(level.renderer, begin=begin) as pool:
-        views = (query.views(square, VIEWS_A_SQUARE).poses for square in squares)
-        losses = [min(pool.map(score, poses)) for poses in views]
-    ordered = (squares[i] for i in np.argsort(losses, kind="stable"))
-    return non_maximum_suppression(
-        ordered, lambda a, b: a.overlap(b) >= LARGEST_OVERLAP, MOST_SQUARES
-    )
-
-
-def squares_over(width: float, height: float) -> list[Rectangle]:
-    """Squares of all sizes of ``SQUARES`` that cover a photo, ``STRIDE`` apart or less."""
-
-    def starts(length: float, side: float) -> list[float]:
-        count = int(np.ceil((length - side) / (STRIDE * side))) + 1
-        return np.linspace(0.0, length - side, count).tolist()
-
-    sides = [share * min(width, height) for share in SQUARES]
-    return [
-        Rectangle(u, v, side, side)
-        for side in sides
-        for v in starts(height, side)
-        for u in starts(width, side)
-    ]
-
-
 def best_start(
     query: StartQuery, proposals: Proposals, renderer: Renderer, watch: Callable[[], object]
 ) -> Start:
@@ -428,7 +355,7 @@ class AutoStart:
     """``find`` is a start for ``starts.registration.load_with_start``."""
 
     rectangle: Rectangle | None = None
-    """About the object; None: the settings' region, or anywhere."""
+    """About the object; None: the settings' region."""
     camera: StartCamera = field(default_factory=StartCamera)
     settings: FitSettings = field(default_factory=FitSettings)
     watch: Callable[[], object] = lambda: None

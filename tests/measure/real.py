@@ -2,7 +2,7 @@
 on standard output and one table by set at the end.
 
 Plain: fits from the starts of ``starts.json``. ``--start``: automatic starts, in a careless
-rectangle and in the whole photo, and the fits from them. ``--views``: fits by one photo and, from
+rectangle, and the fits from them. ``--views``: fits by one photo and, from
 the same start, by sets of photos 30 degrees apart or more, where poses are exact. Folders hold
 ``cases.json`` and ``starts.json``; by default $POSEVIEWER_DATA or ../shared/data, and its
 ``clutter``.
@@ -100,25 +100,24 @@ def fit_trials(cases: Sequence[Case], folder: Path, degrees: Sequence[int]) -> I
 
 
 def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
-    """Automatic starts with a rectangle and without, and the fits from them."""
+    """Automatic starts in a rectangle, and the fits from them."""
     for case in cases:
         model, renderer = open_model(case.mesh)
         photo, camera = open_photo(case.photo), case.truth.camera
         box = careless_box(case.name, model.mesh, case.truth)
-        for way, rectangle in (("rectangle", box), ("whole photo", None)):
-            query = StartQuery(photo, model.mesh, model.keypoints, camera, rectangle)
-            began = time.perf_counter()
-            proposals = propose(query, renderer)
-            seconds = time.perf_counter() - began
-            errors = [pose_error(model.mesh, one.pose, case.truth) for one in proposals.found]
-            taken = best_start(query, proposals, renderer, lambda: None).pose
-            yield replace(
-                _fit(case, taken, way, FitSettings()),
-                seconds=seconds,
-                proposals=len(errors),
-                right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
-                is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
-            )
+        query = StartQuery(photo, model.mesh, model.keypoints, camera, box)
+        began = time.perf_counter()
+        proposals = propose(query, renderer)
+        seconds = time.perf_counter() - began
+        errors = [pose_error(model.mesh, one.pose, case.truth) for one in proposals.found]
+        taken = best_start(query, proposals, renderer, lambda: None).pose
+        yield replace(
+            _fit(case, taken, "rectangle", FitSettings()),
+            seconds=seconds,
+            proposals=len(errors),
+            right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
+            is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
+        )
 
 
 def is_right(error: PoseError) -> bool:

@@ -22,7 +22,7 @@ def test_the_scenes_ball_is_found(scene, capsys, mode: list[str]):
     assert real.main([folder, "--cases", "ball-a", *mode]) == 0
     out, err = capsys.readouterr()
     rows = list(csv.DictReader(out.splitlines()))
-    assert [row["way"] for row in rows] == (["5 deg"] if mode[1:] else ["rectangle", "whole photo"])
+    assert [row["way"] for row in rows] == (["5 deg"] if mode[1:] else ["rectangle"])
     assert all(float(row["percent"]) < 2.0 and row["is_wrong"] == "False" for row in rows)
     assert "scene, " in err
 

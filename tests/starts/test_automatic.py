@@ -18,9 +18,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import (
-    Round,
     StartQuery,
-    ViewOptions,
     outermost_points,
     propose,
 )
@@ -109,12 +107,6 @@ def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
         api.load(scene.photo, scene.model, "auto", box=box)
 
 
-def test_without_a_box_the_whole_photo_is_searched(scene: Scene):
-    options = ViewOptions(views=300, rounds=(Round(6, 20, 0.12, 40.0),))
-    asked = wanted(scene, None, options=options)
-    found = propose(asked).found
-    truth = box_of(load_pose(scene.truth, *SIZE).pose, outermost_points(asked.mesh))
-    first = box_of(found[0].pose, outermost_points(asked.mesh))
-    # On black ground the place is told, whatever the view.
-    assert abs(first.centre[0] - truth.centre[0]) < 0.3 * truth.width
-    assert abs(first.centre[1] - truth.centre[1]) < 0.3 * truth.height
+def test_without_a_box_a_sentence_asks_for_one(scene: Scene):
+    with pytest.raises(QuickStartError, match="name it with --box"):
+        propose(wanted(scene, None))

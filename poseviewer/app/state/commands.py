@@ -513,7 +513,7 @@ class LayWheels(Command, eq=False):
 
 
 class ProposeStarts(Command):
-    """Look for start poses, in the rectangle about the object or in the whole photo."""
+    """Look for start poses, in the rectangle about the object."""
 
     def __call__(self, session: Session) -> Session:
         if session.proposals is not None and session.proposals.running:
