@@ -101,11 +101,6 @@ KEPT = {
     )
 }
 """A field of ``FitSettings`` that commands have which refine estimates."""
-CALIBRATION = {
-    "calibration_camera": "camera",
-    "calibration_fisheye": "fisheye",
-}
-"""Options that go with ``--calibration``, to the fields of ``Calibration``."""
 
 
 def option(
@@ -282,13 +277,12 @@ def calibration_of(options: Namespace) -> Calibration | None:
     Raises:
         SettingsError: something is said of a calibration that is not there.
     """
-    given = {name: value for name in CALIBRATION if (value := getattr(options, name))}
-    if options.calibration is None:
-        for name in given:
-            flag = name.replace("_", "-")
-            raise SettingsError(f"--{flag} without --calibration; name its file")
-        return None
-    from poseviewer.files.cameras import Calibration
+    camera, fisheye = options.calibration_camera, options.calibration_fisheye
+    if options.calibration is not None:
+        from poseviewer.files.cameras import Calibration
 
-    details = {CALIBRATION[name]: value for name, value in given.items()}
-    return Calibration(options.calibration, **details)
+        return Calibration(options.calibration, camera, fisheye)
+    if camera or fisheye:
+        flag = "--calibration-camera" if camera else "--calibration-fisheye"
+        raise SettingsError(f"{flag} without --calibration; name its file")
+    return None

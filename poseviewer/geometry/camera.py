@@ -113,13 +113,6 @@ class Pose:
         """Points (..., 3) of the model to the picture (..., 2)."""
         return self.camera.project(self.camera_from_model.apply(points))
 
-    def is_same(self, other: Pose) -> bool:
-        """Whether camera, rotation and translation are equal to the last digit."""
-        own, place = self.camera_from_model, other.camera_from_model
-        is_turned_alike = np.array_equal(own.rotation, place.rotation)
-        is_there = np.array_equal(own.translation, place.translation)
-        return self.camera == other.camera and is_turned_alike and is_there
-
     def scaled(self, factor: float) -> Pose:
         """The same pose in the picture resized by ``factor``."""
         return replace(self, camera=self.camera.scaled(factor))

@@ -56,17 +56,6 @@ class Rectangle(NamedTuple):
         right, bottom = min(self.right, other.right), min(self.bottom, other.bottom)
         return Rectangle.from_corners(left, top, right, bottom)
 
-    def union(self, other: Rectangle) -> Rectangle:
-        """The smallest rectangle about both."""
-        left, top = min(self.left, other.left), min(self.top, other.top)
-        right, bottom = max(self.right, other.right), max(self.bottom, other.bottom)
-        return Rectangle.from_corners(left, top, right, bottom)
-
-    def overlap(self, other: Rectangle) -> float:
-        """Intersection over union, in [0, 1]."""
-        both = self.intersection(other).area
-        return both / (self.area + other.area - both)
-
     def mask(self, height: int, width: int) -> NDArray[np.float32]:
         """(height, width): 1 inside, its right and lower ends excluded, 0 beside it."""
         found = np.zeros((height, width), np.float32)

@@ -11,10 +11,10 @@ are given, the best first.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import cv2
@@ -22,17 +22,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from poseviewer.errors import QuickStartError, SingularChartError
+from poseviewer.errors import QuickStartError
 from poseviewer.files.marks import PointPairs
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
-from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.geometry.scaled_orthographic import scaled_orthographic_poses
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
-from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.registration import Start, StartCamera, StartInputs
 
@@ -53,8 +51,6 @@ LEAST_ERROR_PX = 1.0
 """Standard deviation of a pair that is taken at least: few pairs can fit by chance."""
 LARGEST_DOUBT = 0.3
 """Standard deviation of the logarithm of a focal length that is still an answer: 30 per cent."""
-TURNED = 1.2
-"""rad: by so much a start is turned about each axis where pairs lie in several photos."""
 HIDDEN_BEHIND = 0.02
 """A point is hidden where a surface lies before it by this share of the model's diameter."""
 
@@ -298,76 +294,6 @@ def _refined(points: FloatArray, pixels: FloatArray, start: Pose) -> tuple[PairF
     error = max(LEAST_ERROR_PX, math.sqrt(2.0 * end.cost / freedom))
     variances = np.linalg.pinv(end.jac.T @ end.jac, rcond=1e-14)
     return fit, error * math.sqrt(max(float(variances[6, 6]), 0.0))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PairsInView:
-    """The pairs of one photo of a set."""
-
-    chart: ViewChart
-    points: FloatArray
-    """(n, 3), of the model."""
-    pixels: FloatArray
-    """(n, 2): where this photo shows them."""
-
-
-def numbers_from_pairs(views: Sequence[PairsInView]) -> FloatArray:
-    """(d,): the numbers of a set's charts that show the pairs of all its photos nearest: least
-    squares in px, from the start, the pose by each photo's own pairs, and the start turned. A free
-    size is found where several photos have pairs.
-
-    Raises:
-        QuickStartError: fewer than four pairs in all, all on a line, or none that shows them.
-    """
-    views = [view for view in views if len(view.points)]
-    count = sum(len(view.points) for view in views)
-    if count < FEWEST_PERSPECTIVE:
-        raise QuickStartError(
-            f"{count} point pairs in all photos; a pose needs at least {FEWEST_PERSPECTIVE}."
-        )
-    _require_beside_line(np.concatenate([view.points for view in views]), "model")
-    names = views[0].chart.names
-    free = len(names) - (views[0].chart.free_size and len(views) == 1)
-
-    def residuals(numbers: FloatArray) -> FloatArray:
-        whole, away = np.append(numbers, np.zeros(len(names) - free)), []
-        for view in views:
-            try:
-                seen = view.chart.to_pose(whole).project(view.points)
-            except OutsideChartError:
-                seen = np.full(view.pixels.shape, np.nan)
-            # Behind a camera: worse than anything in front of it.
-            away.append(np.nan_to_num(seen - view.pixels, nan=1e6).ravel())
-        return np.concatenate(away)
-
-    best, least = np.zeros(free), math.inf
-    for start in _set_starts(views):
-        end = least_squares(residuals, start[:free], method="lm", max_nfev=400)
-        error = math.sqrt(2.0 * end.cost / count)
-        if error < least:
-            best, least = end.x, error
-        if least <= AS_GOOD_PX:
-            break
-    if not least < 1e5:
-        raise QuickStartError(
-            "No pose in front of the cameras shows these point pairs; check which point of the "
-            "photos belongs to which of the model."
-        )
-    return np.append(best, np.zeros(len(names) - free))
-
-
-def _set_starts(views: Sequence[PairsInView]) -> Iterator[FloatArray]:
-    """(d,): where a search for the pose of pairs in several photos may begin."""
-    size = len(views[0].chart.names)
-    yield np.zeros(size)
-    for view in views:
-        with suppress(QuickStartError, SingularChartError):
-            for fit in poses_from_pairs(view.points, view.pixels, view.chart.camera):
-                yield view.chart.from_pose(fit.pose)
-    for axis, angle in product(range(3), (-TURNED, TURNED)):
-        turned = np.zeros(size)
-        turned[axis] = angle
-        yield turned
 
 
 def likeliest(

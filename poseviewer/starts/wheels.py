@@ -309,15 +309,8 @@ def start_from_found_wheels(inputs: StartInputs, rectangle: Rectangle, known: St
         QuickStartError: none are found that this car has, or the model has no wheels.
     """
     camera, is_guess = known.of(inputs.photo), not known.knows_focal(inputs.photo)
-    found = find_wheels(inputs, rectangle, camera, is_guess)
+    found = likely_wheels(inputs, rectangle, camera, is_guess)[0]
     return _placed(found.fit, "two wheels that were found")
-
-
-def find_wheels(
-    inputs: StartInputs, rectangle: Rectangle, camera: Camera, is_guess: bool = False
-) -> FoundWheels:
-    """As ``likely_wheels``: the likeliest."""
-    return likely_wheels(inputs, rectangle, camera, is_guess)[0]
 
 
 def likely_wheels(

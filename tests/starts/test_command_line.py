@@ -18,7 +18,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.registration import StartCamera, StartInputs
-from poseviewer.starts.wheels import find_wheel_pairs, find_wheels, start_from_wheels
+from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
 from tests.measure.real import careless_box
 from tests.scene import Scene
 
@@ -104,7 +104,7 @@ def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess
     truth = load_pose(case.truth, photo.width, photo.height).pose
     camera = photo.default_camera() if is_guess else truth.camera
     material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
-    found = find_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)
+    found = likely_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)[0]
     assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
     assert found.fit.from_above
 
@@ -118,7 +118,7 @@ def test_wheels_place_other_cars(shared_data: Path, name: str, is_guess: bool):
     photo, mesh = load_photo(case.photo), load_mesh(case.mesh)
     camera = photo.default_camera() if is_guess else case.truth.camera
     inputs = StartInputs(photo, mesh, load_keypoints(case.mesh, mesh))
-    found = find_wheels(inputs, careless_box(name, mesh, case.truth), camera, is_guess)
+    found = likely_wheels(inputs, careless_box(name, mesh, case.truth), camera, is_guess)[0]
     assert pose_error(mesh, found.fit.pose, case.truth).percent < 15.0
 
 

@@ -7,20 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poseviewer.app.state.document import WHEELS, Document, Marks, Pair
-from poseviewer.app.state.photo_set import PhotoSet
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.view_set import view_charts
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     FEWEST_FOR_FOCAL,
-    PairsInView,
     fewest_pairs,
     fit_of,
     focal_from_pairs,
     likeliest,
-    numbers_from_pairs,
     poses_from_pairs,
 )
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Wheels, poses_from_wheels
@@ -122,9 +118,6 @@ def solved(document: Document, tool: str) -> Document:
     """With the pose that the marks of a tool give; where they give none it stays, with a note."""
     marks = replace(document.marks, note="")
     try:
-        if tool == "pairs" and document.views is not None:
-            found = _solved_in_set(document, document.views)
-            return replace(found, marks=marks)
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)
     except QuickStartError as error:
         return replace(document, marks=replace(marks, note=str(error)))
@@ -132,9 +125,8 @@ def solved(document: Document, tool: str) -> Document:
 
 
 def pairs_done(document: Document) -> int:
-    """How many pairs there are, in all photos."""
-    of_photos = [own.marks for own in document.own_of_photos] or [document.marks]
-    return sum(len(marks.correspondences[0]) for marks in of_photos)
+    """How many pairs there are."""
+    return len(document.marks.correspondences[0])
 
 
 def pair_errors(document: Document) -> FloatArray:
@@ -161,20 +153,6 @@ def _pose_of_pairs(document: Document) -> Pose | None:
         return focal_from_pairs(points, pixels, pose.camera).fit.pose
     fits = poses_from_pairs(points, pixels, pose.camera)
     return likeliest(fits, points, document.registration.mesh, pose).pose
-
-
-def _solved_in_set(document: Document, views: PhotoSet) -> Document:
-    """At the pose that the pairs of all photos give; the same while there are too few."""
-    if pairs_done(document) < fewest_pairs(document.pose.camera):
-        return document
-    order = (views.at, *(i for i in range(len(views.own)) if i != views.at))
-    own = document.registration
-    charts = view_charts(
-        [replace(own, start=views.poses[index]) for index in order], views.free_size, views.scale
-    )
-    marks = [document.own_of_photos[index].marks.correspondences for index in order]
-    pairs = [PairsInView(chart, *of_one) for chart, of_one in zip(charts, marks, strict=True)]
-    return document.at_numbers(charts[0], numbers_from_pairs(pairs), own.photo)
 
 
 def _pose_of_wheels(document: Document) -> Pose | None:

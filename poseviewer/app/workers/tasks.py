@@ -28,7 +28,7 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathere
 from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.registration import StartInputs
-from poseviewer.starts.wheels import find_wheels
+from poseviewer.starts.wheels import likely_wheels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +148,7 @@ def find_wheels_in_region(session: Session) -> Iterator[Found]:
     inputs = StartInputs(own.photo, own.mesh, own.keypoints, own.mask)
     photo, camera = own.photo, document.pose.camera
     is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
-    found = find_wheels(inputs, region, camera, is_guess)
+    found = likely_wheels(inputs, region, camera, is_guess)[0]
     laid = LayWheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
     yield Found((SetTool("wheels"), laid))
 
