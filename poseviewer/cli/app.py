@@ -62,88 +62,66 @@ def _files_of(path: Path) -> tuple[FileSet, list[Path]]:
     return files, [gathered(uploads, model) for model in files.models]
 
 
-SAID_BY_SET = ("mask", "calibration")
-
-
-def _opening_set(options: Namespace) -> Callable[[], Opened]:
-    """What opens a set of photos."""
-    refuse_beside(options, "--views", SAID_BY_SET)
-    model, pose = options.photo, options.pose
-    if model is None or options.model is not None:
-        raise SettingsError("--views SET wants MODEL alone: the set says the photos")
-    for path in filter(None, (model, pose)):
-        if not path.is_file():
-            raise SettingsError(f"{path}: no such file; check the path")
-    if not options.views.exists():
-        raise SettingsError(f"{options.views}: no such file or folder; check the path")
-
-    return _open_set_later(options.views, model, pose, options)
-
-
-def _open_set_later(
-    views: Path, model: Path, pose: Path | None, options: Namespace
-) -> Callable[[], Opened]:
-    def open_first() -> Opened:
-        from poseviewer.app.workers.opening import open_set
-
-        given = choice_of(options), options.view, options.scale, options.without or ()
-        return open_set(views, model, pose, *given)
-
-    return open_first
-
-
 def _opening(options: Namespace) -> Callable[[], Opened]:
-    """What opens all that is named otherwise, or the demo."""
-    photo, model, pose, scene = options.photo, options.model, options.pose, False
-    refuse_views(options)
-    if photo is None:
+    """What opens all that is named, or the demo."""
+    photo, model, pose, views = options.photo, options.model, options.pose, options.views
+    calibration, objects, scene = calibration_of(options), [], False
+    if views is not None:
+        if photo is None or model is not None:
+            raise SettingsError("--views SET wants MODEL alone: the set says the photos")
+        photo, model = None, photo
+    else:
+        refuse_views(options)
+    if photo is None and views is None:
         for name in ("pose", "mask", "without", "calibration"):
             if getattr(options, name):
                 raise SettingsError(f"--{name} without PHOTO and MODEL; name all three")
-    elif (scene := is_scene_file(photo)) and (model or pose or options.mask):
-        raise SettingsError(f"{photo}: a scene file says what is where; leave out all but that")
-    elif model is None and not (scene or _is_set(photo)):
-        raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
-    calibration = calibration_of(options)
-    objects: list[Path] = []
-    if photo is not None and _is_set(photo):
+    elif photo is not None and _is_set(photo):
         folder, (files, models) = photo, _files_of(photo)
         models = models if model is None else [model]
         model, objects = next(iter(models), None), models[1:]
-        photo, pose = files.photo or files.scene or files.views, pose or files.pose
+        photo, views, pose = files.photo or files.scene, files.views, pose or files.pose
         scene = files.scene is not None
-        if photo is None or (model is None and not scene):
-            what = "photo" if photo is None else "model"
+        if not (photo or views) or (model is None and not scene):
+            what = "model" if photo or views else "photo"
             raise SettingsError(f"{folder}: no {what} was found in it; name PHOTO and MODEL")
-        if files.views is not None and model is not None:
-            refuse_beside(options, "a set of photos", SAID_BY_SET)
-            return _open_set_later(files.views, model, pose, options)
-        if calibration is None and files.camera is not None:
+        if calibration is None and files.camera is not None and views is None:
             from poseviewer.files.cameras import Calibration
 
             calibration = Calibration(files.camera)
-    for path in filter(None, (photo, model, pose, options.mask)):
-        if not path.is_file():  # before there is a page
+    elif photo is not None:
+        scene = is_scene_file(photo)
+        if scene and (model or pose or options.mask):
+            raise SettingsError(f"{photo}: a scene file says what is where; leave out all but that")
+        if model is None and not scene:
+            raise SettingsError(f"{photo}: a photo without a model; name PHOTO and MODEL")
+    if views is not None:
+        refuse_beside(options, "a set of photos", ("mask", "calibration"))
+    for path in filter(None, (photo, model, pose, options.mask, views)):
+        if not (path.is_file() or (path == views and path.is_dir())):  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
 
     def open_first() -> Opened:
-        from poseviewer.app.workers.opening import open_files, open_scene
+        from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case
 
+        without = options.without or ()
+        if views is not None and model is not None:
+            chosen = choice_of(options), options.view, options.scale, without
+            return open_set(views, model, pose, *chosen)
         if photo is not None and scene:
-            return open_scene(photo, options.without or ())
+            return open_scene(photo, without)
         if photo is None or model is None:
             case = demo_case("perspective")
             return open_files(case.photo, case.model, case.start)
-        hidden = options.mask, options.without or ()
-        return open_files(photo, model, pose, calibration, *hidden, objects)
+        return open_files(photo, model, pose, calibration, options.mask, without, objects)
 
     return open_first
 
 
 def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
-    open_first = (_opening if options.views is None else _opening_set)(options)
+    open_first = _opening(options)
     from poseviewer.app.serving import serve_app
 
     def opened() -> tuple[Opened, None]:
