@@ -79,7 +79,12 @@ def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
     model, renderer = open_model(job.path(job.model), plan.settings)
     photo, start = job.path(job.photo), job.start if job.start == AUTOMATIC else job.path(job.start)
     if photo.is_dir() or photo.suffix.lower() == ".json":
-        return _fit_set(photo, model, start, plan)
+        if start == AUTOMATIC or plan.mask is not None:
+            what = "the start 'auto'" if start == AUTOMATIC else "--mask"
+            raise SettingsError(
+                f"{photo.name}: {what} with a set of photos; name a pose file; masks are the set's."
+            )
+        return load_views(photo, model, start, plan.settings).fit()
     case = load(
         photo,
         model,
@@ -91,21 +96,6 @@ def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
         renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
     )
     return case.fit()
-
-
-def _fit_set(
-    views: Path,
-    model: LoadedModel,
-    start: str | Path,
-    plan: BatchPlan,
-) -> SetResult:
-    """One pose in all photos of a set."""
-    if start == AUTOMATIC or plan.mask is not None:
-        what = "the start 'auto'" if start == AUTOMATIC else "--mask"
-        raise SettingsError(
-            f"{views.name}: {what} with a set of photos; name a pose file, and masks in the set."
-        )
-    return load_views(views, model, start, plan.settings).fit()
 
 
 def open_model(path: Path, settings: FitSettings) -> tuple[LoadedModel, Renderer | None]:

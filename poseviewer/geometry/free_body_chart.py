@@ -74,10 +74,10 @@ class FreeBodyChart:
             raise SettingsError(
                 "a parallel projection has no focal length to find; start from a perspective pose"
             )
-        depth = _centre_depth(pose, mesh.centre)
-        if not np.isfinite(pose.camera_from_model.apply(mesh.centre) * mesh.diameter).all():
+        centre = pose.camera_from_model.apply(mesh.centre)
+        if not np.isfinite(centre * mesh.diameter).all():
             raise SingularChartError("the model's place or size is out of all proportion")
-        if isinstance(pose.camera, Perspective) and depth <= 0.0:
+        if isinstance(pose.camera, Perspective) and centre[2] <= 0.0:
             raise SingularChartError(
                 "the model's centre is behind the camera; a start pose must show the model"
             )
@@ -140,7 +140,3 @@ class FreeBodyChart:
         if self.free_focal:
             parameters.append(np.log(zoom) / self.focal_gain)
         return np.array(parameters)
-
-
-def _centre_depth(pose: Pose, centre: FloatArray) -> float:
-    return float(pose.camera_from_model.apply(centre)[2])
