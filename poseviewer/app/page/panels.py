@@ -45,8 +45,6 @@ CURVE_POINTS = 300
 LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
 PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
-BESIDE_RESTART = 1e-3
-"""Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 METHODS_HINT = (
     "Classes and edges: CMA-ES, then quadratic models, on what light, classes of colour and edges "
@@ -303,27 +301,18 @@ class FitPanel:
                 for size in (30, 54)
             )
             self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2), np.zeros(2)),
+                (np.zeros(2), np.zeros(2)),
                 (
                     {"label": "evaluation"},
                     {"label": "best loss", "stroke": "#17a2b8", "width": 2},
-                    {
-                        "label": "restart",
-                        "stroke": "#e0a92e",
-                        "width": 1,
-                        "scale": "restart",
-                        "points": {"show": False},
-                    },
                 ),
                 scales={
                     "x": uplot.Scale(time=False, auto=True),
                     "y": uplot.Scale(auto=True),
-                    # From above 0: where there is no restart, nothing is drawn.
-                    "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
                 },
                 axes=(below, beside),
                 legend=uplot.Legend(show=False),
-                title="best so far; restarts upright",
+                title="best so far",
                 height=150,
                 padding=(10, 12, 0, 0),
                 visible=False,
@@ -395,9 +384,8 @@ class FitPanel:
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
         set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
-        key = None if latest is None else (latest.improvements, latest.restarts)
-        if latest is not None and self._shown.get("curve") != key:
-            self._shown["curve"] = key
+        if latest is not None and self._shown.get("curve") != latest.improvements:
+            self._shown["curve"] = latest.improvements
             self._curve.data = curve_of(latest)
         self._show_settings(session)
 
@@ -560,19 +548,13 @@ def _has_proposals(session: Session) -> bool:
     return asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
 
 
-def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
-    else 0. About each restart there are three evaluations, so that it is a line.
-    """
+def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray]:
+    """(n,) each: evaluations, and the best loss by then as it is shown."""
     found = update.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
-    begun = np.array([p.evaluations for p in update.restarts if p.evaluations > counts[0]], float)
     end = max(update.progress.evaluations, counts[-1] + 1)
-    beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
-    evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
-    shown = update.progress.scale.shown(np.array(losses))
-    best = shown[np.searchsorted(counts, evaluations, side="right") - 1]
-    return evaluations, best, np.isin(evaluations, begun).astype(float)
+    best = update.progress.scale.shown(np.array([*losses, losses[-1]]))
+    return np.array([*counts, end], float), best
 
 
 def focal_note(session: Session) -> str:
