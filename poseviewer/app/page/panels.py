@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.above_steps import MoreObjects, loss_bar
+from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.comparisons import MethodsPanel
 from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
@@ -23,7 +23,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
-from poseviewer.app.state.objects import symmetry_text
+from poseviewer.app.state.objects import AddObject, symmetry_text
 from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
@@ -100,7 +100,9 @@ class OpenPanel:
             controls.upload("Model ...", "model", "cube")
             controls.upload("Folder ...", None, "folder-open")
             controls.upload("Pose file ...", "pose", "file-import")
-            self._more = MoreObjects(controls)
+            with controls.gui.add_folder("Several objects", expand_by_default=False):
+                controls.upload("Add another object ...", "model", "cube-plus", adds=True)
+                controls.button("Add the same model again", AddObject(), icon="copy")
             controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
@@ -114,7 +116,6 @@ class OpenPanel:
             f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
         )
         set_properties(self._what, content=text)
-        self._more.show(session)
 
 
 class PlacePanel:

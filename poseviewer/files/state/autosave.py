@@ -77,9 +77,8 @@ class AutosavedSession:
     number: int = 1
     """Of the object that is picked, among those of the photo."""
     name: str = ""
-    """What the user calls it."""
+    """As a scene file has it."""
     hidden: bool = False
-    locked: bool = False
     others: tuple[AutosavedSession, ...] = ()
     """The photo's other objects, each as if it were picked."""
     views: KeptSet | None = None
@@ -325,7 +324,6 @@ _CHECKS = {
     "number": _whole,
     "name": _name,
     "hidden": _truth,
-    "locked": _truth,
     "others": _others,
     "views": _views,
 }
