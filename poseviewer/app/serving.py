@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import shutil
 import signal
+import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable
@@ -18,6 +20,9 @@ from poseviewer.files.state.folder import state_folder
 if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.reviewing import Reviewer
     from poseviewer.app.workers.opening import Opened
+
+M_MMAP_THRESHOLD, LARGE_BYTES = -3, 262_144
+"""Of ``mallopt(3)``: bytes from which a block is the system's own; half a part of an upload."""
 
 
 def serve_app(
@@ -40,6 +45,7 @@ def serve_app(
         state = Path(tempfile.mkdtemp(prefix="poseviewer-"))
         atexit.register(shutil.rmtree, state, ignore_errors=True)
         tell(f"poseviewer: {error} Until then a crash would lose unsaved work.")
+    return_freed_memory()
     signals = list[int]()  # those that come while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda number, _: signals.append(number))
@@ -51,6 +57,16 @@ def serve_app(
         _run(guarded, open_first, state, signals)
     finally:
         guarded.stop()
+
+
+def return_freed_memory() -> None:
+    """Have large blocks given back to the system as soon as they are freed. glibc would keep those
+    that lie between others; other C libraries are left as they are.
+    """
+    if sys.platform.startswith("linux"):
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+        if mallopt is not None:
+            mallopt(M_MMAP_THRESHOLD, LARGE_BYTES)
 
 
 def _run(

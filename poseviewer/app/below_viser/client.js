@@ -282,6 +282,7 @@ sheet.style.cssText = "position:absolute;left:0;top:0;width:100%;height:100%;z-i
 cleanups.push(() => sheet.remove());
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
+  erases: false, // unless alt or shift is held
   radius: 18, // of the brush, CSS px
   at: null, // where the pointer is, CSS px of the canvas
   now: null, // the stroke that is being drawn: {shape, points (photo px), radius (photo px), erase}
@@ -292,9 +293,10 @@ const STEP = 1.5; // CSS px between a stroke's points
 const NEAR = 9; // CSS px: a press so near to a polygon's first corner closes it
 const LASSO = 12; // points of one drag from which on a polygon is closed when the button goes up
 
-function setPen(shape) {
+function setPen(shape, erases) {
   if (shape !== pen.shape) pen.now = null;
   pen.shape = shape;
+  pen.erases = erases;
   drawSheet();
 }
 
@@ -303,7 +305,7 @@ function sizePen(factor) {
   drawSheet();
 }
 
-const erasing = (event) => event.altKey || event.shiftKey;
+const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
 const apart = (one, other) =>
   Math.hypot(one[0] - other[0], one[1] - other[1]) * fitted() * state.zoom;
 

@@ -59,7 +59,7 @@ class ClientScript:
         self._config = config
         self._photo = (1, 1)
         self._hint = ""
-        self._pen = ""
+        self._pen = ("", False)
         self._strip = self._rows = "[]"
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
@@ -89,13 +89,13 @@ class ClientScript:
                 self._hint = text
                 self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
 
-    def show_pen(self, shape: str) -> None:
+    def show_pen(self, shape: str, erase: bool) -> None:
         """What the main button draws on the photo: ``brush``, ``polygon``, ``scribble``, "" for
-        nothing.
+        nothing; whether strokes ``erase``, for their colour and for the page's report of them.
         """
         with self._telling:
-            if self._pen != shape:
-                self._pen = shape
+            if self._pen != (shape, erase):
+                self._pen = shape, erase
                 self._run(f"window.poseviewer && {self._pen_call()}")
 
     def forget_strokes(self) -> None:
@@ -120,7 +120,7 @@ class ClientScript:
                 self._run(f"window.poseviewer && window.poseviewer.setStripRows({told})")
 
     def _pen_call(self) -> str:
-        return f"window.poseviewer.setPen({json.dumps(self._pen)})"
+        return f"window.poseviewer.setPen({json.dumps(self._pen[0])}, {json.dumps(self._pen[1])})"
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()

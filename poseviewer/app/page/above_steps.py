@@ -10,6 +10,7 @@ import viser
 
 from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.state.document import SceneObject
+from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
@@ -27,6 +28,8 @@ COLOURS = (
 ICONS = {
     "eye": '<path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/><circle cx="8" cy="8" '
     'r="2"/>',
+    "lock": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V5a3 3 0 016 0v2"/>',
+    "open": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V4a3 3 0 016 0"/>',
     "away": '<path d="M4 4l8 8M12 4l-8 8"/>',
 }
 """SVG, 16 x 16."""
@@ -47,13 +50,30 @@ class ObjectsPanel:
     def show(self, session: Session) -> None:
         """Bring the list to the session."""
         objects, picked = session.document.objects, session.document.number
-        rows = [(o.number, o.label, o.verdict, o.hidden) for o in objects]
+        rows = [(o.number, o.label, o.verdict, o.hidden, o.locked) for o in objects]
         if self._shown == (rows, picked):
             return
         self._shown = rows, picked
         several = len(objects) > 1
         content = objects_list(objects, picked) if several else ""
         set_properties(self._list, content=content, visible=several)
+
+
+class MoreObjects:
+    """In the step "Open": a further object, and the picked one's name."""
+
+    def __init__(self, controls: Controls) -> None:
+        self._number = 1
+        with controls.gui.add_folder("Several objects", expand_by_default=False):
+            controls.upload("Add another object ...", "model", "cube-plus", adds=True)
+            controls.button("Add the same model again", AddObject(), icon="copy")
+            self._name = controls.gui.add_text("Name", "")
+            controls.field(self._name, lambda name: AlterObject(self._number, name=name))
+
+    def show(self, session: Session) -> None:
+        """Bring the name to the picked object."""
+        self._number = session.document.number
+        set_properties(self._name, value=session.document.name)
 
 
 def objects_list(objects: tuple[SceneObject, ...], picked: int) -> str:
@@ -67,8 +87,10 @@ def _row(one: SceneObject, is_picked: bool) -> str:
     colour = LINE_COLOUR if is_picked else object_colour(number)
     pick = f"window.poseviewerObject('pick',{number})"
     hide = ("show", "show it") if one.hidden else ("hide", "hide it")
+    lock = ("unlock", "unlock it") if one.locked else ("lock", "leave it where it is")
     icons = (
         _button(number, *hide, "eye", one.hidden),
+        _button(number, *lock, "lock" if one.locked else "open", not one.locked),
         _button(number, "remove", "remove it", "away"),
     )
     return (

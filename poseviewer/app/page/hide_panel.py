@@ -44,6 +44,7 @@ class HidePanel:
             HIDE, lambda _: c.SetTool("pose" if self._active else "brush"), icon="brush"
         )
         self._tools = controls.choices("With", TOOLS)
+        self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.Erase)
         self._text = controls.gui.add_markdown("", visible=False)
         self._found = controls.button("Hide what the search found", h.TakeFound(), visible=False)
         self._clear = controls.button("Hide nothing of the photo", h.Unhide())
@@ -54,13 +55,14 @@ class HidePanel:
         own, tool = session.document.registration, session.tool
         ended = None if session.searching else session.search
         end = session.document.searched
-        key = (own.mask, own.mesh, tool, ended, end)
+        key = (own.mask, own.mesh, tool, session.erasing, ended, end)
         if self._shown == key:
             return
         self._shown, self._active = key, tool in h.HIDING
         set_properties(self._go, label="Done hiding (H)" if self._active else HIDE)
         set_properties(self._tools, visible=self._active)
         show_at_hand(self._tools, tool.capitalize() if self._active else None)
+        self._erase.show(session.erasing, visible=tool in h.SHAPES)
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))
         set_properties(self._found, visible=h.found_hidden(session) is not None)

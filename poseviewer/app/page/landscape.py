@@ -180,6 +180,12 @@ def candidates_within(piece: Slice, candidates: FloatArray) -> FloatArray:
     return places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
 
 
+def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
+    """(h, 2): the hull of candidates (n, d) on the map, corner by corner."""
+    corners = np.clip(on_map(piece, candidates), -10.0, 10.0).astype(np.float32)
+    return cv2.convexHull(corners)[:, 0].astype(float)
+
+
 def region_on(piece: Slice, markers: Markers) -> FloatArray:
     """(n, d): parameters along the border of the region of both of the map's numbers, the others
     as at the pose.
@@ -262,6 +268,8 @@ def _markers(piece: Slice, markers: Markers) -> str:
         points = _points(on_map(piece, short_trail(markers.trail)))
         drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
     if markers.candidates is not None and len(markers.candidates):
+        points = _points(candidates_outline(piece, markers.candidates))
+        drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')
         places = _on_picture(candidates_within(piece, markers.candidates))
         dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in places)
         drawn.append(_DOTS.format(dots))
@@ -305,7 +313,9 @@ def _key(markers: Markers, options: GridOptions) -> str:
         "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
     if markers.candidates is not None:
-        entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+        corners = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+        hull = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
+        entries["candidates"] = hull + corners
     if markers.covariance is not None:
         entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
     if markers.trail is not None:

@@ -135,7 +135,7 @@ class Page:
             photo = session.document.registration.photo
             self._script.show_photo(photo.width, photo.height)
             self._script.show_hint(hint_of(session))
-            self._script.show_pen(session.tool if session.tool in SHAPES else "")
+            self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
             self.scene.show(session)
             self._strip.show(session)
             if self._shown is None or session.strokes != self._shown.strokes:

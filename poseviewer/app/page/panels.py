@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.above_steps import loss_bar
+from poseviewer.app.page.above_steps import MoreObjects, loss_bar
 from poseviewer.app.page.comparisons import MethodsPanel
 from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
@@ -23,7 +23,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
-from poseviewer.app.state.objects import AddObject, symmetry_text
+from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
@@ -45,6 +45,8 @@ CURVE_POINTS = 300
 LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
 PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
+BESIDE_RESTART = 1e-3
+"""Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 METHODS_HINT = (
     "Classes and edges: CMA-ES, then quadratic models, on what light, classes of colour and edges "
@@ -100,9 +102,7 @@ class OpenPanel:
             controls.upload("Model ...", "model", "cube")
             controls.upload("Folder ...", None, "folder-open")
             controls.upload("Pose file ...", "pose", "file-import")
-            with controls.gui.add_folder("Several objects", expand_by_default=False):
-                controls.upload("Add another object ...", "model", "cube-plus", adds=True)
-                controls.button("Add the same model again", AddObject(), icon="copy")
+            self._more = MoreObjects(controls)
             controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
@@ -116,6 +116,7 @@ class OpenPanel:
             f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
         )
         set_properties(self._what, content=text)
+        self._more.show(session)
 
 
 class PlacePanel:
@@ -302,18 +303,27 @@ class FitPanel:
                 for size in (30, 54)
             )
             self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2)),
+                (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (
                     {"label": "evaluation"},
                     {"label": "best loss", "stroke": "#17a2b8", "width": 2},
+                    {
+                        "label": "restart",
+                        "stroke": "#e0a92e",
+                        "width": 1,
+                        "scale": "restart",
+                        "points": {"show": False},
+                    },
                 ),
                 scales={
                     "x": uplot.Scale(time=False, auto=True),
                     "y": uplot.Scale(auto=True),
+                    # From above 0: where there is no restart, nothing is drawn.
+                    "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
                 },
                 axes=(below, beside),
                 legend=uplot.Legend(show=False),
-                title="best so far",
+                title="best so far; restarts upright",
                 height=150,
                 padding=(10, 12, 0, 0),
                 visible=False,
@@ -385,8 +395,9 @@ class FitPanel:
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.
         set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
-        if latest is not None and self._shown.get("curve") != latest.improvements:
-            self._shown["curve"] = latest.improvements
+        key = None if latest is None else (latest.improvements, latest.restarts)
+        if latest is not None and self._shown.get("curve") != key:
+            self._shown["curve"] = key
             self._curve.data = curve_of(latest)
         self._show_settings(session)
 
@@ -549,13 +560,19 @@ def _has_proposals(session: Session) -> bool:
     return asked is not None and bool(asked.poses) and asked.document.shows_same(session.document)
 
 
-def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: evaluations, and the best loss by then as it is shown."""
+def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
+    else 0. About each restart there are three evaluations, so that it is a line.
+    """
     found = update.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
+    begun = np.array([p.evaluations for p in update.restarts if p.evaluations > counts[0]], float)
     end = max(update.progress.evaluations, counts[-1] + 1)
-    best = update.progress.scale.shown(np.array([*losses, losses[-1]]))
-    return np.array([*counts, end], float), best
+    beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
+    evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
+    shown = update.progress.scale.shown(np.array(losses))
+    best = shown[np.searchsorted(counts, evaluations, side="right") - 1]
+    return evaluations, best, np.isin(evaluations, begun).astype(float)
 
 
 def focal_note(session: Session) -> str:

@@ -69,8 +69,10 @@ TOGGLES = ("Space", "KeyB", "KeyH", "KeyZ")
 OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "pick": o.PickObject,
     "remove": o.RemoveObject,
-    "hide": lambda number: o.HideObject(number, True),
-    "show": lambda number: o.HideObject(number, False),
+    "hide": lambda number: o.AlterObject(number, hidden=True),
+    "show": lambda number: o.AlterObject(number, hidden=False),
+    "lock": lambda number: o.AlterObject(number, locked=True),
+    "unlock": lambda number: o.AlterObject(number, locked=False),
 }
 """What is wanted of an object in the list."""
 PHOTOS: Mapping[str, Callable[[int], Request]] = {

@@ -75,6 +75,7 @@ MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
+UNLOCK = "unlock it in the list of objects"
 LARGEST_NUDGE = 300.0
 """Steps of scale: more would overflow."""
 
@@ -86,6 +87,8 @@ class Command(Request, eq=False):
     """Whether a drag under way is ended first, or its steps would come in the wrong order."""
     keeps_error = False
     """Whether the error message stays: it is about what the user did."""
+    goes_back = False
+    """Whether it leads to where everything was at another time, what is locked as well."""
 
     def __call__(self, session: Session) -> Session:
         """The session after it."""
@@ -352,12 +355,16 @@ class LookFrom(Command):
 class Undo(Command):
     """One step back: of a search, to before it."""
 
+    goes_back = True
+
     def __call__(self, session: Session) -> Session:
         return session.at(*session.history.undo(session.document))
 
 
 class Redo(Command):
     """One step on again."""
+
+    goes_back = True
 
     def __call__(self, session: Session) -> Session:
         return session.at(*session.history.redo(session.document))
@@ -604,13 +611,15 @@ class StartSearch(Command):
 
 
 class SearchAll(Command):
-    """Search for all objects in turn, each from the pose at hand, until none improves."""
+    """Search for all objects in turn, each from the pose at hand, until none improves; those that
+    are locked stay where they are.
+    """
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        free = tuple(one for one in document.objects if one.stands)
+        free = tuple(one for one in document.objects if one.stands and not one.locked)
         if not free:
-            raise SettingsError("all objects are hidden or not placed: nothing to search")
+            raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
         if any(one.settings.free_focal for one in free):
             raise SettingsError(
                 "the focal length is one for all objects: find it with one of them alone, then "
@@ -641,6 +650,8 @@ def _searching(
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
     number, document = session.searches + 1, session.document
+    if document.locked and objects in ((), (document,)):
+        raise SettingsError(f"{document.label} is locked: {UNLOCK} to search")
     return replace(
         session,
         searches=number,
@@ -690,6 +701,8 @@ class AcceptSearch(Command):
 
 class RevertSearch(Command):
     """Back to the pose before the search; one that runs is stopped."""
+
+    goes_back = True
 
     def __call__(self, session: Session) -> Session:
         return session if session.search is None else Undo()(session)

@@ -121,9 +121,11 @@ class SceneObject:
     number: int = 1
     """Its own among the objects of a document; its colour goes by it."""
     name: str = ""
-    """As a scene file has it; "": as its model's file is called."""
+    """What the user calls it; "": as its file is called."""
     hidden: bool = False
     """Not drawn, and in front of nothing."""
+    locked: bool = False
+    """Left where it is in the photo by presses and searches."""
     end: SearchEnd | None = None
     """Of the last search; of use as long as its pose is the one at hand."""
     views: PhotoSet | None = None

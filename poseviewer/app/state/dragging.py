@@ -117,11 +117,11 @@ class RectangleDrag:
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
     """What of the picked object lies under ``point``: a pin, or the model; None for nothing, and
-    where the object is hidden.
+    where the object is hidden or locked.
 
     ``zoom``: screen px per photo px; ``kind``: what holding the model does.
     """
-    if document.hidden:
+    if document.hidden or document.locked:
         return None
     pins = pins_in_photo(document)
     if len(pins):
@@ -138,7 +138,7 @@ def nearest_object(document: Document, point: FloatArray) -> int:
     """The number of the object that is nearest to the camera at ``point``, of those that a press
     may take; the picked one's where there is none.
     """
-    free = [one for one in (document, *document.standing) if not one.hidden]
+    free = [one for one in (document, *document.standing) if not (one.hidden or one.locked)]
     depths = [_depth_at(one, point) for one in free]
     nearest = min(depths, default=math.inf)
     return free[depths.index(nearest)].number if nearest < math.inf else document.number

@@ -100,6 +100,15 @@ class Unhide(Command):
         return session.with_document(session.document.compared_by(mask=None))
 
 
+class Erase(Command):
+    """Whether strokes bring back what they cover."""
+
+    on: bool
+
+    def __call__(self, session: Session) -> Session:
+        return replace(session, erasing=self.on)
+
+
 class LeaveOut(Command):
     """The part of the model that is seen at a point of the photo is not compared and not drawn."""
 

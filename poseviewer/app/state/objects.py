@@ -17,6 +17,8 @@ from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
 """All of them are kept in memory, and drawn."""
+LONGEST_NAME = 60
+"""Letters."""
 
 
 class PickObject(Command):
@@ -72,17 +74,29 @@ class RemoveObject(Command):
         return session.with_document(document.without(self.number))
 
 
-class HideObject(Command):
-    """Hide an object, or show it again."""
+class AlterObject(Command):
+    """Hide or show, lock or unlock, or rename an object; None leaves as it is."""
 
     number: int
-    hidden: bool
+    hidden: bool | None = None
+    locked: bool | None = None
+    name: str | None = None
 
     def __call__(self, session: Session) -> Session:
         one = session.document.numbered(self.number)
-        if one is None or one.hidden is self.hidden:
+        if one is None:
             return session
-        return session.with_document(session.document.altered(self.number, hidden=self.hidden))
+        name = None if self.name is None else self.name[:LONGEST_NAME]
+        given = {"hidden": self.hidden, "locked": self.locked, "name": name}
+        changes = {key: value for key, value in given.items() if value is not None}
+        if all(getattr(one, key) == value for key, value in changes.items()):
+            return session
+        # One step back leads to before the whole of a name, not to its first letter.
+        what = f"name {self.number}"
+        typed_on = session.typed == (what, session.document) and not session.history.future
+        document = session.document.altered(self.number, **changes)
+        altered = session.with_document(document, same_step=typed_on and name is not None)
+        return altered if name is None else replace(altered, typed=(what, document))
 
 
 class OutlinesDrawn(WorkerUpdate, eq=False):

@@ -123,6 +123,8 @@ class SearchUpdate:
     progress: FitProgress
     improvements: tuple[FitProgress, ...]
     """The progress at each evaluation that found a better pose, the first one among them."""
+    restarts: tuple[FitProgress, ...] = ()
+    """The progress at the first evaluation of each restart."""
     ends: tuple[MethodEnd, ...] = ()
     """Of the last update of a search by several methods: where each of them has ended."""
     together: Together | None = None
@@ -265,6 +267,8 @@ class Session:
     before_drag: Document | None = None
     """The document when it was taken hold of; None until the pointer moves."""
     tool: str = "pose"
+    erasing: bool = False
+    """Whether strokes of the tools that hide bring back what they cover."""
     strokes: int = 0
     """How many strokes were taken: a page shows its own until then."""
     look: Look = field(default_factory=Look)

@@ -6,7 +6,10 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-from poseviewer.app.state.commands import Command, Release
+import numpy as np
+
+from poseviewer.app.state.cameras import with_camera
+from poseviewer.app.state.commands import UNLOCK, Command, Release
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError, SettingsError, SingularChartError
@@ -29,12 +32,32 @@ def update(session: Session, command: Command) -> Session:
         session = replace(session, error_message="")
     try:
         _require_sane(command)
-        ends_drag = session.drag is not None and command.ends_drag
-        found = command(Release()(session) if ends_drag else session)
+        before = session
+        if session.drag is not None and command.ends_drag:
+            before = Release()(session)
+        found = command(before)
+        if not command.goes_back:
+            _require_unlocked(before.document, found.document)
         _require_known_camera(found.document)
         return found
     except REFUSALS as error:
         return session.with_error(str(error))
+
+
+def _require_unlocked(before: Document, now: Document) -> None:
+    """An object that is locked is where it was in the photo; under another camera, too.
+
+    Raises:
+        SettingsError: it is not.
+    """
+    is_same = before.shows_same(now) and before.pose is not now.pose
+    if not (is_same and before.locked and now.locked):
+        return
+    kept = with_camera(before.pose, now.pose.camera, now.registration.mesh.centre)
+    ways = (pose.camera_from_model for pose in (kept, now.pose))
+    (rotation, place), (its_rotation, its_place) = ((w.rotation, w.translation) for w in ways)
+    if not (np.allclose(rotation, its_rotation) and np.allclose(place, its_place)):
+        raise SettingsError(f"{now.label} is locked: {UNLOCK} to move it; nothing was changed")
 
 
 def _require_known_camera(now: Document) -> None:

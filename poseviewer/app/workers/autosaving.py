@@ -216,6 +216,7 @@ def _as_picked(one: SceneObject, photo_path: Path | None) -> AutosavedSession:
         number=one.number,
         name=one.name,
         hidden=one.hidden,
+        locked=one.locked,
         views=_set_of(one),
     )
 

@@ -129,6 +129,7 @@ def search_all(document: Document, objects: Sequence[SceneObject]) -> Iterator[S
     case: Case | None = None
     update: SearchUpdate | None = None
     improvements: tuple[FitProgress, ...] = ()
+    restarts: tuple[FitProgress, ...] = ()
     ends: dict[int, SearchEnd] = {}
     for now in search_together(models, judge_end, processors()):
         model, placing, number = models[now.index], now.placings[now.index], numbers[now.index]
@@ -136,12 +137,15 @@ def search_all(document: Document, objects: Sequence[SceneObject]) -> Iterator[S
         progress = placing.progress
         if case is None or case.problem is not placing.problem:
             case = Case(placing.registration, model.settings, placing.problem, model.renderer)
-            improvements = ()
-        improvements = _improved(improvements, progress)
+            improvements = restarts = ()
+        if not improvements or progress.loss < improvements[-1].loss:
+            improvements = (*improvements, progress)
+        if progress.restart > len(restarts):
+            restarts = (*restarts, progress)
         if progress.status is not Status.RUNNING:
             ends = {**ends, number: SearchEnd.of(case, progress)}
         together = Together(number, dict(zip(numbers, now.poses, strict=True)), ends)
-        update = SearchUpdate(case, progress, improvements, together=together)
+        update = SearchUpdate(case, progress, improvements, restarts, together=together)
         yield update
     if update is None or update.together is None:
         for model in models:  # says why it cannot be compared, and what to do
@@ -207,15 +211,15 @@ def _search(
 ) -> Iterator[SearchUpdate]:
     """``found``: of a set, what its end says of each photo."""
     improvements: tuple[FitProgress, ...] = ()
+    restarts: tuple[FitProgress, ...] = ()
+    restart = 0
     for progress in case.search(threads=processors()):
-        improvements = _improved(improvements, progress)
+        if not improvements or progress.loss < improvements[-1].loss:
+            improvements = (*improvements, progress)
+        if progress.restart > restart:
+            restart, restarts = progress.restart, (*restarts, progress)
         ends = () if progress.status is Status.RUNNING else found(progress)
-        yield SearchUpdate(case, progress, improvements, of_photos=ends)
-
-
-def _improved(known: tuple[FitProgress, ...], now: FitProgress) -> tuple[FitProgress, ...]:
-    """With what is better than all before it."""
-    return known if known and not now.loss < known[-1].loss else (*known, now)
+        yield SearchUpdate(case, progress, improvements, restarts, of_photos=ends)
 
 
 def run_search(asked: Search) -> Iterator[SearchUpdate]:

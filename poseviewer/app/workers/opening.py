@@ -437,6 +437,7 @@ def _restored(one: T, kept: AutosavedSession, photo: Photo) -> T:
         number=kept.number,
         name=kept.name,
         hidden=kept.hidden,
+        locked=kept.locked,
         end=None if kept.pose.verdict is None else SearchEnd(kept.pose),
     )
 

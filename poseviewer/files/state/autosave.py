@@ -77,8 +77,9 @@ class AutosavedSession:
     number: int = 1
     """Of the object that is picked, among those of the photo."""
     name: str = ""
-    """As a scene file has it."""
+    """What the user calls it."""
     hidden: bool = False
+    locked: bool = False
     others: tuple[AutosavedSession, ...] = ()
     """The photo's other objects, each as if it were picked."""
     views: KeptSet | None = None
@@ -324,6 +325,7 @@ _CHECKS = {
     "number": _whole,
     "name": _name,
     "hidden": _truth,
+    "locked": _truth,
     "others": _others,
     "views": _views,
 }

@@ -30,13 +30,16 @@ def ended(scene) -> list[SearchUpdate]:
     ]
 
 
-def test_the_curve_goes_down_to_the_best_loss(ended):
+def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
     for update in ended:
-        evaluations, best = curve_of(update)
+        evaluations, best, begun = curve_of(update)
         assert np.all(np.diff(evaluations) > 0.0)
         assert np.all(np.diff(best) <= 0.0)
         scale = update.progress.scale
         assert best[-1] == pytest.approx(scale.shown(update.progress.loss))
+        restarts = [step.evaluations for step in update.restarts]
+        assert list(evaluations[begun == 1.0]) == restarts
+        assert len(restarts) > 0
         for step in update.improvements:
             shown = best[list(evaluations).index(step.evaluations)]
             assert shown == pytest.approx(scale.shown(step.loss))

@@ -14,7 +14,7 @@ from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MOST_OBJECTS,
     AddObject,
-    HideObject,
+    AlterObject,
     PickObject,
     RemoveObject,
 )
@@ -34,6 +34,7 @@ from tests.app.state.documents import (
     make_keypoints,
     make_photo,
     make_session,
+    moved_document,
 )
 from tests.meshes import make_box
 
@@ -104,6 +105,7 @@ def test_every_object_keeps_what_is_its_own_when_another_is_picked():
     session = after(session, c.AlterSettings(lambda s: replace(s, seed=7)))
     ball = session.document
     session = after(session, AddObject(TAXI), c.Nudge("roll", 5.0))
+    session = after(session, AlterObject(2, name="taxi"))
     car = session.document
     back = after(session, PickObject(1)).document
     names = ("pose", "settings", "pins", "marks", "model_path", "name")
@@ -115,6 +117,7 @@ def test_every_object_keeps_what_is_its_own_when_another_is_picked():
     for name in names:
         assert getattr(again, name) is getattr(car, name)
     assert again.registration.keypoints is car.registration.keypoints
+    assert again.label == "taxi"
     assert session.document.settings.seed == 7  # new ones are compared alike
 
 
@@ -137,7 +140,8 @@ def test_undo_and_redo_go_over_all_objects():
         (AddObject(),),
         (PickObject(2), c.Nudge("move", 0.0, 5.0)),
         (RemoveObject(1),),
-        (HideObject(2, True),),
+        (AlterObject(2, hidden=True),),
+        (PickObject(3), AlterObject(3, locked=True)),
     ):
         sessions.append(after(sessions[-1], *commands))
     now = sessions[-1]
@@ -148,6 +152,7 @@ def test_undo_and_redo_go_over_all_objects():
         now = after(now, c.Redo())
         assert now.document.poses == later.document.poses
         assert numbers(now) == numbers(later)
+    assert now.document.locked
 
 
 def test_a_press_picks_what_is_nearest_there_and_holds_it():
@@ -169,12 +174,34 @@ def test_a_press_picks_what_is_nearest_there_and_holds_it():
     assert after(session, c.Press(1.0, 1.0)).document.number == 2
 
 
-def test_what_is_hidden_is_left_alone_by_presses():
-    session = after(with_two(), HideObject(1, True))
+@pytest.mark.parametrize("change", [{"hidden": True}, {"locked": True}])
+def test_what_is_hidden_or_locked_is_left_alone_by_presses(change):
+    session = after(with_two(), AlterObject(1, **change))
     at = press(session, 1)
     assert after(session, at) is session
     picked = after(session, PickObject(1), at)
     assert picked.drag is None
+
+
+def test_a_locked_object_stays_where_it_is_in_the_photo():
+    session = after(with_two(), AlterObject(2, locked=True))
+    for command in (
+        c.Nudge("move", 1.0),
+        c.ResetToStart(),
+        c.LookFrom("left"),
+        c.SetPose(moved_document(session.document, 0.3).pose),
+        c.StartSearch(),
+    ):
+        found = update(session, command)
+        assert found.error_message.startswith("Box.ply is locked: unlock it")
+        assert found.document is session.document
+        assert found.search is None
+    # Another camera is another thing, and others can be moved and searched.
+    seen = after(session, c.SetFieldOfView(30.0))
+    assert middle(seen, 2) == pytest.approx(middle(session, 2))
+    moved = after(session, PickObject(1), c.Nudge("move", 1.0), c.StartSearch())
+    assert moved.searching
+    assert after(session, c.Undo(), c.Nudge("move", 1.0)).document.number == 2
 
 
 @pytest.mark.parametrize(
@@ -223,9 +250,21 @@ def test_the_picked_one_is_compared_among_those_that_stand():
     assert placed.document.registration.others == (ball,)  # the very one: what is compared stays
     (box,) = after(placed, PickObject(1)).document.registration.others
     assert box.mesh is BOX.mesh
-    hidden = after(placed, HideObject(1, True))
+    hidden = after(placed, AlterObject(1, hidden=True))
     assert hidden.document.registration.others == ()
-    assert after(hidden, HideObject(1, False)).document.registration.others[0].pose is (ball.pose)
+    assert after(hidden, AlterObject(1, hidden=False)).document.registration.others[0].pose is (
+        ball.pose
+    )
+
+
+def test_a_name_is_one_step_however_many_letters():
+    session = with_two()
+    named = session
+    for letters in ("t", "ta", "tax", "taxi"):
+        named = after(named, AlterObject(2, name=letters))
+    assert named.document.label == "taxi"
+    assert after(named, c.Undo()).document is session.document
+    assert after(named, AlterObject(2, name="")).document.label == "box.ply"
 
 
 def test_removing_picks_the_next_and_never_the_last():
@@ -309,6 +348,9 @@ def test_a_search_among_others_is_one_of_several_for_the_picked_one():
     assert among.search is not None
     assert among.search.objects == (session.document,)
     # Those that are hidden are in front of nothing.
-    hidden = after(session, HideObject(1, True), c.StartSearch())
+    hidden = after(session, AlterObject(1, hidden=True), c.StartSearch())
     assert hidden.search is not None
     assert hidden.search.objects == ()
+    locked = update(after(session, AlterObject(2, locked=True)), c.StartSearch())
+    assert locked.search is None
+    assert "locked" in locked.error_message

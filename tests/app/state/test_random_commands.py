@@ -61,7 +61,9 @@ def make_command(chance: random.Random) -> c.Command:
         lambda: o.PickObject(number),
         o.AddObject,
         lambda: o.RemoveObject(number),
-        lambda: o.HideObject(number, some() < 0.5),
+        lambda: o.AlterObject(number, hidden=some() < 0.5),
+        lambda: o.AlterObject(number, locked=some() < 0.7),
+        lambda: o.AlterObject(number, name=pick("ab")),
         lambda: c.AlterSettings(lambda s: replace(s, free_focal=not s.free_focal)),
         c.StartSearch,
         c.StopSearch,
@@ -87,4 +89,24 @@ def test_undo_leads_all_the_way_back_whatever_was_done(seed: int) -> None:
         steps = len(session.history.past)
         session = update(session, c.Undo())
         assert len(session.history.past) == steps - 1, session.error_message
+    assert session.document is start
+
+
+def test_undo_leads_back_over_what_was_locked_since() -> None:
+    session = make_session()
+    start = session.document
+    for command in (
+        o.AddObject(),
+        c.SetCamera(1.0, 300.0, 118.0, 0.0),
+        c.StartSearch(),
+        o.AlterObject(2, locked=True),
+        o.PickObject(2),
+        c.SetProjection("parallel"),
+        c.ResetToStart(),
+        o.AlterObject(3, name="a"),
+    ):
+        session = update(session, command)
+    for _ in range(10):
+        session = update(session, c.Undo())
+        assert session.error_message == ""
     assert session.document is start

@@ -174,6 +174,16 @@ def test_maps_become_known_until_they_are_complete(registration, renderer, lock)
         assert math.isclose(piece.first_values[2], problem.start[piece.first], abs_tol=1e-12)
 
 
+def test_restarts_are_told_where_they_begin(registration, renderer):
+    settings = FitSettings("paper", limits=Limits(evaluations=900))
+    *_, last = search(registration, registration.start, settings, renderer)
+    begun = last.restarts
+    assert [step.restart for step in begun] == list(range(1, last.progress.restart + 1))
+    counts = [step.evaluations for step in begun]
+    assert counts == sorted(counts)
+    assert len(counts) > 1
+
+
 @pytest.mark.parametrize("pixels", ["clip", "whole"])
 def test_the_papers_loss_is_drawn_as_it_is_searched(registration, renderer, pixels):
     settings = FitSettings("paper", pixels=pixels)

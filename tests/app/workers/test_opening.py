@@ -11,7 +11,7 @@ import pytest
 
 from poseviewer.app.state.commands import Nudge
 from poseviewer.app.state.document import SearchEnd
-from poseviewer.app.state.objects import AddObject, HideObject
+from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -137,7 +137,8 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
         Nudge("move", 9.0),
         added,
         Nudge("turn", 3.0),
-        HideObject(2, True),
+        AlterObject(2, hidden=True),
+        AlterObject(1, locked=True, name="ball"),
     ):
         session = update(session, command)
         assert not session.error_message
@@ -151,7 +152,7 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
     before, after = session.document.objects, opened.document.objects
     assert opened.document.number == 3
     for one, again in zip(before, after, strict=True):
-        for name in ("number", "name", "hidden", "model_path"):
+        for name in ("number", "name", "hidden", "locked", "model_path"):
             assert getattr(one, name) == getattr(again, name)
         np.testing.assert_array_equal(
             one.pose.camera_from_model.rotation, again.pose.camera_from_model.rotation

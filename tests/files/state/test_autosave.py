@@ -93,7 +93,7 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
 def test_all_objects_of_a_session_come_back_to_the_last_digit(tmp_path: Path) -> None:
     others = (
         session(number=1, name="Straße", pose=record(turn=1.3)),
-        session(number=7, hidden=True),
+        session(number=7, hidden=True, locked=True),
     )
     whole = session(number=4, others=others)
     back = load_autosave(saved(tmp_path, whole))
