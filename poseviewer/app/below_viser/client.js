@@ -25,7 +25,6 @@ const state = {
   hint: "",
   modifiers: "",
   sent: "", // the name of the set that was sent last
-  uploading: false,
 };
 const old = window.poseviewer;
 if (old && old.dispose) old.dispose();
@@ -475,7 +474,6 @@ listen(window, "keydown", (event) => {
   if (event.code === "KeyF") { showAll(); return; }
   if (event.code === "Space") openSearch();
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
-  if (event.key === "Escape") stopUploads();
   send({
     kind: "key", code: event.code, key: event.key, repeat: event.repeat,
     shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
@@ -566,48 +564,6 @@ async function filesOf(entry, found) {
     for (const inside of entries) await filesOf(inside, found);
   }
 }
-
-// viser would put all parts of an upload on the wire at once: all else would wait behind them, and
-// nothing could stop them. They go as the server acknowledges them, which viser shows by a bar.
-const AHEAD = 4_000_000; // bytes
-const uploads = new Map(); // by transfer: {size, sent} in bytes, {parts} that wait
-const sendNow = vm().sendMessage;
-const barOf = (transfer) => document.querySelector(`#upload-${transfer} [role=progressbar]`);
-
-function sendInTurn(message) {
-  const upload = uploads.get(message.transfer_uuid);
-  if (message.type === "FileTransferStartUpload") {
-    uploads.set(message.transfer_uuid, { size: message.size_bytes, sent: 0, parts: [] });
-  } else if (message.type === "FileTransferPart" && upload) {
-    if (!upload.stopped) upload.parts.push(message);
-    pump();
-    return;
-  }
-  sendNow(message);
-}
-
-function pump() {
-  if (vm().sendMessage !== sendInTurn) return; // the connection is lost
-  for (const [transfer, upload] of uploads) {
-    const bar = barOf(transfer);
-    const done = bar ? (upload.size * Number(bar.getAttribute("aria-valuenow"))) / 100 : upload.sent;
-    while (upload.parts.length && upload.sent - done < AHEAD) {
-      const part = upload.parts.shift();
-      upload.sent += part.content.length;
-      sendNow(part);
-    }
-    if (upload.sent >= upload.size && !bar) uploads.delete(transfer);
-  }
-  const uploading = [...uploads.keys()].some(barOf);
-  if (uploading !== state.uploading) { state.uploading = uploading; showHint(); }
-}
-
-function stopUploads() {
-  for (const upload of uploads.values()) Object.assign(upload, { parts: [], stopped: true });
-}
-vm().sendMessage = sendInTurn;
-const pumping = setInterval(pump, 50);
-cleanups.push(() => clearInterval(pumping));
 
 // What was under way when the connection was lost has a notice without a button, which nothing ends.
 function endOldNotices() {
@@ -799,7 +755,7 @@ cleanups.push(() => bar.remove());
 function showHint() {
   const strong = (text, on) => (on ? `<b style="color:#35e6ff">${text}</b>` : text);
   const held = state.modifiers;
-  bar.innerHTML = state.uploading ? "<b>Esc</b> stops the upload" : state.hint || [
+  bar.innerHTML = state.hint || [
     strong("drag", held === "") + " move",
     strong("shift", held === "shift") + " turn",
     strong("ctrl", held === "ctrl") + " roll, scale",

@@ -2,7 +2,7 @@
 
 Why: viser keeps every part of every upload, whatever size was announced, until all are there, and a
 button keeps the last file. It tells every page, those to come too, how far an upload is, and they
-show a nameless one: here its own page is told. And nothing stops one.
+show a nameless one: here its own page is told.
 Written for viser 1.1.1: its two handlers of uploads, ``gui._handle_file_transfer_start`` and
 ``_part``, are called by ours, which look at the sizes first; ``gui._current_file_upload_states``,
 ``gui._websock_interface`` and its ``queue_message``, a button's ``_impl.value``; a page's notice of
@@ -28,10 +28,8 @@ Refuse = Callable[[int, str], None]
 """Tells a page, by its client's id, why its upload was refused."""
 
 
-def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> Callable[[int], None]:
-    """Let pages upload no more than ``LARGEST_UPLOAD`` bytes at a time, all uploads together. Gives
-    what stops a page's uploads, by its client's id; to be called in viser's thread.
-    """
+def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> None:
+    """Let pages upload no more than ``LARGEST_UPLOAD`` bytes at a time, all uploads together."""
     gui = server.gui
     bounds = _Bounds(server, refuse)
     interface = gui._websock_interface
@@ -45,8 +43,6 @@ def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> Callable[[int], 
     async def _(client: viser.ClientHandle) -> None:
         # What one page alone is shown has no place for uploads.
         client.gui._websock_interface.unregister_handler(_messages.FileTransferStartUpload)
-
-    return bounds.stop
 
 
 def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
@@ -73,8 +69,6 @@ class _Bounds:
             self._end(client, message, problem)
         else:
             self._gui._handle_file_transfer_start(client, message)
-            if message.transfer_uuid in self._running:
-                self._running[message.transfer_uuid]["source"] = message.source_component_uuid
 
     def part(self, client: ClientId, message: _messages.FileTransferPart) -> None:
         """A part has come; one of an upload that was refused, or is another page's, is dropped."""
@@ -88,13 +82,6 @@ class _Bounds:
             return
         self._gui._handle_file_transfer_part(client, message)
 
-    def stop(self, client: int) -> None:
-        """A page wants its uploads no more; parts that are on their way are dropped."""
-        for transfer, upload in [*self._running.items()]:
-            if upload["client_id"] == client:
-                del self._running[transfer]
-                self._take_away(upload["client_id"], upload["source"], transfer)
-
     def _problem(self, message: _messages.FileTransferStartUpload) -> str:
         """Why an upload is not taken; "" where it is."""
         name, size, parts = display_name(message.filename), message.size_bytes, message.part_count
@@ -106,14 +93,13 @@ class _Bounds:
         return why_unfit(name, size)
 
     def _end(self, client: ClientId, message: Any, problem: str) -> None:
-        """Take the progress bar off the page, and say why."""
-        self._take_away(client, message.source_component_uuid, message.transfer_uuid)
-        self._refuse(client, problem)
-
-    def _take_away(self, client: ClientId, source: str | None, transfer: str) -> None:
-        """Let the button take files again, and end the page's notice, which would call it done."""
+        """Let the button take files again, end the page's notice, which would call it done, and say
+        why.
+        """
+        source, transfer = message.source_component_uuid, message.transfer_uuid
         self._tell_one(client, _messages.FileTransferPartAck(source, transfer, 0, total_bytes=0))
         self._tell_one(client, _messages.RemoveNotificationMessage(f"upload-{transfer}"))
+        self._refuse(client, problem)
 
     def _tell(self, message: _messages.Message) -> None:
         """What viser has for all pages; of an upload its own page alone is told."""

@@ -115,8 +115,7 @@ class Page:
         self._late = False
         self._working: list[viser.NotificationHandle] = []
         self._offers: list[Any] = []
-
-        self._stop_uploads = bound_uploads(server, self.show_error_to)
+        bound_uploads(server, self.show_error_to)
         check_values(server)
 
         @server.on_client_connect
@@ -162,8 +161,6 @@ class Page:
         if content["kind"] == "arrange":
             arrange(client, self._maps, content)
         else:
-            if content.get("code") == "Escape":
-                self._stop_uploads(client.client_id)
             self._post(Report(content, client.client_id))
 
     def show_error(self, sentence: str) -> None:

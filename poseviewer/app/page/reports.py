@@ -104,7 +104,7 @@ HELP = """
 | **R** | back to the start pose |
 | **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
 | **S**, **ctrl S** | save the pose |
-| **Esc** | let go, leave a tool, stop what is looked for, sent or read |
+| **Esc** | let go, leave a tool, stop what is looked for or read |
 | **A**, **X**, **N**, **P** | in a review: accept, reject, next, previous |
 """
 

@@ -72,23 +72,6 @@ def test_progress_is_told_to_its_own_page(running: RunningApp) -> None:
             assert other.shown.progress == later.shown.progress == []
 
 
-def test_a_page_stops_its_own_upload(running: RunningApp) -> None:
-    document = running.app.session.document
-    with running.page() as page, running.page() as other:
-        page.upload("Model ...", "slow.glb", b"", size_bytes=199_000_000, part_count=398)
-        page.wait_until(lambda: held(running) == 1)
-        other.key("Escape")
-        other.key("KeyB")  # once this is taken, so is what came before it
-        other.wait_until(lambda: running.app.session.look.hidden)
-        assert held(running) == 1
-        other.key("KeyB")
-        page.key("Escape")
-        page.wait_until(lambda: held(running) == 0)
-        page.wait_until(lambda: page.shown.progress and page.shown.progress[-1] == (0, 0))
-        assert running.app.session.document is document
-        assert_taken(page, running.scene.photo, "after the stop.png")
-
-
 def test_all_uploads_together_are_bounded(running: RunningApp) -> None:
     most = LARGEST_UPLOAD - 1000
     with running.page() as page:
