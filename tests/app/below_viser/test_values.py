@@ -24,6 +24,7 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
     ("Method", ""),
     ("View", 7),
     ("Grey, not colour", "yes"),
+    ("Name", ["a"]),
     ("fx  (px)", [1.0]),
     ("fx  (px)", math.inf),
 )
