@@ -24,14 +24,12 @@ from poseviewer.app.workers.opening import (
 from poseviewer.batch.run import open_batch, run_batch, save_outcome
 from poseviewer.cli.main import main
 from poseviewer.errors import SettingsError
-from poseviewer.files.file_set import sort_set
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import (
     PhotoReference,
     PoseRecord,
     RecordedVerdict,
     load_pose,
-    save_pose,
 )
 from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
@@ -180,17 +178,6 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     assert found.mesh.left_out == ("right",)
     assert found.mask is not None
     assert np.array_equal(found.mask.weights, half_hidden().weights)
-
-
-def test_a_mask_that_comes_with_its_pose_is_no_photo(scene, mask, tmp_path):
-    record = replace(load_pose(scene.start, 160, 120), mask=mask.name)
-    pose = tmp_path / "with.pose.json"
-    save_pose(pose, record)
-    for kind in (None, "pose"):
-        found = sort_set([scene.photo, mask, pose] if kind is None else [mask, pose], kind)
-        assert found.pose == pose
-        assert found.photo == (scene.photo if kind is None else None)
-        assert not found.unused
 
 
 def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):

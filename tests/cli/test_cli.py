@@ -64,13 +64,6 @@ def test_fit_finds_the_pose_and_writes_what_it_says(scene, tmp_path, capsys):
     assert load_photo(picture).pixels.shape == (120, 160, 3)
 
 
-def test_a_fit_is_the_same_twice(scene, tmp_path):
-    for name in ("a", "b"):
-        assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
-                   tmp_path / name, "--evaluations", 300, "--seed", 4, "--quiet") == 0  # fmt: skip
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
 def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
     out = tmp_path / "pose.json"
     assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
@@ -80,15 +73,6 @@ def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
     assert 'raise "Most evaluations" (--evaluations)' in printed.out
     assert printed.err == ""
     assert out.exists()
-
-
-def test_the_papers_method_is_said_in_the_pose_file(scene, tmp_path):
-    out = tmp_path / "pose.json"
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out,
-               "--method", "paper", "--evaluations", 50, "--quiet") == 0  # fmt: skip
-    data = json.loads(out.read_text())["settings"]
-    assert (data["method"], data["grey"], data["pixels"]) == ("paper", True, "clip")
-    assert data["photo_channels"] == 1
 
 
 @pytest.mark.parametrize("other", [["--pixels", "near"], ["--colour-reflectance"]])
@@ -163,15 +147,6 @@ def test_wrong_settings_are_said_before_any_work(scene, tmp_path, more, words, c
     assert words in printed.err
     assert "Traceback" not in printed.err
     assert not out.exists()
-
-
-def test_a_start_beside_the_photo_is_refused(scene, tmp_path, capsys):
-    away = json.loads(scene.start.read_text())
-    away["camera_from_model"]["translation"] = [500.0, 0.0, 7.0]
-    (tmp_path / "away.json").write_text(json.dumps(away))
-    assert run("fit", scene.photo, scene.model, "--pose", tmp_path / "away.json", "--out",
-               tmp_path / "o.json", "--quiet") == 2  # fmt: skip
-    assert "near the start pose" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ def test_a_covariance_that_is_none_is_refused(tmp_path: Path, wrong: Any, words:
         load_pose(write(tmp_path / "pose.json", data), WIDTH, HEIGHT)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10**9))
 def test_any_rotation_survives_the_file(
     tmp_path_factory: pytest.TempPathFactory, seed: int

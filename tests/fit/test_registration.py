@@ -68,13 +68,6 @@ def test_near_is_a_box_about_the_start():
     assert not made.clipped
 
 
-def test_whole_and_clip_count_every_pixel():
-    for pixels in ("whole", "clip"):
-        made = compared(make_photo(30.0), FitSettings(pixels=pixels))
-        assert np.all(made.weights == 1.0)
-        assert made.clipped == (pixels == "clip")
-
-
 def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
     made = compared(make_photo(30.0), FitSettings())
     shown = shown_attributes(made)
@@ -134,6 +127,14 @@ def test_a_mask_of_another_size_is_refused():
     said = "the mask has 20x10 px, the photo p.png has 160x120 px; make"
     with pytest.raises(SettingsError, match=said):
         opened(make_photo(30.0), Mask.of(np.ones((10, 20))))
+
+
+def test_a_start_beside_the_photo_is_refused():
+    beside = replace(
+        START, camera_from_model=RigidTransform(np.eye(3), np.array([500.0, 0.0, 9.0]))
+    )
+    with pytest.raises(SettingsError, match="near the start pose"):
+        make_problem(replace(opened(make_photo(30.0)), start=beside), FitSettings())
 
 
 def test_a_photo_that_is_all_hidden_is_refused():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -86,17 +85,6 @@ def test_the_one_seen_most_goes_first_and_none_is_searched_for_for_ever(together
     assert sorted(order[:3]) == [0, 1, 2]
     assert order[2] == 0  # the one behind
     assert len(order) <= 3 * MOST_ROUNDS
-
-
-@pytest.mark.slow
-def test_it_can_be_stopped_after_any_evaluation(together):
-    models = [
-        ModelToPlace(registration(index), SETTINGS, SoftwareRenderer(MESHES[index]))
-        for index in range(3)
-    ]
-    first = list(islice(search_together(models, judge_end), 5))
-    assert [one.progress.loss for one in first] == [one.progress.loss for one in together[:5]]
-    assert first[-1].placings.count(None) == 2
 
 
 def first_weights(one: Registration, *more: Registration) -> np.ndarray:

@@ -151,14 +151,6 @@ def test_a_parallel_projection_tells_its_scale() -> None:
     assert sure.words("m").startswith("scale ±2.0 %, the rest ±0")
 
 
-def test_the_matrix_is_read_only_and_of_six_or_seven_numbers() -> None:
-    sure = PoseCovariance(pose_by(PERSPECTIVE), np.zeros(3), np.eye(6))
-    with pytest.raises(ValueError, match="read-only"):
-        sure.matrix[0, 0] = 2.0
-    with pytest.raises(ValueError, match="shape"):
-        PoseCovariance(pose_by(PERSPECTIVE), np.zeros(3), np.eye(5))
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [(12.34, "12"), (0.0123, "0.012"), (0.4, "0.40"), (123.0, "120"), (0.0, "0"), (9.99, "10")],

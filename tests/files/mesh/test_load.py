@@ -242,14 +242,6 @@ def test_libraries_do_not_talk_to_the_user(
     assert capfd.readouterr() == ("", "")
 
 
-def test_names_in_any_script_load(tmp_path: Path) -> None:
-    folder = tmp_path / "模型 für 車"
-    folder.mkdir()
-    for suffix in (".ply", ".obj", ".glb", ".stl"):
-        cube().export(folder / f"würfel 立方{suffix}")
-        assert_is_cube(load_mesh(folder / f"würfel 立方{suffix}"))
-
-
 @pytest.mark.parametrize(
     ("name", "triangles", "textures", "coloured"),
     [

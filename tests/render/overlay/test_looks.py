@@ -232,8 +232,3 @@ def test_large_photos_have_wider_lines():
     drawn = cyan(draw_look("outline", make_view(mesh, pose)))
     small = cyan(draw_look("outline", make_view(mesh, cube_pose(1000))))
     assert drawn.mean() == pytest.approx(small.mean(), rel=0.1)
-
-
-def test_looks_that_need_light_say_so():
-    with pytest.raises(ValueError, match="lighting"):
-        draw_look("relit", make_view(make_box((2.0, 2.0, 2.0)), cube_pose()))
