@@ -12,7 +12,7 @@ from poseviewer.errors import SettingsError
 
 def add_options(parser: ArgumentParser) -> None:
     """The options of ``poseviewer bench``."""
-    option(parser, "--quick", "50,000 triangles at 640x480 alone: under a minute")
+    option(parser, "--quick", "fewer runs, fits of 3 s at most: under a minute")
     option(parser, "--json FILE", "write all rows", Path)
     option(parser, "--quiet", "no progress")
 

@@ -14,25 +14,23 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.evaluation.speed import (
-    Demo,
     SpeedReport,
     StageTime,
+    demo_with_truth,
     make_workload,
     measure_speed,
     time_paths,
 )
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.software.renderer import SoftwareRenderer
 from tests.gpu import require_gpu
 from tests.opengl import require_opengl
 
 STAGES = {
-    "a": {"render", "moments", "loss", "total"},
-    "d": {"rasterise", "moments", "loss", "total"},
-    "e": {"rasterise", "moments and loss", "total"},
+    "a": {"draw", "sum", "loss", "total"},
+    "d": {"draw", "sum", "loss", "total"},
+    "e": {"total"},
 }
 ROW = {
     "type": "object",
@@ -60,9 +58,7 @@ MAP_SIZE = 3
 
 @pytest.fixture(scope="module")
 def work():
-    demo = Demo.load()
-    renderer = SoftwareRenderer(simplify(demo.registration.mesh, 5_000))
-    return make_workload(demo, renderer, 5_000, 320)
+    return make_workload(*demo_with_truth(), 5_000, 320)
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +76,10 @@ def test_a_report_has_each_path_both_methods_and_the_maps(report):
     for row in report.rows:
         assert 0.0 <= row.ms_min <= row.ms_median <= row.ms_max
         assert row.threads == (report.machine["cores"] if row.path == "e" else 1)
-    assert [fit.method for fit in report.fits] == ["default", "paper"]
-    assert all(fit.evaluations > 1 for fit in report.fits)
+    assert [fit["method"] for fit in report.fits] == ["default", "paper"]
+    assert all(fit["evaluations"] > 1 for fit in report.fits)
     (maps,) = report.maps
-    assert (maps.maps, maps.points) == (15, 15 * MAP_SIZE**2)
+    assert (maps["maps"], maps["points"]) == (15, 15 * MAP_SIZE**2)
     text = report.as_markdown()
     for words in ("| a  pyrender", "software, all cores", "machine of 2010", "numba", "15 maps of"):
         assert words in text, words
@@ -93,7 +89,7 @@ def test_stages_add_up_to_the_total(work):
     """To more only where rasterising alone took longer than rasterising and summing."""
     times = {row.stage: row.ms_median for row in time_paths(work, "d", 2)}
     assert times["total"] > 0.0
-    parts = times["rasterise"] + times["moments"] + times["loss"]
+    parts = times["draw"] + times["sum"] + times["loss"]
     assert parts == pytest.approx(times["total"], rel=0.5)
 
 
