@@ -129,20 +129,6 @@ def test_the_lines_of_the_docs_start_from_point_pairs(tmp_path, monkeypatch):
     assert pose_error(load_model(case.model).mesh, start, truth).percent < 0.5
 
 
-def test_maps_tell_how_far_they_are(scene):
-    told: list[tuple[int, int]] = []
-    case = poseviewer.load(
-        scene.photo,
-        scene.model,
-        scene.truth,
-        lock=("shift_x", "shift_y", "log_depth", "rotation_x"),
-    )
-    maps = case.start.landscape(size=5, watch=lambda done, total: told.append((done, total)))
-    assert told[-1] == (25, 25)
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert scene.photo.name in maps.photo
-
-
 def test_settings_are_given_by_name_and_kept_in_the_record(scene):
     case = poseviewer.load(scene.photo, scene.model, scene.start, grey=True, pixels="clip")
     settings = case.start.record.settings

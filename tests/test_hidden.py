@@ -14,14 +14,11 @@ import poseviewer
 from poseviewer.api import SceneCase, load_scene
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     open_files,
-    open_pose,
     open_scene,
     restore,
 )
-from poseviewer.batch.run import open_batch, run_batch, save_outcome
 from poseviewer.cli.main import main
 from poseviewer.errors import SettingsError
 from poseviewer.files.masks import mask_as_png
@@ -124,44 +121,9 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
     assert "nothing would be left of the model" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_batch_hides_and_leaves_out_alike(scene, halves, mask, tmp_path):
-    table = tmp_path / "jobs.csv"
-    table.write_text(f"photo,model,start\n{scene.photo},{halves},{scene.start}\n")
-    settings = replace(QUICK, without=("left",), mask=mask.name)
-    batch = open_batch(table, tmp_path / "out", settings, mask)
-    (result,) = save_outcome(batch, list(run_batch(batch, processes=1)))
-    assert not result.failed, result.reason
-    found = poseviewer.load(scene.photo, halves, tmp_path / "out" / result.pose, QUICK)
-    assert found.registration.mesh.left_out == ("left",)
-    assert found.registration.mask is not None
-    assert np.array_equal(found.registration.mask.weights, half_hidden().weights)
-
-
 def opened(scene: Scene, model: Path | None = None) -> Session:
     document = open_files(scene.photo, model or scene.model, scene.start).document
     return Session(document, saved=document)
-
-
-def test_the_app_saves_and_reads_what_is_hidden(scene, halves, tmp_path):
-    session = opened(scene, halves)
-    document = session.document.compared_by(mask=half_hidden())
-    own = document.registration
-    own = replace(own, mesh=own.mesh.without(["left"]))
-    session = replace(session, document=replace(document, registration=own))
-    assert session.unsaved
-    for name, content in export("pose", session).items():
-        (tmp_path / name).write_bytes(content)
-    (found,) = open_pose(opened(scene, halves).document, tmp_path / "p.pose.json")
-    assert not found.pose_alone
-    read = found.document.registration
-    assert read.mesh.left_out == ("left",)
-    assert read.mask is not None
-    assert np.array_equal(read.mask.weights, half_hidden().weights)
-    # A pose file that says nothing of it leaves it as it is.
-    (kept,) = open_pose(found.document, scene.start)
-    assert kept.pose_alone
-    assert kept.document.registration.mask is read.mask
 
 
 def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):

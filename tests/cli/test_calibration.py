@@ -145,12 +145,6 @@ def test_a_camera_without_distortion_leaves_the_photo_as_it_is(scene, tmp_path, 
     assert "nothing to undo" in capsys.readouterr().err
 
 
-def test_details_without_a_calibration_are_refused(scene, tmp_path, capsys):
-    assert run("overlay", scene.photo, scene.model, "--pose", scene.start, "--calibration-fisheye",
-               "--out", tmp_path / "o.png") == 2  # fmt: skip
-    assert "--calibration-fisheye without --calibration" in capsys.readouterr().err
-
-
 def test_a_lens_that_shows_nothing_is_refused(scene, tmp_path):
     matrix = [[300, 0, 5000.0], [0, 300, 5000.0], [0, 0, 1]]
     data = {"K": matrix, "D": [-900.0, 0.0, 0.0, 0.0, 0.0]}

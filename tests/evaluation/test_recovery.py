@@ -78,22 +78,6 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
 
 
-@pytest.mark.parametrize("projection", CAMERAS)
-def test_the_bmw_is_found_from_starts_within_4_per_cent(shared_data, projection):
-    path = shared_data / "mesh_bmw_e34" / "car.glb"
-    mesh = load_mesh(path)
-    keypoints = load_keypoints(path, mesh)
-    assert keypoints is not None
-    chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
-    photo = photograph(mesh, chart, seed=2)
-    registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
-    renderer, random = make_renderer(mesh), np.random.default_rng(4)
-    for _ in range(2):
-        start = THETA * (1.0 + random.uniform(-0.04, 0.04, 6))
-        end = fit_from(registration, renderer, start, chart)
-        assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
-
-
 def demo_error(projection: str, settings: FitSettings) -> tuple[PoseError, PoseError]:
     """Errors of the bundled start and of where a fit from it ends."""
     case = demo_case(projection)
