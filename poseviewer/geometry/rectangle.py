@@ -56,6 +56,12 @@ class Rectangle(NamedTuple):
         right, bottom = min(self.right, other.right), min(self.bottom, other.bottom)
         return Rectangle.from_corners(left, top, right, bottom)
 
+    def union(self, other: Rectangle) -> Rectangle:
+        """Make the smallest rectangle about both."""
+        left, top = min(self.left, other.left), min(self.top, other.top)
+        right, bottom = max(self.right, other.right), max(self.bottom, other.bottom)
+        return Rectangle.from_corners(left, top, right, bottom)
+
     def mask(self, height: int, width: int) -> NDArray[np.float32]:
         """(height, width): 1 inside, its right and lower ends excluded, 0 beside it."""
         found = np.zeros((height, width), np.float32)

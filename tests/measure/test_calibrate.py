@@ -34,8 +34,8 @@ def test_only_what_can_be_told_apart_is(tmp_path, capsys, informative, area):
     table = write_table(tmp_path / "trials.csv", informative)
     assert calibrate.main([str(table)]) == 0
     shown = capsys.readouterr().out
-    line = next(line for line in shown.splitlines() if line.startswith("other half"))
-    assert area[0] <= float(line.split()[4]) <= area[1]
+    line = next(line for line in shown.splitlines() if line.startswith("| other half"))
+    assert area[0] <= float(line.split("|")[4]) <= area[1]
 
 
 def test_a_truth_that_is_known_to_be_worse_makes_more_of_them_right(tmp_path, capsys):
