@@ -86,13 +86,16 @@ def is_at_rest(tab: AppPage) -> bool:
 
 def assert_coincident(tab: AppPage, seen: np.ndarray, zoom: float) -> None:
     for point in seen[:2] if zoom == 1.0 else seen[2:3]:
-        tab.page.evaluate("window.poseviewer.showAll()")
-        x, y = tab.on_screen(point, PHOTO)
-        left, top = tab.view()["box"][:2]
-        # What lies under the cursor stays there: only points inside the window can be looked at.
-        tab.page.evaluate(f"window.poseviewer.zoomAt({x - left}, {y - top}, {zoom})")
-        wanted, scale = tab.on_screen(point, PHOTO), tab.view()["scale"]
-        picture = tab.settled_picture(wanted, 18.0 * scale + 10.0).astype(int)
+        for _ in range(5):  # until no panel moves the photo meanwhile
+            tab.page.evaluate("window.poseviewer.showAll()")
+            x, y = tab.on_screen(point, PHOTO)
+            left, top = tab.view()["box"][:2]
+            # What lies under the cursor stays there: only points inside the window can be seen.
+            tab.page.evaluate(f"window.poseviewer.zoomAt({x - left}, {y - top}, {zoom})")
+            wanted, scale = tab.on_screen(point, PHOTO), tab.view()["scale"]
+            picture = tab.settled_picture(wanted, 18.0 * scale + 10.0).astype(int)
+            if tab.on_screen(point, PHOTO) == wanted:
+                break
         np.testing.assert_allclose(wanted, (x, y), atol=1e-6)
         red, blue = picture[..., 0], picture[..., 2]
         # The dot is white on grey, the outline around it cyan.

@@ -109,6 +109,7 @@ def test_locked_numbers_stay_on_every_level():
     assert end.loss < end.start_loss
 
 
+@pytest.mark.slow
 def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
     again = list(fit_pose(coarse_problem, RENDERER.clone()))
     assert len(again) == len(search)

@@ -1,6 +1,4 @@
-"""What is OpenGL's own: face numbers in floats, several renderers in one context. All else is
-compared with the software renderer in ``test_software_matches_opengl``.
-"""
+"""What is OpenGL's own; all else is compared in ``test_software_matches_opengl``."""
 
 from __future__ import annotations
 

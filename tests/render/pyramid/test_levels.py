@@ -85,6 +85,7 @@ def assert_same_minimum(mesh, chart, truth, photo, renderer, factors, step=0.01)
         assert np.linalg.norm(found - places, axis=1).max() < factor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parallel", [False, True])
 def test_levels_with_simplified_models_have_the_minimum_of_the_full_photo(parallel):
     pose = make_pose(parallel)
