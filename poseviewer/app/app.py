@@ -192,7 +192,7 @@ class App:
             self._use_model()
 
     def _where(self) -> str:
-        """Where the pose will be saved."""
+        """Say where the pose will be saved."""
         row = "" if self._review is None else self._review.where(self.session.document)
         return row or self._autosaver.where(self.session)
 

@@ -86,7 +86,7 @@ class JobResult:
     focal_px_std: float | None = None
     size_percent_std: float | None = None
     review: str = ""
-    """What a person said of the pose: ``accepted``, ``mended`` by hand, or ``rejected``."""
+    """Review of the pose by a person: ``accepted``, ``mended`` by hand, or ``rejected``."""
     note: str = ""
     """The person's own words."""
 

@@ -109,7 +109,7 @@ def thumbnail(path: Path) -> str:
 
 
 def row_text(row: ReviewRow, unsaved: bool) -> str:
-    """What is known of the row (markdown)."""
+    """Say in Markdown what is known of the row."""
     result = row.result
     lines = [f"**row {row.job.row}**: {plain(result.review or 'not reviewed')}"]
     if unsaved:

@@ -116,8 +116,8 @@ class RectangleDrag:
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
-    """What of the picked object lies under ``point``: a pin, or the model; None for nothing, and
-    where the object is hidden or locked.
+    """Take hold of what of the picked object lies under ``point``: a pin, or the model; None for
+    nothing, and where the object is hidden or locked.
 
     ``zoom``: screen px per photo px; ``kind``: what holding the model does.
     """

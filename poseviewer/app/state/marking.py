@@ -125,7 +125,7 @@ def solved(document: Document, tool: str) -> Document:
 
 
 def pairs_done(document: Document) -> int:
-    """How many pairs there are."""
+    """Count the finished pairs."""
     return len(document.marks.correspondences[0])
 
 

@@ -106,7 +106,7 @@ class Annotate(Request):
 
 
 class RowSaved(Request, eq=False):
-    """What a person said of a row is in its file."""
+    """Show the review of a row, once its file holds it."""
 
     index: int
     result: JobResult

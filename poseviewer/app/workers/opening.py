@@ -341,8 +341,8 @@ def _pose_in_set(now: Document, views: PhotoSet, path: Path) -> Opened:
 
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
-    """What an earlier session left behind; models of further objects that are gone are named, and
-    those that version 0.1.0 kept to compare with the photo.
+    """Open the session that an earlier run left behind; models of further objects that are gone are
+    named, and those that version 0.1.0 kept to compare with the photo.
     """
     model = _require_there(kept.model, kept.model_name)
     if kept.views is not None:

@@ -42,7 +42,7 @@ class Exported:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What the main loop is to do."""
+    """Requests and warnings for the main loop."""
 
     requests: tuple[Request, ...]
     warnings: tuple[str, ...] = ()
