@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -19,8 +18,7 @@ import yaml
 
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.checks import Reading, checked_camera
-from poseviewer.files.colmap_model import SUFFIXES as COLMAP_SUFFIXES
-from poseviewer.files.colmap_model import camera_rows, image_rows
+from poseviewer.files.colmap_model import MODELS, SUFFIXES, camera_rows, image_rows
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -52,22 +50,6 @@ LENS_MODELS: dict[str, LensModel] = {
     ),
 }
 
-Coefficients = Callable[[list[float]], list[float]]
-COLMAP_MODELS: dict[str, tuple[int, int, LensModel, Coefficients]] = {
-    "SIMPLE_PINHOLE": (1, 0, "opencv", lambda _: []),
-    "PINHOLE": (2, 0, "opencv", lambda _: []),
-    "SIMPLE_RADIAL": (1, 1, "opencv", lambda k: [k[0], 0.0, 0.0, 0.0, 0.0]),
-    "RADIAL": (1, 2, "opencv", lambda k: [k[0], k[1], 0.0, 0.0, 0.0]),
-    "OPENCV": (2, 4, "opencv", lambda k: [*k, 0.0]),
-    "FULL_OPENCV": (2, 8, "opencv", lambda k: k),
-    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye", lambda k: [k[0], 0.0, 0.0, 0.0]),
-    "RADIAL_FISHEYE": (1, 2, "fisheye", lambda k: [k[0], k[1], 0.0, 0.0]),
-    "OPENCV_FISHEYE": (2, 4, "fisheye", lambda k: k),
-}
-"""How many focal lengths and distortion parameters, the principal point between them; OpenCV's
-model, and its coefficients. https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class FileCamera:
@@ -88,9 +70,6 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
     ``cameras.bin``.
 
     ``fisheye`` says of an OpenCV file that does not say so that its lens model is the fisheye's.
-
-    Raises:
-        CalibrationFileError: it cannot be used as one of these.
     """
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
@@ -100,13 +79,13 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
 
 
 def _cameras_in(reading: Reading, kind: str, fisheye: bool) -> list[FileCamera]:
-    if kind in COLMAP_SUFFIXES:
+    if kind in SUFFIXES:
         return _colmap_cameras(reading)
     if kind in (".yml", ".yaml", ".xml"):
-        return _opencv_cameras(reading, opencv_storage(reading), fisheye)
+        return opencv_cameras(reading, opencv_storage(reading), fisheye)
     if kind == ".json":
         data = reading.load_object()
-        return bop_cameras(reading, data) or _opencv_cameras(reading, data, fisheye)
+        return bop_cameras(reading, data) or opencv_cameras(reading, data, fisheye)
     raise reading.error(
         f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json, .txt or .bin"
     )
@@ -159,7 +138,7 @@ def _of_element(element: ElementTree.Element) -> Any:
     return {child.tag: _of_element(child) for child in element}
 
 
-def _opencv_cameras(reading: Reading, data: dict[str, Any], fisheye: bool) -> list[FileCamera]:
+def opencv_cameras(reading: Reading, data: dict[str, Any], fisheye: bool) -> list[FileCamera]:
     """One camera; or several, by their numbers or their objects' names."""
     cameras = []
     for prefix, value in [("", data), *data.items()]:
@@ -270,25 +249,23 @@ def colmap_camera(reading: Reading, words: list[str]) -> tuple[Perspective, Lens
         found = f"a line reads {' '.join(words)[:40]!r}"
         raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
     key, model = words[:2]
-    if model not in COLMAP_MODELS:
+    focals, more, lens = MODELS.get(model, (0, 0, None))
+    if lens is None:
+        known = ", ".join(name for name, (_, _, lens) in MODELS.items() if lens)
         found = f"camera {key} is of model {model[:30]}"
-        raise reading.error(
-            found,
-            f"wanted one of {', '.join(COLMAP_MODELS)}, or undistort the images first (colmap "
-            "image_undistorter)",
-        )
-    focals, more, lens, coefficients = COLMAP_MODELS[model]
+        undistort = "or undistort the images first (colmap image_undistorter)"
+        raise reading.error(found, f"wanted one of {known}, {undistort}")
     what = f"the size of camera {key}"
-    width, height = (reading.size(n, what) or 0 for n in reading.words(" ".join(words[2:4]), what))
-    values = reading.words(" ".join(words[4:]), f"the parameters of camera {key}")
+    sides = reading.flat_numbers(" ".join(words[2:4]), what)
+    width, height = (reading.size(side, what) or 0 for side in sides)
+    values = reading.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
     if len(values) != focals + 2 + more:
         found = f"camera {key} has {len(values)} parameters"
         raise reading.error(found, f"{model} has {focals + 2 + more}")
     fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
-    cx, cy = values[focals : focals + 2]
-    camera = Perspective(fx, fy, cx, cy, width, height)
-    found = coefficients(values[focals + 2 :]) if more else []
-    return camera, lens_of(reading, lens, found)
+    cx, cy, *distortion = values[focals:]
+    distortion += [0.0] * (COEFFICIENTS[lens][:2][-1] - len(distortion))
+    return Perspective(fx, fy, cx, cy, width, height), lens_of(reading, lens, distortion)
 
 
 ROUNDING_PX = 1.0
@@ -312,10 +289,6 @@ def load_calibration(
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera that took the photo named ``photo``, of ``width`` x ``height`` px; and a note
     where it is for a picture of another size in the same ratio, and so was scaled.
-
-    Raises:
-        CalibrationFileError: the file cannot be used; it has several cameras and none of them is
-            chosen; the camera is for pictures of another ratio.
     """
     found = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
     camera = found.camera

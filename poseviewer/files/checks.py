@@ -11,7 +11,7 @@ import stat
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -240,11 +240,12 @@ class Reading:
         numbers = [self.numbers(row, f"{what}[{i}]", columns) for i, row in enumerate(value)]
         return np.array(numbers)
 
-    def flat_numbers(self, value: Any, what: str) -> list[float]:
-        """The numbers of a list, of lists in it, of a text, or of OpenCV's ``{rows, cols, data}``,
-        of numbers of any type.
+    def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
+        """The numbers, ``length`` if given, of a text, a list, lists in it, or OpenCV's ``{rows,
+        cols, data}``.
         """
         value, shape = (value.get("data"), value) if isinstance(value, dict) else (value, {})
+        reading = replace(self, numbers_as_text=True) if isinstance(value, str) else self
         value = value.split() if isinstance(value, str) else value
         if not isinstance(value, list):
             raise self.error(f"{what} is {kind_of(value)}", "wanted a list of numbers")
@@ -253,17 +254,10 @@ class Reading:
             found = f"{what} has {len(value)} numbers in {rows} rows of {columns}"
             raise self.error(found, "wanted as many as it says")
         rows = [item if isinstance(item, list) else [item] for item in value]
-        return [self.number(item, what) for row in rows for item in row]
-
-    def words(self, text: str, what: str, length: int | None = None) -> list[float]:
-        """The numbers that a text has between its blanks: ``length`` of them, or any number."""
-        words = text.split()
-        if length is not None and len(words) != length:
-            raise self.error(f"{what} is {text.strip()[:60]!r}", f"wanted {length} numbers")
-        try:
-            return [self.number(float(word), what) for word in words]
-        except ValueError:
-            raise self.error(f"{what} is {text.strip()[:60]!r}", "wanted numbers") from None
+        numbers = [reading.number(item, what) for row in rows for item in row]
+        if length not in (None, len(numbers)):
+            raise self.error(f"{what} has {len(numbers)} numbers", f"wanted {length} numbers")
+        return numbers
 
     def text(self, value: Any, what: str) -> str | None:
         """The value, a text or None; made ``printable``."""

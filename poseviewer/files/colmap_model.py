@@ -13,23 +13,27 @@ from typing import IO, Any
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.checks import Reading
+from poseviewer.geometry.lens import LensModel
 
 SUFFIXES = (".bin", ".txt")
 """Where a model is there as both, the binary one is read, as COLMAP does."""
-MODELS = (
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-)
-"""Camera models by their number in binary files, and how many parameters each has."""
+MODELS: dict[str, tuple[int, int, LensModel | None]] = {
+    "SIMPLE_PINHOLE": (1, 0, "opencv"),
+    "PINHOLE": (2, 0, "opencv"),
+    "SIMPLE_RADIAL": (1, 1, "opencv"),
+    "RADIAL": (1, 2, "opencv"),
+    "OPENCV": (2, 4, "opencv"),
+    "OPENCV_FISHEYE": (2, 4, "fisheye"),
+    "FULL_OPENCV": (2, 8, "opencv"),
+    "FOV": (2, 1, None),
+    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"),
+    "RADIAL_FISHEYE": (1, 2, "fisheye"),
+    "THIN_PRISM_FISHEYE": (2, 8, None),
+}
+"""Camera models by number: how many focal lengths and distortion parameters, the principal point
+between them; and OpenCV's model, whose first coefficients the parameters are.
+https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
+"""
 POINT_BYTES = 24
 """Of an image's point: x, y, and the number of its point in space."""
 LARGEST_FILE = 100_000_000_000
@@ -57,17 +61,15 @@ def camera_rows(reading: Reading) -> Iterator[list[str]]:
             number, model, width, height = _unpack(reading, file, "<IiQQ")
             if not 0 <= model < len(MODELS):
                 raise reading.error(f"camera {number} is of model {model}", "wanted one of COLMAP")
-            name, count = MODELS[model]
-            numbers = _unpack(reading, file, f"<{count}d")
+            name, (focals, more, _) = list(MODELS.items())[model]
+            numbers = _unpack(reading, file, f"<{focals + 2 + more}d")
             yield [str(number), name, str(width), str(height), *map(repr, numbers)]
         return
     yield from (line.split() for line in _lines(reading) if line)
 
 
 def image_rows(reading: Reading) -> Iterator[list[str]]:
-    """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file, without
-    its points; raises as ``camera_rows``.
-    """
+    """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file."""
     if reading.path.suffix == ".bin":
         for file in _records(reading):
             number, *place, camera = _unpack(reading, file, "<I7dI")

@@ -48,11 +48,7 @@ class BopEstimate:
 
 
 def load_bop_models(path: Path) -> dict[int, BopModel]:
-    """The objects of a ``models_info.json``, by their numbers.
-
-    Raises:
-        PoseFileError: it is none, or a symmetry in it is no rotation, or no model has them all.
-    """
+    """The objects of a ``models_info.json``, by their numbers."""
     reading = Reading(path, kind=MODELS_INFO)
     found = {}
     for name, data in reading.load_object().items():
@@ -65,11 +61,7 @@ def load_bop_models(path: Path) -> dict[int, BopModel]:
 
 
 def load_bop_estimates(path: Path) -> list[BopEstimate]:
-    """The rows of a table of results.
-
-    Raises:
-        PoseFileError: it is none, or a row is damaged.
-    """
+    """The rows of a table of results."""
     reading = Reading(path, kind="table of BOP results", largest=1_000_000_000)
     lines = csv.reader(reading.load_text().splitlines())
     head = next(lines, [])
@@ -80,9 +72,9 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
         what = f"line {number}"
         if len(cells) != len(RESULTS):
             raise reading.error(f"{what} has {len(cells)} cells", f"wanted {len(RESULTS)}")
-        scene, image, thing, score = reading.words(" ".join(cells[:4]), what)
-        rotation = np.reshape(reading.words(cells[4], what, 9), (3, 3))
-        shift = reading.words(cells[5], what, 3)
+        scene, image, thing, score = reading.flat_numbers(" ".join(cells[:4]), what)
+        rotation = np.reshape(reading.flat_numbers(cells[4], what, 9), (3, 3))
+        shift = reading.flat_numbers(cells[5], what, 3)
         # Estimators give what their network gave: what is near a rotation is meant as one.
         place = RigidTransform(nearest_rotation(rotation), np.array(shift))
         found.append(BopEstimate(int(scene), int(image), int(thing), score, place))

@@ -128,7 +128,9 @@ def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
         raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
     for matrix in root.iter("MLMatrix44"):
         text = matrix.text or ""
-        numbers = reading.words(text, "MLMatrix44", 16) if text.strip() else np.eye(4).reshape(-1)
+        numbers = (
+            reading.flat_numbers(text, "MLMatrix44", 16) if text.strip() else np.eye(4).reshape(-1)
+        )
         if not np.allclose(numbers, np.eye(4).reshape(-1), rtol=0.0, atol=1e-12):
             raise reading.error(
                 "the project moves its mesh (MLMatrix44)",
@@ -142,7 +144,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
         raise reading.error("the raster has no VCGCamera", "wanted a raster with its camera")
 
     def numbers_of(name: str, count: int) -> list[float]:
-        return reading.words(shot.get(name, ""), name, count)
+        return reading.flat_numbers(shot.get(name, ""), name, count)
 
     if shot.get("CameraType", "0") != "0" or any(numbers_of("LensDistortion", 2)):
         raise reading.error(

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras import camera_of_matrix, lens_of, opencv_storage
+from poseviewer.files.cameras import opencv_cameras, opencv_storage
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
@@ -66,13 +66,9 @@ def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
     reading = Reading(path, numbers_as_text=True)
     is_json = path.suffix.lower() == ".json"
     data = reading.load_object() if is_json else opencv_storage(reading)
-    key, distortion = _first(data, "distortion_coefficients", "dist_coeffs")
-    coefficients = [] if distortion is None else reading.flat_numbers(distortion, key)
-    is_fisheye = bool(reading.number(data.get("fisheye_model") or 0.0, "fisheye_model"))
-    lens = lens_of(reading, "fisheye" if is_fisheye else "opencv", coefficients)
-    key, matrix = _first(data, "camera_matrix", "K")
-    camera = camera_of_matrix(reading, matrix, key)
-    width, height = size_of(reading, request, data.get("image_width"), data.get("image_height"))
+    found = opencv_cameras(reading, data, fisheye=False)[0]
+    camera, size = found.camera, (found.camera.width or None, found.camera.height or None)
+    width, height = size_of(reading, request, *size)
     camera = replace(camera, width=width, height=height)
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
@@ -80,20 +76,14 @@ def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
         place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
     else:
         place = RigidTransform.from_rotation_vector(rotation, translation)
-    return make_record(reading, Pose(camera, place), unit=request.unit, lens=lens)
-
-
-def _first(data: dict[str, Any], *names: str) -> tuple[str, Any]:
-    """The first of the names that is there, and what it holds; (all of them, None): none is."""
-    name = next((name for name in names if data.get(name) is not None), "")
-    return name or " or ".join(names), data.get(name)
+    return make_record(reading, Pose(camera, place), unit=request.unit, lens=found.lens)
 
 
 def _numbers(
     reading: Reading, data: dict[str, Any], names: tuple[str, str], sizes: tuple[int, ...]
 ) -> FloatArray:
-    name, value = _first(data, *names)
-    numbers = reading.flat_numbers(value, name)
+    name = next((name for name in names if data.get(name) is not None), " or ".join(names))
+    numbers = reading.flat_numbers(data.get(name), name)
     if len(numbers) not in sizes:
         raise reading.error(f"{name} has {len(numbers)} numbers", f"wanted {sizes[0]}")
     return np.array(numbers)

@@ -116,11 +116,7 @@ Taken = tuple[str, RigidTransform, Perspective, Lens | None]
 
 
 def colmap_images(path: Path) -> list[Taken]:
-    """All images of the model in a folder.
-
-    Raises:
-        PoseFileError: it cannot be used.
-    """
+    """All images of the model in a folder."""
     reading, of_cameras = (Reading(model_file(path, stem)) for stem in ("images", "cameras"))
     rows = list(camera_rows(of_cameras))
     return [
@@ -132,7 +128,7 @@ def colmap_images(path: Path) -> list[Taken]:
 def _place(reading: Reading, words: list[str]) -> RigidTransform:
     if len(words) < 10:
         raise reading.error(f"an image has {len(words)} entries", "wanted 10")
-    numbers = reading.words(" ".join(words[1:8]), "the image's pose")
+    numbers = reading.flat_numbers(" ".join(words[1:8]), "the image's pose")
     quaternion = np.array(numbers[:4])
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
         raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")

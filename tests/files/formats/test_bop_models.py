@@ -42,7 +42,7 @@ def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> N
         ("a,b\n", "its head is 'a,b'"),
         (",".join(RESULTS) + "\n1,2,3,0.5,1 0 0,0 0 0,-1\n", "wanted 9 numbers"),
         (",".join(RESULTS) + "\n1,2,3\n", "line 2 has 3 cells"),
-        (",".join(RESULTS) + "\n1,x,3,0.5,1 0 0 0 1 0 0 0 1,0 0 0,-1\n", "wanted numbers"),
+        (",".join(RESULTS) + "\n1,x,3,0.5,1 0 0 0 1 0 0 0 1,0 0 0,-1\n", "wanted a number"),
     ],
 )
 def test_tables_that_are_none_are_said(tmp_path: Path, text: str, said: str) -> None:
