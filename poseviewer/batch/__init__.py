@@ -1,4 +1,4 @@
-"""Many photos: rows of a table on all cores.
+"""Many photos: rows of a table on all cores or on a cluster, their report and their review.
 
-Or on a cluster; their results, the report, and the review.
+What cannot be read, fitted or written raises a BatchError, or the PoseViewerError of its file.
 """

@@ -19,11 +19,7 @@ CONNECT_SECONDS = 10.0
 
 
 def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterator[JobResult]:
-    """Yield the results of the jobs as they come, in no order.
-
-    Raises:
-        BatchError: Dask is not installed, or the scheduler does not answer or goes away.
-    """
+    """Yield the results of the jobs as they come, in no order."""
     with _connected(address) as client:
         from distributed import (  # pyright: ignore[reportMissingImports] - an extra
             CancelledError,
@@ -53,11 +49,7 @@ def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterat
 
 
 def _connected(address: str) -> Any:
-    """A client of the scheduler.
-
-    Raises:
-        BatchError: Dask is not installed, or no scheduler answers.
-    """
+    """A client of the scheduler."""
     try:
         from distributed import Client  # pyright: ignore[reportMissingImports] - an extra
         from distributed.comm.addressing import (  # pyright: ignore[reportMissingImports]

@@ -210,11 +210,7 @@ def save_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def load_manifest(folder: Path) -> Manifest:
-    """What ``save_manifest`` wrote.
-
-    Raises:
-        BatchError: the folder holds no batch, or the file is damaged.
-    """
+    """What ``save_manifest`` wrote."""
     try:
         data = json.loads((folder / MANIFEST).read_bytes())
         if (data["format"], data["version"]) != (FORMAT, VERSION):

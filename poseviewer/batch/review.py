@@ -64,11 +64,7 @@ class ReviewQueue:
 
 
 def load_queue(folder: Path) -> ReviewQueue:
-    """The rows of a batch that were fitted, or failed.
-
-    Raises:
-        BatchError: the folder holds no batch, or nothing in it is done yet.
-    """
+    """The rows of a batch that were fitted, or failed."""
     folder = folder.resolve()
     manifest = load_manifest(folder)
     jobs = {job.row: job for job in manifest.jobs}
@@ -82,11 +78,7 @@ def load_queue(folder: Path) -> ReviewQueue:
 
 
 def decide(queue: ReviewQueue, row: ReviewRow, review: str) -> JobResult:
-    """Accept the pose in the row's file, reject it, or ("") take either back.
-
-    Raises:
-        BatchError: there is no pose to accept, or the verdict cannot be written.
-    """
+    """Accept the pose in the row's file, reject it, or ("") take either back."""
     if row.result.failed and review == ACCEPTED:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
     is_mended = review == ACCEPTED and row.result.review == MENDED
@@ -102,9 +94,6 @@ def save_corrected(
 ) -> JobResult:
     """Save a pose that a person set, and its mask, as the row's; the pose that was found is kept
     beside it as ``.fitted.json``.
-
-    Raises:
-        PoseViewerError: it is by another camera than its BOP scene's, or cannot be written.
     """
     require_scene_camera(queue.manifest, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)

@@ -45,11 +45,7 @@ class SceneOptions:
 def load_scene_jobs(
     scene: Path, out: Path, settings: FitSettings, options: SceneOptions
 ) -> tuple[Job, ...]:
-    """The rows of a scene; their start poses are written into ``out``, where they changed.
-
-    Raises:
-        PoseViewerError: it is no scene, or the options do not go with it.
-    """
+    """The rows of a scene; their start poses are written into ``out``, where they changed."""
     if settings.free_focal:
         raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
     if options.models is None:
@@ -117,11 +113,7 @@ def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -
 
 
 def require_scene_camera(manifest: Manifest, photo: str, camera: Camera) -> None:
-    """Refuse a pose with another camera than the scene's, which a BOP scene cannot hold.
-
-    Raises:
-        BatchError: it has another.
-    """
+    """Refuse a pose with another camera than the scene's, which a BOP scene cannot hold."""
     if manifest.scene is None:
         return
     number = _number(PHOTO_NAME, photo)

@@ -46,11 +46,7 @@ class Job:
         return Path(self.folder) / text
 
     def rectangle(self) -> tuple[int, int, int, int] | None:
-        """The box; None where the cell is empty.
-
-        Raises:
-            BatchError: it is no rectangle.
-        """
+        """The box; None where the cell is empty."""
         if not self.box:
             return None
         try:
@@ -67,9 +63,6 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
 
     Other columns than these and ``box`` are ignored. The files that a row names are opened, and
     may turn out to be missing, when the row is fitted.
-
-    Raises:
-        BatchError: there is no such file, no such column, or no row.
     """
     path = Path(path)
     folder = str(path.resolve().parent)

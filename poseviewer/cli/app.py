@@ -46,11 +46,7 @@ def _is_set(path: Path) -> bool:
 
 
 def _files_of(path: Path) -> tuple[FileSet, list[Path]]:
-    """What a folder or a zip holds, and where its models lie with all that they name.
-
-    Raises:
-        PoseViewerError: it cannot be read, or there are two of what there can be one of.
-    """
+    """What a folder or a zip holds, and where its models lie with all that they name."""
     from poseviewer.files.file_set import files_below, sort_set
     from poseviewer.files.state.folder import state_folder
     from poseviewer.files.state.uploads import gathered, keep_zip

@@ -75,11 +75,7 @@ def run(options: Namespace) -> int:
 
 
 def _scene_options(options: Namespace) -> SceneOptions | None:
-    """What the options say of a BOP scene; None for a table.
-
-    Raises:
-        SettingsError: they say it of a table.
-    """
+    """What the options say of a BOP scene; None for a table."""
     from poseviewer.batch.scene import SceneOptions
 
     if options.jobs.is_dir():

@@ -47,11 +47,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Read, write, and say what was written.
-
-    Raises:
-        PoseViewerError: the pose cannot be read, or not be said in the format wanted.
-    """
+    """Read, write, and say what was written."""
     from poseviewer.files.checks import Reading
     from poseviewer.files.formats.table import FORMATS
     from poseviewer.files.photo import is_stored_turned

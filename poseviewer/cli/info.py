@@ -43,15 +43,10 @@ def run(options: Namespace) -> int:
 
 
 def print_camera(photo: Photo) -> None:
-    """A photo's calibrated camera.
-
-    Raises:
-        ValueError: it has none.
-    """
+    """A photo's calibrated camera."""
     from poseviewer.geometry.frames import camera_as_integer_centres
 
-    if photo.camera is None:
-        raise ValueError("no calibrated camera")
+    assert photo.camera is not None  # asked for calibrated photos alone
     camera, undistortion = camera_as_integer_centres(photo.camera), photo.undistortion
     whose, lens = "calibrated", "no distortion: the photo stays as taken"
     if undistortion is not None:

@@ -148,11 +148,7 @@ def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
 
 
 def refuse_with_paper(options: Namespace) -> None:
-    """Refuse the paper's method with what it does not have.
-
-    Raises:
-        SettingsError: it is asked for.
-    """
+    """Refuse the paper's method with what it does not have."""
     if getattr(options, "method", None) != "paper":
         return
     if options.pixels == "near":
@@ -272,11 +268,7 @@ def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
 
 
 def calibration_of(options: Namespace) -> Calibration | None:
-    """The calibration that the options name; None where they name none.
-
-    Raises:
-        SettingsError: something is said of a calibration that is not there.
-    """
+    """The calibration that the options name; None where they name none."""
     camera, fisheye = options.calibration_camera, options.calibration_fisheye
     if options.calibration is not None:
         from poseviewer.files.cameras import Calibration

@@ -55,11 +55,7 @@ def progress_bar(total: int | None, quiet: bool) -> tqdm:
 
 
 def require_writable(path: Path, error: type[PoseViewerError]) -> None:
-    """Refuse a file that cannot be written, before the work and not after it.
-
-    Raises:
-        error: its folder is missing or not to be written to, or it is no file.
-    """
+    """Refuse a file that cannot be written, before the work and not after it."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
     if path.is_dir():

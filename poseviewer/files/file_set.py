@@ -87,11 +87,7 @@ class FileSet:
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
-    """All files in a folder and below, sorted, without what systems leave there.
-
-    Raises:
-        FileSetError: there are more than ``MOST_FILES``.
-    """
+    """All files in a folder and below, sorted, without what systems leave there."""
     found = tuple(islice(_walk(root), MOST_FILES + 1))
     if len(found) > MOST_FILES:
         raise FileSetError(
@@ -115,9 +111,6 @@ def sort_set(
     files. Of a photo, any picture that no model names is the photo; of a model or a pose, none is;
     of a pose, every JSON file is one. ``at_hand``: the model that is open already, which is one of
     the models where it misses what is here.
-
-    Raises:
-        FileSetError: there are two of what there can be one of, or nothing to open.
     """
     of_kind: dict[str, list[Path]] = defaultdict(list)
     for path in files:

@@ -26,9 +26,6 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
     """The key points of a vehicle: from the file beside the model, else from its named wheels.
 
     None where neither says where the wheels are.
-
-    Raises:
-        MeshFileError: the key point file is there, but cannot be used.
     """
     path = keypoints_path(mesh_path)
     if not path.exists():

@@ -43,11 +43,7 @@ class PointPairs:
 
 
 def load_pairs(path: str | Path) -> PointPairs:
-    """Point pairs from CSV: columns x, y, z, u, v, with or without a header.
-
-    Raises:
-        QuickStartError: there is no such file, or it holds something else.
-    """
+    """Point pairs from CSV: columns x, y, z, u, v, with or without a header."""
     reading = _reading(path)
     with reading.naming_errors():
         text = reading.load_text()
@@ -67,9 +63,6 @@ def load_pairs(path: str | Path) -> PointPairs:
 def wheels_from_text(text: str) -> Wheels:
     """Wheels from ``cx,cy,a,b,angle;cx,cy,a,b,angle`` (rear, then front; half axes in px, degrees
     clockwise from the u axis).
-
-    Raises:
-        QuickStartError: it is something else.
     """
     reading = _reading("--wheels")
     with reading.naming_errors():

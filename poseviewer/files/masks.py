@@ -20,11 +20,7 @@ from poseviewer.geometry.mask import Mask
 
 
 def load_mask(path: str | Path, width: int, height: int) -> Mask:
-    """The mask in a picture, white 1 and black 0.
-
-    Raises:
-        PhotoFileError: no such file, not a picture, or not of the photo's size.
-    """
+    """The mask in a picture, white 1 and black 0."""
     mask = load_photo(path)
     if (mask.width, mask.height) != (width, height):
         found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
@@ -56,11 +52,7 @@ def mask_path(pose_file: str | Path) -> Path:
 
 
 def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) -> None:
-    """Write a pose file, and its mask, where there is one, beside it; each whole or not at all.
-
-    Raises:
-        PoseViewerError: the folder is missing or cannot be written to.
-    """
+    """Write a pose file, and its mask, where there is one, beside it; each whole or not at all."""
     if mask is not None:
         beside = mask_path(path)
         write_whole(beside, mask_as_png(mask), PhotoFileError)

@@ -74,11 +74,7 @@ def _photo_in(reading: Reading) -> Photo:
 
 
 def is_stored_turned(path: str | Path) -> bool:
-    """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored.
-
-    Raises:
-        PhotoFileError: it cannot be read.
-    """
+    """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
     reading = _reading(path)
     with reading.naming_errors():
         return _inspect(reading, reading.load_bytes())[0] != 1
@@ -106,11 +102,7 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 
 def save_image(path: str | Path, rgb: NDArray) -> None:
-    """Write a picture (height, width, 3), RGB, in the format of the file's ending; whole or not.
-
-    Raises:
-        PhotoFileError: the format is unknown, or the folder missing or not to be written to.
-    """
+    """Write a picture (height, width, 3), RGB, in the format of the file's ending; whole or not."""
     path = Path(path)
     try:
         ok, data = cv2.imencode(path.suffix or ".", np.ascontiguousarray(rgb[..., ::-1]))
@@ -253,12 +245,7 @@ NOTABLE = 1e-3
 
 
 def load_calibrated_photo(path: str | Path, calibration: Calibration | None = None) -> Photo:
-    """The photo in a file; with a calibration, undistorted, and with its camera.
-
-    Raises:
-        PhotoFileError: the photo cannot be used.
-        CalibrationFileError: the calibration cannot be, or not with this photo.
-    """
+    """The photo in a file; with a calibration, undistorted, and with its camera."""
     photo = load_photo(path)
     if calibration is None:
         return photo
@@ -302,9 +289,6 @@ def matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[s
 
     A start of an undistorted photo undistorts the photo. A calibrated camera stands in for the
     start's own, unless the start was found on just this undistorted photo.
-
-    Raises:
-        PoseViewerError: they do not go together.
     """
     if photo.camera is None:
         if start.undistortion is None:

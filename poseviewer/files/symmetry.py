@@ -30,10 +30,6 @@ def symmetry_path(mesh_path: str | Path) -> Path:
 def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
     """The symmetry of a model: from the file beside it, else from that of the BOP data set it lies
     in; where neither is, none.
-
-    Raises:
-        MeshFileError: the file beside it cannot be used.
-        PoseFileError: the same of that of the data set.
     """
     mesh_path = Path(mesh_path)
     beside, info = symmetry_path(mesh_path), mesh_path.parent / MODELS_INFO
@@ -45,12 +41,7 @@ def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
 
 
 def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
-    """The symmetry that a file says of a model; a ``models_info.json``, of the one so called.
-
-    Raises:
-        MeshFileError: it cannot be used.
-        PoseFileError: the same of a ``models_info.json``.
-    """
+    """The symmetry that a file says of a model; a ``models_info.json``, of the one so called."""
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
     if path.name == MODELS_INFO:
         models, number = load_bop_models(path), BOP_MODEL.fullmatch(model_name)

@@ -18,11 +18,7 @@ class RowTable(Generic[Row]):
     """Rows of a dataclass of texts, numbers and truth values, a line each."""
 
     def __init__(self, path: Path, row_type: type[Row]) -> None:
-        """Read what is there; a last line that was cut off is dropped.
-
-        Raises:
-            SettingsError: the file is a table of something else, or cannot be read or written.
-        """
+        """Read what is there; a last line that was cut off is dropped."""
         self._path, self._type = path, row_type
         truth = {"True": True, "False": False}.__getitem__
         hints = get_type_hints(row_type)
@@ -35,11 +31,7 @@ class RowTable(Generic[Row]):
             write_whole(path, (whole or self._line(self.columns)).encode(), SettingsError)
 
     def append(self, row: Row) -> None:
-        """Add a row, here and in the file.
-
-        Raises:
-            SettingsError: the file cannot be written to.
-        """
+        """Add a row, here and in the file."""
         values = asdict(row)  # type: ignore[call-overload]
         line = self._line([values[name] for name in self.columns])
         try:

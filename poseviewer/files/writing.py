@@ -43,11 +43,7 @@ def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
 
 
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
-    """Write what JSON can hold, in UTF-8, as ``write_whole`` does.
-
-    Raises:
-        error: the same, or a number is not finite.
-    """
+    """Write what JSON can hold, in UTF-8, as ``write_whole`` does."""
     try:
         text = json.dumps(data, indent=indent, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as problem:
@@ -82,11 +78,7 @@ def lock_file(path: Path) -> IO[bytes] | None:
 def make_folder(
     folder: Path, error: type[PoseViewerError] = PoseFileError, *, parents: bool = True
 ) -> None:
-    """Make a folder, and with ``parents`` those above it, unless it is there.
-
-    Raises:
-        error: it cannot be made.
-    """
+    """Make a folder, and with ``parents`` those above it, unless it is there."""
     try:
         folder.mkdir(parents=parents, exist_ok=True)
     except OSError as problem:

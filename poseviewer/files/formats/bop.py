@@ -105,10 +105,6 @@ class BopScene:
 def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Append a pose to the scene folder ``out``, to the image of each of its photos; what is there
     stays, nothing is said twice.
-
-    Raises:
-        PoseFileError: parallel projection; the unit, image or object is not known; the image is
-            there with another camera; the folder cannot be written to.
     """
     images = [
         (_image_number(asked, photo_name(one)), perspective_of(one, "BOP"), [_entry(one, request)])
@@ -120,9 +116,6 @@ def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written
 def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
     """Write all objects of a scene as one image of the BOP scene folder ``out``; returns the
     image's number. Other images stay as they are.
-
-    Raises:
-        PoseFileError: as of ``write_bop``; or the image is there already.
     """
     first = replace(scene.objects[0].record, photo=scene.photo_reference)
     number = _image_number(request, scene.photo.name)
@@ -180,9 +173,6 @@ def save_masks(
 ) -> None:
     """Write ``mask/`` (each object as if it were alone) and ``mask_visib/`` (what is seen of it) of
     an image, called by its number and by the objects' places in ``scene_gt.json``.
-
-    Raises:
-        PoseFileError: the folder cannot be written to.
     """
     for name, masks in ((MASKS, silhouettes), (VISIBLE_MASKS, visible)):
         make_folder(folder / name)
@@ -195,9 +185,6 @@ def save_masks(
 def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
     """All objects of image ``request.image`` of a scene folder, or of its only one; the models are
     those of the folder ``request.model``, called ``obj_000005.ply`` and so on.
-
-    Raises:
-        PoseFileError: there is no such image, or no pose in it; the photo or a model is not there.
     """
     image = _chosen_image(path, request)
     photo = request.photo or path / image.photo
@@ -228,9 +215,6 @@ def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
     """Read one pose of a scene folder: of image ``request.image`` and object ``object_id``.
 
     Either may be left out where there is but one. Lengths are in mm unless ``unit`` says else.
-
-    Raises:
-        PoseFileError: there is no such pose, or more than one.
     """
     image, asked = _chosen_image(path, request), request.object_id
     width, height = size_of(Reading(path / CAMERAS), request)
@@ -248,11 +232,7 @@ def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
 
 
 def load_bop_images(folder: Path) -> BopScene:
-    """All images of a scene that have a camera.
-
-    Raises:
-        PoseViewerError: it is no scene's folder, or a file in it is damaged.
-    """
+    """All images of a scene that have a camera."""
     if not (folder / CAMERAS).is_file():
         raise PoseFileError(
             f"{folder / CAMERAS}: no such file; name a BOP scene's folder, such as test/000002."
@@ -280,9 +260,6 @@ def save_bop_images(
 ) -> None:
     """Write a scene's two files: the ``cameras`` as they are (the content of another scene's
     file), and the poses of each image by its number.
-
-    Raises:
-        PoseFileError: the folder cannot be written to.
     """
     entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
     _save_scene(folder, dict(cameras), entries)
@@ -298,11 +275,7 @@ def _save_scene(folder: Path, cameras: SceneFile, poses: SceneFile) -> tuple[Pat
 
 
 def load_scene_file(path: Path) -> SceneFile:
-    """What a scene's file holds by image; nothing where it is not there yet.
-
-    Raises:
-        PoseFileError: it is damaged.
-    """
+    """What a scene's file holds by image; nothing where it is not there yet."""
     if not path.exists():
         return {}
     return Reading(path, largest=LARGEST_SCENE).load_object()

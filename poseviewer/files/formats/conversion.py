@@ -98,10 +98,6 @@ class Format:
     def convert(self, record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
         """Write a pose for the photo as taken where the format has its lens, else for the
         undistorted photo, which is written beside; so with the other photos of a set.
-
-        Raises:
-            PoseViewerError: the pose cannot be written; the photo is not known or unusable; a file
-                is in the way.
         """
         views, notes, new, ready = [(record, request), *request.others], [], [], []
         if len(views) > 1 and not self.several:
@@ -140,11 +136,7 @@ class Format:
 def _of_undistorted(
     record: PoseRecord, path: Path, request: ConvertOptions
 ) -> tuple[PoseRecord, ConvertOptions]:
-    """Write the undistorted photo of a pose; returns the same of that photo alone.
-
-    Raises:
-        PoseViewerError: the photo as taken is not known or another; a file is in the way.
-    """
+    """Write the undistorted photo of a pose; returns the same of that photo alone."""
     assert record.undistortion is not None  # asked for such poses alone
     if request.photo is None:
         raise PoseFileError(
@@ -189,11 +181,7 @@ def refuse_existing(request: ConvertOptions, *paths: Path) -> None:
 def write_new(
     request: ConvertOptions, contents: Mapping[Path, str | bytes], *notes: str
 ) -> Written:
-    """Write files that are not there yet, or that the user wants overwritten; all or none.
-
-    Raises:
-        PoseFileError: a path is taken, or cannot be written to.
-    """
+    """Write files that are not there yet, or that the user wants overwritten; all or none."""
     refuse_existing(request, *contents)
     for path, content in contents.items():
         write_whole(
@@ -225,11 +213,7 @@ def json_text(data: Mapping[str, Any]) -> str:
 
 
 def perspective_of(record: PoseRecord, tool: str) -> Perspective:
-    """The record's camera, pixel centres at i + 0.5.
-
-    Raises:
-        PoseFileError: the projection is parallel, which this tool's files cannot say.
-    """
+    """The record's camera, pixel centres at i + 0.5."""
     if isinstance(record.pose.camera, Perspective):
         return record.pose.camera
     raise PoseFileError(
@@ -239,11 +223,7 @@ def perspective_of(record: PoseRecord, tool: str) -> Perspective:
 
 
 def require_file(path: Path | None, what: str, tool: str) -> Path:
-    """A photo or model that a format cannot do without.
-
-    Raises:
-        PoseFileError: none is known, or there is no such file.
-    """
+    """A photo or model that a format cannot do without."""
     if path is None:
         raise PoseFileError(f"{tool} files name the {what}, and none is known; add --{what} FILE.")
     if not path.is_file():
@@ -273,11 +253,7 @@ def photo_name(record: PoseRecord) -> str | None:
 def size_of(
     reading: Reading, request: ConvertOptions, width: Any = None, height: Any = None
 ) -> tuple[int, int]:
-    """Width and height of the photo in px: what the file says (unchecked), else what the user says.
-
-    Raises:
-        PoseFileError: neither says it, they differ, or it is no size.
-    """
+    """Width and height of the photo in px, as the file says (unchecked), else as the user says."""
     found = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
     if found[0] is None or found[1] is None:
         if request.photo_size is None:
@@ -300,9 +276,6 @@ def the_one(
     """The entry that ``request.image`` names, or the only one; ``names`` of all ``kind``.
 
     ``entries``: further lists, in which it may have other names; the last one holds what is wanted.
-
-    Raises:
-        PoseFileError: there is none, or more than one.
     """
     columns = list(zip(names, *entries, strict=True))
     chosen = [row[-1] for row in columns if request.image is None or request.image in row[:-1]]
@@ -342,11 +315,7 @@ def make_record(
 
 
 def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Perspective, Any]:
-    """Camera (pixel centres at i + 0.5) of the photo as taken, and what the tool makes of its lens.
-
-    Raises:
-        PoseFileError: the projection is parallel.
-    """
+    """Camera (pixel centres at i + 0.5) of the photo as taken, and the tool's form of its lens."""
     camera, undistortion = perspective_of(record, tool), record.undistortion
     if undistortion is None:
         return camera, lens_as(None)
@@ -354,11 +323,7 @@ def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Persp
 
 
 def load_photo_of(record: PoseRecord, path: Path) -> Photo:
-    """The photo of a pose.
-
-    Raises:
-        PhotoFileError: it cannot be read, or has another size than the pose's.
-    """
+    """The photo of a pose."""
     photo, camera = load_photo(path), record.pose.camera
     if (photo.width, photo.height) != (camera.width, camera.height):
         raise PhotoFileError(

@@ -50,11 +50,7 @@ class _Lines:
 
 
 def read_obj(path: Path) -> tuple[list[Part], list[str]]:
-    """The parts of an OBJ file, one for each part name and material, and notes for the user.
-
-    Raises:
-        MeshFileError: a line that makes no sense, an index that is out of range.
-    """
+    """The parts of an OBJ file, one for each part name and material, and notes for the user."""
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
     vertices, colours = _read_vertices(path.name, lines.v)
     uvs = read_table(path.name, "vt", lines.vt, 2)

@@ -21,11 +21,7 @@ LONGEST_HEADER = 100_000
 
 
 def read_off(path: Path) -> tuple[list[Part], list[str]]:
-    """The one part of an OFF file (colours are left out), and no notes.
-
-    Raises:
-        MeshFileError: not an OFF file in text, cut short, or of other lines than it announces.
-    """
+    """The one part of an OFF file (colours are left out), and no notes."""
     with path.open("rb") as file:
         start = file.read(LONGEST_HEADER)
         found = HEADER.match(COMMENT.sub("", start.decode("ascii", "replace")))

@@ -55,11 +55,7 @@ class Element:
 
 
 def read_ply(path: Path) -> tuple[list[Part], list[str]]:
-    """The parts (one for each texture) of a PLY file, and notes for the user.
-
-    Raises:
-        MeshFileError: not a PLY file, cut short, or without the columns that a surface needs.
-    """
+    """The parts (one for each texture) of a PLY file, and notes for the user."""
     with path.open("rb") as file:
         data = file.read(LONGEST_HEADER)
         elements, encoding, textures, at = read_header(path.name, data)
@@ -80,11 +76,7 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
 
 
 def read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
-    """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes.
-
-    Raises:
-        MeshFileError: it is no PLY header, or not a whole one.
-    """
+    """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes."""
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:

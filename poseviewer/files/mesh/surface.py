@@ -63,9 +63,6 @@ class _Surface:
 def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) -> Mesh:
     """One Mesh of all the parts of the file ``name``; what was mended is added to its notes. glTF
     is in metres, and has y upwards.
-
-    Raises:
-        MeshFileError: no triangles, or coordinates or indices that cannot be.
     """
     _check(name, parts)
     parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]

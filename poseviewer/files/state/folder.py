@@ -17,9 +17,6 @@ def state_folder() -> Path:
     """The user's own folder for poseviewer's state, made where it is missing, closed to others.
 
     The environment variable POSEVIEWER_STATE names another one.
-
-    Raises:
-        SettingsError: the folder cannot be made, or is another user's.
     """
     named = os.environ.get(VARIABLE)
     folder = Path(named) if named else platformdirs.user_state_path("poseviewer", appauthor=False)

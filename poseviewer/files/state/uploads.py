@@ -62,10 +62,6 @@ def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Pat
     The files keep their names, as far as any system can have them, and never lie outside. The same
     bytes go to the same place. All but the ``kept`` newest sets and those ``in_use`` (files in
     them) are removed.
-
-    Raises:
-        FileSetError: the bytes are not such a set, a zip is damaged or too large, or the folder
-            cannot be written to.
     """
     files = _unpacked(data)
     fingerprint = hashlib.sha256(data).hexdigest()[:16]
@@ -86,11 +82,7 @@ def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Pat
 
 
 def keep_zip(folder: Path, path: Path) -> Path:
-    """Unpack a zip of the disk as ``keep_set`` does.
-
-    Raises:
-        FileSetError: as there, or the zip cannot be read.
-    """
+    """Unpack a zip of the disk as ``keep_set`` does."""
     reading = Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED)
     return keep_set(folder, pack([(path.name, reading.load_bytes())]))
 
@@ -98,9 +90,6 @@ def keep_zip(folder: Path, path: Path) -> Path:
 def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> Path:
     """The model where its reader finds all that it names: in its place, else as a copy in
     ``folder``, as ``keep_set`` keeps one.
-
-    Raises:
-        FileSetError: the folder cannot be written to.
     """
     if not model.scattered:
         return model.path
@@ -187,11 +176,7 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
 
 
 def _unzip(file: IO[bytes], name: str, place: Path) -> None:
-    """Unpack a zip into the folder ``place``.
-
-    Raises:
-        FileSetError: it is damaged or encrypted, or too large.
-    """
+    """Unpack a zip into the folder ``place``."""
     try:
         with zipfile.ZipFile(file) as archive:
             entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
