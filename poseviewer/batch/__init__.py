@@ -1,4 +1,5 @@
-"""Many photos: rows of a table on all cores or on a cluster, their report and their review.
+"""Many photos: rows of a table on all cores.
 
-What cannot be read, fitted or written raises a BatchError, or the PoseViewerError of its file.
+Or on a cluster; their results, the report, and the review. What cannot be read, fitted or written
+raises a BatchError, or the PoseViewerError of its file.
 """
