@@ -52,11 +52,7 @@ class BatchPlan:
 
 
 def run_job(job: Job, plan: BatchPlan) -> JobResult:
-    """Fit a row and keep its result; at once where that was done before.
-
-    Raises:
-        BatchError: the result cannot be written, so that no other could.
-    """
+    """Fit a row and keep its result, unless there is one; BatchError where none can be kept."""
     known = load_result(plan.folder, job.key)
     if known is not None:
         return as_row_of(job, known)

@@ -84,8 +84,6 @@ def _begin(reader: Connection) -> None:
 
 
 def _end_after(reader: Connection) -> None:
-    """End this process when the pipe's other end is closed: the batch stops, or its process has
-    ended, even if it was killed. What a job had not written whole is left out.
-    """
+    """End this process when the pipe's other end is closed, by the batch or by the system."""
     reader.poll(None)
     os._exit(1)

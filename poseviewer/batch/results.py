@@ -124,12 +124,7 @@ def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Keep other batches out of the folder of results; however this one ends, the system lets them
-    in again.
-
-    Raises:
-        BatchError: another one is at work in it.
-    """
+    """Lock the folder of results; raises BatchError while another batch is at work in it."""
     with ExitStack() as stack:
         with suppress(OSError):  # what cannot be written to is said by who writes
             lock = lock_file(folder / LOCK)
@@ -143,9 +138,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:
-    """What came of the job with this key, under the row that it had then; None where it is still
-    to be done, or a file that it left is gone.
-    """
+    """The result of the job with this key; None where it or one of its files is not there."""
     try:
         found = JobResult(**json.loads((folder / ROWS / f"{key}.json").read_bytes()))
     except (OSError, ValueError, TypeError):
@@ -166,10 +159,7 @@ def save_result(folder: Path, job: Job, result: JobResult) -> None:
 def known_results(
     folder: Path, manifest: Manifest, failed: Mapping[str, JobResult]
 ) -> list[JobResult]:
-    """What came of the rows, in their order: what is on disk, else how they ``failed``, by key.
-
-    Rows that are still to be done are left out.
-    """
+    """Results in the order of the rows: those on disk, else the ``failed`` ones, by key."""
     found = ((job, load_result(folder, job.key) or failed.get(job.key)) for job in manifest.jobs)
     return [as_row_of(job, result) for job, result in found if result is not None]
 

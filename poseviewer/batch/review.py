@@ -92,9 +92,7 @@ def save_corrected(
     picture: Picture,
     mask: Mask | None = None,
 ) -> JobResult:
-    """Save a pose that a person set, and its mask, as the row's; the pose that was found is kept
-    beside it as ``.fitted.json``.
-    """
+    """Save a person's pose, and mask, as the row's; the fitted one is kept as ``.fitted.json``."""
     require_scene_camera(queue.manifest, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)
     path, fitted = queue.folder / pose, queue.folder / pose.replace(".json", ".fitted.json")

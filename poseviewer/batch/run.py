@@ -74,10 +74,7 @@ def open_batch(
 def run_batch(
     batch: Batch, *, scheduler: str | None = None, processes: int | None = None
 ) -> Generator[JobResult, None, None]:
-    """Results of the jobs that are to be done, as they come; to stop, stop asking.
-
-    On all cores of this machine, or on the Dask cluster of a ``scheduler``.
-    """
+    """Results of the jobs to be done as they come, from this machine or a Dask ``scheduler``."""
     if not batch.to_do:
         return
     with alone_in(batch.plan.folder):
@@ -90,10 +87,7 @@ def run_batch(
 
 
 def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:
-    """Write table, report and scene of all rows that are known; returns these in their order.
-
-    What was done is read from the folder: it may have been reviewed in the meantime.
-    """
+    """Write table, report and scene of all rows on disk, some reviewed since; returns the rows."""
     folder, manifest = batch.plan.folder, batch.manifest
     key_of = {job.row: job.key for job in batch.jobs}
     failed = {key_of[result.row]: result for result in fresh if result.failed}

@@ -95,12 +95,7 @@ def _save_start(out: Path, image: BopImage, found: BopObject, instance: int) -> 
 
 
 def save_scene(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
-    """Write ``scene_gt.json`` and ``scene_camera.json`` into the folder of results; nothing where
-    the rows are not from a scene.
-
-    The poses are those of all rows that have one, mm, in the order of the rows. The cameras are
-    the scene's own, as its file has them.
-    """
+    """Write the poses of a BOP scene's rows (mm) and the scene's cameras as a BOP scene."""
     if manifest.scene is None:
         return
     poses: dict[int, list[BopObject]] = defaultdict(list)

@@ -143,9 +143,7 @@ def _object_of_scene(options: Namespace) -> tuple[PoseRecord, ConvertOptions]:
 def _others(
     record: PoseRecord, request: ConvertOptions, source: Path
 ) -> tuple[tuple[PoseRecord, ConvertOptions], ...]:
-    """The pose in the other photos of its set, which lie beside the pose or the photo that is
-    named; a number of an image is that of the first, and theirs follow.
-    """
+    """The pose in the other photos of its set, which lie beside it; images are numbered on."""
     from poseviewer.files.pose import set_frame
 
     frame, found = set_frame(record), []

@@ -23,9 +23,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Print what was understood; the file's ending says what it is, and a calibration that it is a
-    photo.
-    """
+    """Print what was understood of a file, by its ending; with a calibration it is a photo."""
     from poseviewer.files.mesh.load import READERS
     from poseviewer.files.scene import is_scene_file
 

@@ -67,9 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """What is printed can be on any terminal; warnings of libraries go to the log, and all of the
-    log is shown where the user asks for it.
-    """
+    """Make output printable on any terminal; warnings go to the log, shown where asked for."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -110,9 +110,7 @@ def option(
     kind: Callable[[str], Any] | None = None,
     **more: Any,
 ) -> None:
-    """Add ``--name VALUE``, whose value ``kind`` reads from its words; ``--name`` alone is a flag.
-    Without dashes it is an argument by its place.
-    """
+    """Add ``--name VALUE``, read by ``kind``, the flag ``--name``, or a positional ``name``."""
     name, _, metavar = usage.partition(" ")
     if metavar:
         more |= {"metavar": metavar}
@@ -217,9 +215,7 @@ OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
 
 
 def refuse_views(options: Namespace) -> None:
-    """Raises:
-    SettingsError: something is said of a set of photos that is not there.
-    """
+    """Refuse what is said of a set of photos that is not there."""
     for name in OF_VIEWS:
         if vars(options).get(name):
             flag = name.replace("_", "-")
@@ -227,9 +223,7 @@ def refuse_views(options: Namespace) -> None:
 
 
 def refuse_beside(options: Namespace, flag: str, names: Sequence[str]) -> None:
-    """Raises:
-    SettingsError: one of the options is given, and what the ``flag`` names says it itself.
-    """
+    """Refuse options that say what the ``flag`` says itself."""
     for name in names:
         if vars(options).get(name):
             called = name.upper() if name == "photo" else f"--{name}"

@@ -82,9 +82,7 @@ def run(options: Namespace) -> int:
 
 
 def _refuse_of_others(options: Namespace) -> None:
-    """Raises:
-    SettingsError: the options do not go together.
-    """
+    """Refuse options that do not go together."""
     refuse_with_paper(options)
     if options.real and options.bop:
         raise SettingsError("--real and --bop are two studies; leave one of them out")

@@ -113,9 +113,7 @@ def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
-    """What the file, a YAML or XML of OpenCV's ``FileStorage``, holds: dicts, lists and texts;
-    raises the reading's error where it is neither.
-    """
+    """The dicts, lists and texts in a YAML or XML of OpenCV's ``FileStorage``."""
     text, data = reading.load_text(), None
     try:
         if text.lstrip().startswith("<"):
@@ -189,9 +187,7 @@ def _opencv_camera(reading: Reading, name: str, own: dict[str, Any], fisheye: bo
 def camera_of_matrix(
     reading: Reading, value: Any, what: str, size: tuple[int, int] = (0, 0)
 ) -> Perspective:
-    """The camera (pixel centres at i + 0.5) of a 3x3 camera matrix with pixel centres at integers;
-    raises the reading's error where it is not the matrix of a pinhole without skew.
-    """
+    """The pinhole (centres at i + 0.5) of a 3x3 matrix without skew (centres at integers)."""
     values = reading.flat_numbers(value, what)
     if len(values) != 9:
         raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
@@ -206,10 +202,7 @@ def camera_of_matrix(
 
 
 def lens_of(reading: Reading, model: LensModel, coefficients: list[float]) -> Lens | None:
-    """The lens with these coefficients; None where they are all 0, and nothing is distorted.
-
-    Raises the reading's error where the model has not as many.
-    """
+    """The lens with these coefficients; None where they are all 0, and nothing is distorted."""
     if not any(coefficients):
         return None
     if len(coefficients) not in COEFFICIENTS[model]:
@@ -222,9 +215,7 @@ def lens_of(reading: Reading, model: LensModel, coefficients: list[float]) -> Le
 
 
 def _colmap_cameras(reading: Reading) -> list[FileCamera]:
-    """The cameras of a ``cameras`` file, named by their CAMERA_ID; the ``images`` file beside it
-    says which photos each took.
-    """
+    """Cameras by their CAMERA_ID; the ``images`` file beside says which photos each took."""
     photos: dict[str, set[str]] = defaultdict(set)
     beside = replace(reading, path=reading.path.with_stem("images"))
     if beside.path.is_file():
@@ -241,10 +232,7 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
 
 
 def colmap_camera(reading: Reading, words: list[str]) -> tuple[Perspective, Lens | None]:
-    """The camera and lens of a row of a ``cameras`` file: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[].
-
-    Raises the reading's error where it is none, or of a model that OpenCV does not have.
-    """
+    """Camera and lens of a ``cameras`` file's row: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]."""
     if len(words) < 5 or not words[0].isdigit():
         found = f"a line reads {' '.join(words)[:40]!r}"
         raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
@@ -287,9 +275,7 @@ class Calibration:
 def load_calibration(
     choice: Calibration, photo: str, width: int, height: int
 ) -> tuple[FileCamera, tuple[str, ...]]:
-    """Load the camera that took the photo named ``photo``, of ``width`` x ``height`` px; and a note
-    where it is for a picture of another size in the same ratio, and so was scaled.
-    """
+    """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
     found = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
     camera = found.camera
     if not camera.width:

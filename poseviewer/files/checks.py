@@ -28,10 +28,7 @@ SILENT = logging.CRITICAL + 1
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """No warnings and no log lines of trimesh, Pillow and OpenCV inside the ``with`` block.
-
-    What libjpeg itself prints about a slightly damaged JPEG cannot be reached from here.
-    """
+    """Silence trimesh, Pillow and OpenCV (not libjpeg) inside the ``with`` block."""
     levels = {logging.getLogger(name): logging.getLogger(name).level for name in ("trimesh", "PIL")}
     cv2_level = cv2_logging.getLogLevel()
     cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
@@ -71,10 +68,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A file being read: its name stands in every error, and it gathers warnings.
-
-    What checks a value takes it and what it is called, and raises ``error_type``.
-    """
+    """A file being read, named in every error; its checks take a value and its name."""
 
     path: Path
     warnings: list[str] = field(default_factory=list)
@@ -241,9 +235,7 @@ class Reading:
         return np.array(numbers)
 
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
-        """The numbers, ``length`` if given, of a text, a list, lists in it, or OpenCV's ``{rows,
-        cols, data}``.
-        """
+        """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
         value, shape = (value.get("data"), value) if isinstance(value, dict) else (value, {})
         reading = replace(self, numbers_as_text=True) if isinstance(value, str) else self
         value = value.split() if isinstance(value, str) else value
@@ -320,11 +312,7 @@ def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
 
 
 def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
-    """The rotation nearest to a matrix (3, 3) that is one but for rounding or a small error.
-
-    A matrix that is one to the last digits is kept as it is, so that reading gives what was
-    written.
-    """
+    """The nearest rotation; the matrix itself where it is one to the last digits."""
     if np.abs(matrix).max() > 2.0:
         raise reading.error("the rotation has entries beyond 1", "wanted an orthonormal matrix")
     mirrored = np.linalg.det(matrix) < 0.0

@@ -52,10 +52,7 @@ def model_file(folder: Path, stem: str) -> Path:
 
 
 def camera_rows(reading: Reading) -> Iterator[list[str]]:
-    """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file.
-
-    Raises the reading's error where it cannot be read.
-    """
+    """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file."""
     if reading.path.suffix == ".bin":
         for file in _records(reading):
             number, model, width, height = _unpack(reading, file, "<IiQQ")

@@ -23,10 +23,7 @@ def keypoints_path(mesh_path: str | Path) -> Path:
 
 
 def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None:
-    """The key points of a vehicle: from the file beside the model, else from its named wheels.
-
-    None where neither says where the wheels are.
-    """
+    """Key points from the file beside the model, else from its named wheels; None without."""
     path = keypoints_path(mesh_path)
     if not path.exists():
         return find_wheels(mesh)

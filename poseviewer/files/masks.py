@@ -63,9 +63,7 @@ def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) 
 def mask_beside(
     pose_file: str | Path, record: PoseRecord, width: int, height: int
 ) -> tuple[Mask | None, tuple[str, ...]]:
-    """The mask that a pose file names, for a photo of ``width`` x ``height`` px; where it cannot be
-    used none, and a sentence that says so.
-    """
+    """The mask that a pose file names; None and a note where it cannot be used."""
     if record.mask is None:
         return None, ()
     try:

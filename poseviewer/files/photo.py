@@ -81,9 +81,7 @@ def is_stored_turned(path: str | Path) -> bool:
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
-    """Whether a picture's EXIF names the camera or its exposure, or it is HEIC, which cameras alone
-    write; False for what is no picture.
-    """
+    """Whether a picture's EXIF names camera or exposure, or it is HEIC, from cameras alone."""
     if Path(path).suffix.lower() in (".heic", ".heif"):
         return True
     reading = _reading(path)
@@ -124,9 +122,7 @@ def _is_heic(data: bytes) -> bool:
 
 @contextmanager
 def _naming_picture_errors(reading: Reading) -> Iterator[None]:
-    """What Pillow raises inside, as errors that name the file; nothing of what it warns of: sizes
-    are judged here instead.
-    """
+    """Turn what Pillow raises into errors that name the file; sizes are judged elsewhere."""
     with quiet_libraries():
         try:
             yield
@@ -257,12 +253,7 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
 
 
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
-    """The undistorted photo of one as taken.
-
-    Raises:
-        PhotoFileError: it is too wide or high.
-        CalibrationFileError: it would show nothing.
-    """
+    """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
     if max(photo.width, photo.height) > LARGEST_SIDE:
         raise PhotoFileError(
             f"{photo.name}: {photo.width}x{photo.height} px; a photo can be undistorted up to "

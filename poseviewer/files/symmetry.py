@@ -28,9 +28,7 @@ def symmetry_path(mesh_path: str | Path) -> Path:
 
 
 def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
-    """The symmetry of a model: from the file beside it, else from that of the BOP data set it lies
-    in; where neither is, none.
-    """
+    """A model's symmetry, from the file beside it or its BOP data set; none where neither is."""
     mesh_path = Path(mesh_path)
     beside, info = symmetry_path(mesh_path), mesh_path.parent / MODELS_INFO
     if beside.exists():

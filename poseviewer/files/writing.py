@@ -14,11 +14,7 @@ from poseviewer.errors import PoseFileError, PoseViewerError
 
 
 def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
-    """Write beside ``path`` and then rename, so that no reader sees half a file.
-
-    Raises:
-        error: the folder is missing, or cannot be written to; there is something else than a file.
-    """
+    """Write beside ``path`` and then rename, so that no reader sees half a file."""
     if path.exists() and not path.is_file():  # a device would be a file from then on
         raise error(f"{path.name}: is no regular file and was not replaced; name another.")
     temporary = None
@@ -54,9 +50,7 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
 
 
 def lock_file(path: Path) -> IO[bytes] | None:
-    """The file ``path``, made where it is missing and locked until it is closed or the process has
-    ended, however it ends; None where another process has locked it. Raises OSError.
-    """
+    """Open ``path``, locked while open; None where another process has it. Raises OSError."""
     file = path.open("ab")
     try:
         if sys.platform == "win32":

@@ -103,9 +103,7 @@ class BopScene:
 
 
 def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Append a pose to the scene folder ``out``, to the image of each of its photos; what is there
-    stays, nothing is said twice.
-    """
+    """Append a pose, in each of its photos, to the scene folder ``out``, unless it is there."""
     images = [
         (_image_number(asked, photo_name(one)), perspective_of(one, "BOP"), [_entry(one, request)])
         for one, asked in ((record, request), *request.others)
@@ -114,9 +112,7 @@ def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written
 
 
 def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
-    """Write all objects of a scene as one image of the BOP scene folder ``out``; returns the
-    image's number. Other images stay as they are.
-    """
+    """Write a scene's objects as one image of the BOP scene ``out``; returns its number, too."""
     first = replace(scene.objects[0].record, photo=scene.photo_reference)
     number = _image_number(request, scene.photo.name)
     entries = []
@@ -138,9 +134,7 @@ def _append(
     images: Sequence[tuple[int, Perspective, list[dict[str, Any]]]],
     replacing: bool = False,
 ) -> tuple[Path, Path]:
-    """Add the poses of images, by their numbers, to a scene; or have them ``replacing`` those that
-    are there. Gives the scene's files.
-    """
+    """Add poses of images, by number, or put them for those there; returns the scene's files."""
     reading = Reading(out / CAMERAS)
     cameras, poses = (load_scene_file(out / name) for name in (CAMERAS, POSES))
     for number, camera, entries in images:
@@ -258,9 +252,7 @@ def load_bop_images(folder: Path) -> BopScene:
 def save_bop_images(
     folder: Path, cameras: Mapping[str, Any], poses: Mapping[int, Sequence[BopObject]]
 ) -> None:
-    """Write a scene's two files: the ``cameras`` as they are (the content of another scene's
-    file), and the poses of each image by its number.
-    """
+    """Write a scene's ``cameras`` as they are, and the poses of each image by its number."""
     entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
     _save_scene(folder, dict(cameras), entries)
 

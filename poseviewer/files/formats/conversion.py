@@ -69,9 +69,7 @@ LensAs = Callable[[Lens | None], tuple[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One format. Both functions raise PoseFileError where a file cannot be used or written, or
-    the format cannot say the pose.
-    """
+    """A tool's format."""
 
     write: Callable[[PoseRecord, Path, ConvertOptions], Written]
     """Pose, where to, and what else is known."""
@@ -198,9 +196,7 @@ def as_4x4(transform: RigidTransform) -> FloatArray:
 
 
 def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
-    """The rigid transform in 4 rows of 4 numbers (or 3, without the last); raises the reading's
-    error where it is something else.
-    """
+    """The rigid transform in 4 rows of 4 numbers (or 3, without the last)."""
     matrix = reading.matrix(rows, what, (3, 4), 4)
     if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
         raise reading.error(f"the last row of {what} is {rows[3]}", "wanted 0 0 0 1 (row-major)")
@@ -295,11 +291,7 @@ def make_record(
     unit: str | None = None,
     lens: Lens | None = None,
 ) -> PoseRecord:
-    """The record of a pose that was read from another tool's file.
-
-    With a ``lens``, the pose's camera is that of the photo as taken, and the record is one of the
-    undistorted photo.
-    """
+    """A pose from another tool's file; with a ``lens`` its camera is that of the photo as taken."""
     undistortion = None
     pose = replace(pose, camera=checked_camera(reading, pose.camera))
     if lens is not None and isinstance(pose.camera, Perspective):

@@ -165,9 +165,7 @@ def _write_view(
 
 
 def view_depths(pose: Pose, mesh: Mesh) -> tuple[float, float]:
-    """Distances along the view, in the model's unit: of a plane before all of the model, and of
-    its furthest point.
-    """
+    """Depths of a plane before the model and of its furthest point, in the model's unit."""
     depths = pose.camera_from_model.apply(mesh.vertices)[:, 2]
     least = NEAREST * mesh.diameter
     return max(0.5 * float(depths.min()), least), max(float(depths.max()), 2.0 * least)
@@ -321,10 +319,7 @@ def _plane(pose: Pose, depth: float) -> FloatArray:
 
 
 def read_gltf(path: Path, request: ConvertOptions) -> PoseRecord:
-    """Read the camera of a GLB or glTF file: the only one, or that of the node ``request.image``.
-
-    The scene's world is taken for the model's frame.
-    """
+    """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
     reading = Reading(path, kind="glTF file", largest=LARGEST_FILE)
     document = reading.object(_load_document(reading), "its content")
     try:

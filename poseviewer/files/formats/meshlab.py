@@ -64,9 +64,7 @@ def _write_project(
     out: Path,
     request: ConvertOptions,
 ) -> Written:
-    """Write models, each by its label with the matrix (4, 4) that puts it into the world, which the
-    record's pose is from.
-    """
+    """Write models by their labels, each with world from model (4, 4), and the record's cameras."""
     perspective_of(record, "MeshLab")
     require_file(request.photo, "photo", "MeshLab")
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")

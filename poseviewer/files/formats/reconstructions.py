@@ -57,9 +57,7 @@ LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
 
 
 def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a model of a camera and an image for each photo, without points, into the folder
-    ``out``.
-    """
+    """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
     for image, one in enumerate((record, *(other for other, _ in request.others)), 1):
@@ -96,10 +94,7 @@ def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
 
 
 def read_colmap(path: Path, request: ConvertOptions) -> PoseRecord:
-    """Read one image of a model, text or binary: ``request.image`` by its name, or the only one.
-
-    The model's world is taken for the frame of poseviewer's model.
-    """
+    """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
     images = list(image_rows(reading))
     names = [" ".join(words[9:]) for words in images]
@@ -184,10 +179,7 @@ def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:
 
 
 def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) -> Taken:
-    """What a frame says, with what the file says of all frames.
-
-    Raises the reading's error where it is not whole.
-    """
+    """Name, pose and camera of a frame together with what the file says of all frames."""
     if own.get("fl_x") is None and own.get("camera_angle_x") is not None:  # NeRF's own sets
         angle = reading.positive(own["camera_angle_x"], "camera_angle_x", math.pi)
         focal = 0.5 * width / math.tan(0.5 * angle)

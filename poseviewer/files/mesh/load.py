@@ -129,11 +129,7 @@ def _read_gltf(path: Path) -> Read:
 
 
 def gltf_header(path: Path) -> Any:
-    """The JSON of a glTF or GLB file.
-
-    Raises:
-        MeshFileError, ValueError: it is not one, or cut short.
-    """
+    """The JSON of a glTF or GLB file; raises MeshFileError or ValueError where it is none."""
     with path.open("rb") as file:
         head = file.read(GLB_HEADER)
         if path.suffix.lower() == ".gltf":
@@ -210,9 +206,7 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
 
 
 def _textures_of(geometries: list[Any], notes: list[str]) -> dict[int, NDArray]:
-    """The pictures of all geometries by their ids, each decoded once; trimesh need not keep them
-    decoded as well.
-    """
+    """The pictures of all geometries by their ids, each decoded once."""
     images = {id(image): image for image in map(_picture_of, geometries) if image is not None}
     side = texture_side([image.size for image in images.values()], notes)
     found = {}

@@ -256,10 +256,7 @@ def _as_part(
 
 
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
-    """The materials by name in the MTL files ``libraries`` of the OBJ file ``path``.
-
-    What is missing is added to ``notes``: a model without its colours is still a model.
-    """
+    """The materials by name in the MTL files ``libraries``; missing files are noted."""
     materials: dict[str, Material] = {}
     for library in dict.fromkeys(libraries):
         found = find_named(path.parent, library)

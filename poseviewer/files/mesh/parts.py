@@ -121,9 +121,7 @@ def material_text(path: Path) -> str:
 def load_textures(
     folder: Path, names: Iterable[str], notes: list[str]
 ) -> dict[str, NDArray[np.uint8]]:
-    """The pictures that a model in ``folder`` names, as RGB (h, w, 3), by their names; without
-    those that are not there or cannot be read, of which a note is made.
-    """
+    """The named pictures that are there and sound, as RGB (h, w, 3); others are noted."""
     names = list(dict.fromkeys(names))
     if len(names) > MOST_TEXTURES:
         notes.append(f"Textures left out: all but {MOST_TEXTURES:,} of {len(names):,}.")
@@ -159,9 +157,7 @@ def noted(name: str, notes: list[str]) -> Iterator[None]:
 
 
 def texture_side(sizes: Iterable[tuple[int, int]], notes: list[str]) -> int:
-    """The longest side, px, to which textures of these sizes are shrunk, that they do not have too
-    many pixels together; a note is made of it.
-    """
+    """The longest side, px, to which textures are shrunk, with a note, to have few texels."""
     shapes = np.array([size for size in sizes if max(size) > 0], dtype=float).reshape(-1, 2)
     side, areas, longest = LARGEST_SIDE, shapes.prod(axis=1), shapes.max(axis=1, initial=1.0)
     while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MOST_TEXELS:
@@ -172,9 +168,7 @@ def texture_side(sizes: Iterable[tuple[int, int]], notes: list[str]) -> int:
 
 
 def texture_from_image(image: Image.Image, side: int = LARGEST_SIDE) -> NDArray[np.uint8]:
-    """RGB (h, w, 3) of a picture, at most ``side`` px long; raises OSError where it is damaged,
-    Pillow's own error where it has too many pixels.
-    """
+    """RGB (h, w, 3) of a picture, at most ``side`` px long; raises OSError where it is damaged."""
     if image.width * image.height > MOST_TEXELS:
         raise Image.DecompressionBombError
     try:

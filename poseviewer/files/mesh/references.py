@@ -24,10 +24,7 @@ CHUNK_HEADER = 6
 
 
 def names_in(path: Path) -> dict[str, bool]:
-    """The files that a model or an MTL file names, as it writes them, and whether the model is read
-    with each, or it is of use to other programs alone; nothing where it names none or cannot be
-    read.
-    """
+    """Files that a model or MTL file names, and whether they are read; {} where it is damaged."""
     reader = NAMES.get(path.suffix.lower())
     try:
         return {} if reader is None else reader(path)

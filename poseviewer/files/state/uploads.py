@@ -88,9 +88,7 @@ def keep_zip(folder: Path, path: Path) -> Path:
 
 
 def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> Path:
-    """The model where its reader finds all that it names: in its place, else as a copy in
-    ``folder``, as ``keep_set`` keeps one.
-    """
+    """The model where it lies, or copied with all it names into ``folder``, as by ``keep_set``."""
     if not model.scattered:
         return model.path
     files = {PurePosixPath(model.path.name): model.path}
