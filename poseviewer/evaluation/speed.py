@@ -8,13 +8,13 @@ same on all cores; f: the GPU, many poses in one submission.
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -37,7 +37,6 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.moments import moments_of_images
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
@@ -46,8 +45,6 @@ from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.registration import load_registration
 
-Seconds = dict[str, float]
-"""The time of each stage of a path."""
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 PATHS = {
     "a": "pyrender, read back, NumPy",
@@ -55,7 +52,6 @@ PATHS = {
     "e": "software, all cores",
     "f": "GPU, many poses at once",
 }
-STAGES = ("draw", "sum", "loss", "total")
 POSES = 8
 JITTER = 0.01
 """Greatest distance of a measured pose from the true one, as a share of each parameter's scale."""
@@ -64,47 +60,33 @@ BURST = 4
 GPU_POSES = 512
 """Poses of one submission to a GPU."""
 TRIANGLES, WIDTH_PX, MAP_SIZE = 50_000, 640, 41
-PAPER = {
-    "source": "Jayawardena, Hutter and Brewer, measured on their machine of 2010 (C and OpenGL)",
-    "render_ms": 170.0,
-    "loss_ms": 40.0,
-    "pose": "about a minute",
-}
+PAPER_MS = 210.0
+"""Jayawardena, Hutter and Brewer on their machine of 2010, in C: OpenGL's 170 ms, the loss's 40."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workload:
     """The demo's model in some number of triangles, poses about the true one, and the photo."""
 
-    triangles: int
     renderer: SoftwareRenderer
     poses: tuple[Pose, ...]
     photo: PhotoAttributes
     """Grey, clipped to the model: what the paper compares."""
     covered_px: int
-    """At the true pose."""
+    """Pixels of the photo that show the model at its true pose."""
 
 
 @dataclass(frozen=True, slots=True)
-class StageTime:
-    """The time of one stage of one path, ms."""
+class PathTime:
+    """Time of one evaluation on a path, ms."""
 
     path: str
     """A letter of ``PATHS``."""
-    triangles: int
-    """As asked for."""
-    width: int
-    height: int
     threads: int
-    stage: str
-    ms_median: float
-    ms_min: float
-    ms_max: float
+    median: float
+    least: float
+    most: float
     runs: int
-    faces: int
-    """Triangles that the model really has."""
-    covered_px: int
-    """Pixels of the photo that show the model at its true pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,15 +98,14 @@ class SpeedReport:
     versions: dict[str, str | None]
     """Versions of Python and packages; the adapters ``opengl`` and ``gpu``, None where there are
     none."""
-    rows: tuple[StageTime, ...]
+    workload: str
+    rows: tuple[PathTime, ...]
     fits: tuple[dict[str, Any], ...]
-    maps: tuple[dict[str, Any], ...]
-    notes: tuple[str, ...]
-    """What could not be measured, in sentences."""
+    maps: dict[str, Any]
 
     def as_json_bytes(self) -> bytes:
         """Encode all of it as a JSON file."""
-        return (json.dumps({**asdict(self), "paper": PAPER}, indent=1) + "\n").encode()
+        return (json.dumps(asdict(self), indent=1) + "\n").encode()
 
     def as_markdown(self) -> str:
         """Machine, versions and tables."""
@@ -134,8 +115,23 @@ class SpeedReport:
         drawn_by = "; ".join(f"{n}: {self.versions[k] or 'none'}" for k, n in adapters.items())
         packages = ", ".join(f"{k} {v}" for k, v in self.versions.items() if k not in adapters)
         header = f"{self.machine['cpu']}, {self.machine['cores']} cores{busy}; {drawn_by}."
-        tables = (table.as_markdown() for table in (path_table(self.rows), self._whole_table()))
-        return "\n\n".join([f"{header}\n{packages}.", *tables, *self.notes])
+        tables = (table.as_markdown() for table in (self._path_table(), self._whole_table()))
+        return "\n\n".join([f"{header}\n{packages}.", *tables])
+
+    def _path_table(self) -> Table:
+        plain = next((row.median for row in self.rows if row.path == "a"), math.nan)
+        rows = [
+            (
+                f"{row.path}  {PATHS[row.path]}",
+                f"{row.median:.3g}",
+                f"{row.least:.3g} to {row.most:.3g}",
+                f"{plain / row.median:.1f}",
+            )
+            for row in self.rows
+        ]
+        rows.append(("the paper's own, on its machine of 2010", f"{PAPER_MS:.0f}", "-", "-"))
+        title = f"One evaluation, ms: {self.workload}; medians"
+        return Table(title, ("path", "total", "least to most", "a / this"), tuple(rows))
 
     def _whole_table(self) -> Table:
         rows = [
@@ -146,36 +142,11 @@ class SpeedReport:
             )
             for fit in self.fits
         ]
-        for maps in self.maps:
-            name = f"{maps['maps']} maps of {maps['size']}x{maps['size']}"
-            name = f"{name}, {_cores(maps['threads'])}"
-            good = "" if maps["error"] is None else f", good to {maps['error']:.1%} of their range"
-            rows.append((name, f"{maps['seconds']:.3g}", f"{maps['points']:,} points{good}"))
+        maps = self.maps
+        name = f"{maps['maps']} maps of {maps['size']}x{maps['size']}, {_cores(maps['threads'])}"
+        good = "" if maps["error"] is None else f", good to {maps['error']:.1%} of their range"
+        rows.append((name, f"{maps['seconds']:.3g}", f"{maps['points']:,} points{good}"))
         return Table("Searches and maps", ("what", "seconds", "end"), tuple(rows))
-
-
-def path_table(times: Sequence[StageTime]) -> Table:
-    """Tabulate a row for each path of one workload, and one for the paper's own figures."""
-    rows, plain = [], 0.0
-    for letter in dict.fromkeys(row.path for row in times):
-        of = {row.stage: row for row in times if row.path == letter}
-        total = of["total"]
-        plain = total.ms_median if letter == "a" else plain
-        rows.append((
-            f"{letter}  {PATHS[letter]}",
-            *(f"{of[stage].ms_median:.3g}" if stage in of else "" for stage in STAGES),
-            f"{total.ms_min:.3g} to {total.ms_max:.3g}",
-            f"{plain / total.ms_median:.1f}" if plain else "-",
-        ))  # fmt: skip
-    render, loss, one = PAPER["render_ms"], PAPER["loss_ms"], times[0]
-    paper = f"{render:.0f}", "", f"{loss:.0f}", f"{render + loss:.0f}", "-", "-"
-    rows.append(("the paper's own, on its machine of 2010", *paper))
-    return Table(
-        f"One evaluation, ms: {one.triangles:,} triangles, {one.width}x{one.height}, "
-        f"{one.covered_px:,} covered pixels; medians",
-        ("path", *STAGES, "least to most", "a / this"),
-        tuple(rows),
-    )
 
 
 def _cores(count: int) -> str:
@@ -205,15 +176,16 @@ def measure_speed(
     demo, truth = demo_with_truth()
     tell(f"timing the paths: {TRIANGLES:,} triangles, {WIDTH_PX} px")
     work = make_workload(demo, truth, TRIANGLES, WIDTH_PX)
-    rows = time_paths(work, letters, 4 if quick else 12)
+    rows = tuple(time_paths(work, letters, 4 if quick else 12))
     tell(f"making maps of {map_size}x{map_size}")
     maps, fits = time_maps(demo, truth, map_size), []
     for method in METHODS:
         limit_s = 3.0 if quick else 30.0
         tell(f"fitting by --method {method}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, truth, method, limit_s))
-    notes = () if versions["opengl"] else ("Path a is left out: there is no OpenGL here.",)
-    return SpeedReport(machine, versions, tuple(rows), tuple(fits), (maps,), notes)
+    height, width = work.photo.weights.shape
+    about = f"{TRIANGLES:,} triangles, {width}x{height}, {work.covered_px:,} covered pixels"
+    return SpeedReport(machine, versions, about, rows, tuple(fits), maps)
 
 
 def _cpu() -> str:
@@ -244,98 +216,56 @@ def make_workload(demo: Registration, truth: Pose, triangles: int, width: int) -
     offsets = np.random.default_rng(0).uniform(-JITTER, JITTER, (POSES, len(middle)))
     poses = tuple(chart.to_pose(middle + offset * chart.scales(middle)) for offset in offsets)
     compared = PhotoAttributes(channels, np.ones((height, width), np.float32))
-    return Workload(triangles, renderer, poses, compared, int(renderer.covers(truth).sum()))
+    return Workload(renderer, poses, compared, int(renderer.covers(truth).sum()))
 
 
-def time_paths(work: Workload, letters: str, rounds: int) -> list[StageTime]:
-    """The times of the stages of some paths, taken in turn: what disturbs the machine hits all.
+def time_paths(work: Workload, letters: str, rounds: int) -> list[PathTime]:
+    """Time some paths in turn: what disturbs the machine hits all.
 
     Each turn begins with a run that does not count: it brings back into the processor's caches what
     other paths have pushed out.
     """
-    samples: dict[tuple[str, int, str], list[float]] = defaultdict(list)
+    times: dict[tuple[str, int], list[float]] = defaultdict(list)
     with RendererPool(work.renderer) as pool:
         paths = [(letter, *_make_path(work, letter, pool)) for letter in letters]
         for turn in range(rounds):
-            for letter, threads, run in paths:
-                for k in range(BURST + 1):
-                    for stage, seconds in run(turn * BURST + k).items():
-                        if k:
-                            samples[letter, threads, stage].append(1e3 * seconds)
-    height, width = work.photo.weights.shape
+            for letter, threads, count, evaluate in paths:
+                for k in range(turn * BURST, turn * BURST + BURST + 1):
+                    poses = [work.poses[(k + i) % POSES] for i in range(count)]
+                    began = perf_counter()
+                    evaluate(poses)
+                    if k > turn * BURST:
+                        times[letter, threads].append(1e3 * (perf_counter() - began) / count)
     return [
-        StageTime(
-            path=letter,
-            triangles=work.triangles,
-            width=width,
-            height=height,
-            threads=threads,
-            stage=stage,
-            ms_median=float(np.median(times)),
-            ms_min=min(times),
-            ms_max=max(times),
-            runs=len(times),
-            faces=len(work.renderer.mesh.faces),
-            covered_px=work.covered_px,
-        )
-        for (letter, threads, stage), times in samples.items()
+        PathTime(*path, float(np.median(ms)), min(ms), max(ms), len(ms))
+        for path, ms in times.items()
     ]
 
 
 def _make_path(
     work: Workload, letter: str, pool: RendererPool
-) -> tuple[int, Callable[[int], Seconds]]:
-    """Number of threads, and what goes the path at the workload's pose of a number."""
-    mesh = work.renderer.mesh
-    if letter == "a":
-        return 1, partial(_by_pictures, work, make_renderer(mesh, "opengl"))
-    if letter == "d":
-        return 1, partial(_fused, work)
+) -> tuple[int, int, Callable[[list[Pose]], Any]]:
+    """Number of threads, poses of a run, and what computes their losses."""
+
+    def one(renderer: Renderer, pose: Pose) -> float:
+        return lighting_loss(renderer.moments(pose, work.photo))
+
     if letter == "e":
-        return pool.threads, partial(_together, work, pool, CHUNK * pool.threads)
-    from poseviewer.render.gpu.renderer import GpuRenderer
+        return pool.threads, CHUNK * pool.threads, lambda poses: list(pool.map(one, poses))
+    if letter == "f":
+        from poseviewer.render.gpu.renderer import GpuRenderer
 
-    renderer = GpuRenderer(mesh)
-    count = 1 if renderer.device.is_software else GPU_POSES
-    return 1, partial(_together, work, RendererPool(renderer), count)
-
-
-def _by_pictures(work: Workload, renderer: Renderer, k: int) -> Seconds:
-    began = perf_counter()
-    image = renderer.render(work.poses[k % POSES])
-    drawn = perf_counter()
-    moments = moments_of_images(image, work.photo)
-    summed = perf_counter()
-    lighting_loss(moments)
-    end = perf_counter()
-    stages = {"draw": drawn - began, "sum": summed - drawn, "loss": end - summed}
-    return stages | {"total": end - began}
-
-
-def _fused(work: Workload, k: int) -> Seconds:
-    """``covers``, at another pose, stands for drawing; the rest is the sum."""
-    began = perf_counter()
-    moments = work.renderer.moments(work.poses[k % POSES], work.photo)
-    summed = perf_counter()
-    lighting_loss(moments)
-    end = perf_counter()
-    work.renderer.covers(work.poses[(k + 2) % POSES])
-    draw = perf_counter() - end
-    stages = {"draw": draw, "sum": max(summed - began - draw, 0.0), "loss": end - summed}
-    return stages | {"total": end - began}
-
-
-def _together(work: Workload, pool: RendererPool, count: int, k: int) -> Seconds:
-    """Seconds for one of ``count`` poses, from pose to loss."""
-    poses = [work.poses[(k + i) % POSES] for i in range(count)]
-    began = perf_counter()
-    list(pool.map(lambda one, pose: lighting_loss(one.moments(pose, work.photo)), poses))
-    return {"total": (perf_counter() - began) / count}
+        on_gpu = GpuRenderer(work.renderer.mesh)
+        together = RendererPool(on_gpu)
+        count = 1 if on_gpu.device.is_software else GPU_POSES
+        return 1, count, lambda poses: list(together.map(one, poses))
+    renderer = make_renderer(work.renderer.mesh, "opengl") if letter == "a" else work.renderer
+    return 1, 1, lambda poses: one(renderer, poses[0])
 
 
 def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) -> dict[str, Any]:
     """Time what ``fit --method`` does from the demo's start, 8 % off in each parameter, without the
-    verdict; ``error_percent`` is of the model's size in the photo.
+    verdict; the error is of the model's size in the photo.
     """
     problem, _ = make_problem(demo, FitSettings(method=method, limits=Limits(seconds=limit_s)))
     renderer, threads = SoftwareRenderer(demo.mesh), 1 if method == "paper" else processors()
@@ -345,13 +275,8 @@ def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) ->
     return {
         "method": method,
         "threads": threads,
-        "faces": len(demo.mesh.faces),
         "seconds": end.seconds,
         "evaluations": end.evaluations,
-        "loss": end.loss,
-        "status": end.status.name,
-        "limit_s": limit_s,
-        "error_percent": error,
         "end": f"{end.status.name.lower().replace('_', ' ')}, {error:.2f} % off",
     }
 
