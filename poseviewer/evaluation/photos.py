@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
-from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
+from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.evaluation.trials import open_model
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo, save_image
@@ -45,7 +45,7 @@ DRAWN = ("plain", "background")
 Reading = Literal["relative", "absolute"]
 """``relative``: each parameter is off by up to a share of its own value, as in the paper.
 ``absolute``: by up to that share of its scale, which is harder for parameters near 0."""
-QUALITY, HIGHLIGHTS = PhotoQuality(blur_px=0.7, noise=2.0), 0.4
+QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
 MARGIN_PX, INPAINT_PX = (81, 141), 5
 """Width and height of the ellipse by which the demo's car is dilated, to include its shadow, before
 the photo is inpainted there; radius of the inpainting."""
@@ -143,12 +143,7 @@ def _draw(
     pose = random_view(vehicle.mesh, vehicle.keypoints, size, random)
     lighting = random_lighting(random)
     behind = np.zeros(3) if kind == "plain" else _piece(_demo_without_its_car(), size, random)
-    photographer = Photographer(vehicle.mesh, HIGHLIGHTS)
-    try:
-        pixels = photographer.photograph(pose, lighting, behind, QUALITY, seed)
-    finally:
-        photographer.close()
-    return pose, pixels
+    return pose, photograph(vehicle.mesh, pose, lighting, behind, seed=seed, **QUALITY)
 
 
 def random_view(

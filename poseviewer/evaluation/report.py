@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binomtest
@@ -19,19 +18,6 @@ LABELS = {str(kind): label for kind, label in KINDS.items()}
 Line = tuple[str, str, str, str]
 """Method, reading, photos, pixels."""
 Lines = dict[Line, list[Trial]]
-
-
-@dataclass(frozen=True, slots=True)
-class ReliabilityLine:
-    """Shares of fits by deviation; all tuples are of one length."""
-
-    label: str
-    off: tuple[float, ...]
-    """Deviations, per cent or degrees."""
-    share: tuple[float, ...]
-    """In [0, 1], with an interval from ``low`` to ``high``."""
-    low: tuple[float, ...]
-    high: tuple[float, ...]
 
 
 def wilson_interval(found: int, trials: int) -> tuple[float, float]:
@@ -70,37 +56,19 @@ def report_table(lines: Lines) -> Table:
         *("loss below truth's", "evaluations", "seconds"),
     )
     rows = []
-    for line, some in lines.items():
-        drawn = _reliability(line, some)
-        cells = dict(zip(drawn.off, map(_cell, drawn.share, drawn.low, drawn.high), strict=True))
-        rows.append(
-            (
-                f"{line[0]}: {drawn.label}",
-                line[1] or "angle",
-                *(cells.get(percent or degrees, NONE) for percent, degrees in offs),
-                *_totals(some),
-            )
-        )
+    for (method, reading, photos, pixels), some in lines.items():
+        label = LABELS.get(photos, photos) + ("" if pixels == "near" else f", {pixels}")
+        by_off: dict[tuple[float, int], list[bool]] = {}
+        for trial in some:
+            by_off.setdefault((trial.percent, trial.degrees), []).append(trial.found)
+        shares = (_share(by_off[off]) if off in by_off else NONE for off in offs)
+        rows.append((f"{method}: {label}", reading or "angle", *shares, *_totals(some)))
     return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
 
 
-def _reliability(line: Line, trials: Sequence[Trial]) -> ReliabilityLine:
-    label = LABELS.get(line[2], line[2])
-    by_off: dict[float, list[bool]] = {}
-    for trial in sorted(trials, key=lambda trial: (trial.percent, trial.degrees)):
-        by_off.setdefault(trial.percent or trial.degrees, []).append(trial.found)
-    intervals = [wilson_interval(sum(found), len(found)) for found in by_off.values()]
-    return ReliabilityLine(
-        label if line[3] == "near" else f"{label}, {line[3]}",
-        tuple(by_off),
-        tuple(sum(found) / len(found) for found in by_off.values()),
-        tuple(low for low, _ in intervals),
-        tuple(high for _, high in intervals),
-    )
-
-
-def _cell(share: float, low: float, high: float) -> str:
-    return f"{100 * share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
+def _share(found: Sequence[bool]) -> str:
+    low, high = wilson_interval(sum(found), len(found))
+    return f"{100 * sum(found) / len(found):.0f} ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def _totals(trials: Sequence[Trial]) -> tuple[str, ...]:

@@ -21,9 +21,8 @@ from poseviewer.evaluation.photos import (
     make_photos,
     make_seed,
 )
-from poseviewer.evaluation.pool import run_all
 from poseviewer.evaluation.report import lines_of, report_table
-from poseviewer.evaluation.trials import KEY, Task, Trial, open_model
+from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
 from poseviewer.figures.text_table import Table
 from poseviewer.files.checks import read_json
 from poseviewer.files.demo import demo_case

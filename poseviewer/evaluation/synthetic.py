@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.opengl import OpenGLRenderer
@@ -19,47 +19,33 @@ SHARPNESS = 46.8
 OVER_THE_SHOULDER = (0.0, -0.6, -0.8)
 """Camera frame (y down, z away): from behind and above the photographer."""
 WIDEST_ANGLE_DEG = 65.0
+SUPERSAMPLING = 4
+"""Each pixel is the mean of this number squared of samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DirectionalLight:
-    """A light so far away that it comes from one direction."""
-
-    towards: FloatArray
-    """(3,): unit vector towards the light, in the camera frame."""
-    intensity: FloatArray
-    """(3,): RGB that a white surface facing the light gains; 1 is the photo's white."""
-
-    def __post_init__(self) -> None:
-        towards = np.asarray(self.towards, dtype=float)
-        towards = towards / np.linalg.norm(towards)
-        object.__setattr__(self, "towards", frozen_array(towards, (3,)))
-        object.__setattr__(self, "intensity", frozen_array(self.intensity, (3,)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LightSources:
-    """Light from everywhere and light from a few directions."""
+class Lighting:
+    """Light from everywhere and from n directions; 1 is the photo's white."""
 
     ambient: FloatArray
     """(3,): RGB of a white surface that no directional light reaches."""
-    lights: tuple[DirectionalLight, ...] = ()
+    towards: FloatArray
+    """(n, 3): unit vectors towards the lights, in the camera frame."""
+    intensity: FloatArray
+    """(n, 3): RGB that a white surface facing each light gains."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "ambient", frozen_array(self.ambient, (3,)))
 
-
-def random_lighting(rng: np.random.Generator) -> LightSources:
+def random_lighting(rng: np.random.Generator) -> Lighting:
     """Daylight-like: some ambient light, one strong light and often a weak one, slightly tinted.
 
     The strong light comes from within 65 degrees of over the photographer's shoulder.
     """
     ambient = rng.uniform(0.15, 0.4) * _tint(rng)
-    key = DirectionalLight(_direction(rng), rng.uniform(0.4, 0.7) * _tint(rng))
-    if rng.random() < 0.4:
-        return LightSources(ambient, (key,))
-    fill = DirectionalLight(_direction(rng), rng.uniform(0.05, 0.2) * _tint(rng))
-    return LightSources(ambient, (key, fill))
+    lights = [(_direction(rng), rng.uniform(0.4, 0.7) * _tint(rng))]
+    if rng.random() >= 0.4:
+        lights.append((_direction(rng), rng.uniform(0.05, 0.2) * _tint(rng)))
+    towards, intensity = (np.array(values) for values in zip(*lights, strict=True))
+    return Lighting(ambient, towards, intensity)
 
 
 def _tint(rng: np.random.Generator) -> FloatArray:
@@ -76,89 +62,64 @@ def _direction(rng: np.random.Generator) -> FloatArray:
     return turn.apply(on_cap)
 
 
-@dataclass(frozen=True, slots=True)
-class PhotoQuality:
-    """What a camera does to a picture."""
+def cut_out(
+    renderer: OpenGLRenderer, pose: Pose, lighting: Lighting, highlights: float = 0.0
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Draw the picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
 
-    supersampling: int = 4
-    """Each pixel is the mean of this number squared of samples."""
-    blur_px: float = 0.0
-    """Standard deviation of a Gaussian blur."""
-    noise: float = 0.0
-    """Standard deviation of the sensor's noise, in grey levels of 255."""
-
-
-class Photographer:
-    """A model in a studio, to be photographed in many poses. One thread only, as ``opengl``."""
-
-    def __init__(self, mesh: Mesh, highlights: float = 0.0) -> None:
-        """``highlights``: strength of Blinn-Phong highlights; 0 is Lambert's law alone."""
-        self.highlights = highlights
-        self._renderer = OpenGLRenderer(mesh)
-
-    def cut_out(
-        self, pose: Pose, lighting: LightSources, supersampling: int = 4
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Draw the picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
-
-        Both in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` and
-        highlights, clamped, in display-encoded values.
-        """
-        camera = pose.camera
-        fine = pose.scaled(supersampling)
-        image = self._renderer.render(fine)
-        rows, columns = np.nonzero(image.mask)
-        normals = image.normals[image.mask].astype(float)
-        towards_eye = np.array([0.0, 0.0, -1.0])
-        if isinstance(fine.camera, Perspective):
-            rays = fine.camera.rays(np.column_stack([columns, rows]) + 0.5)
-            towards_eye = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        diffuse, highlight = np.broadcast_to(lighting.ambient, normals.shape), 0.0
-        for light in lighting.lights:
-            arriving = np.maximum(normals @ light.towards, 0.0)[:, None] * light.intensity
-            diffuse = diffuse + arriving
-            half = light.towards + towards_eye
-            half = half / np.linalg.norm(half, axis=-1, keepdims=True)
-            peak = np.maximum(np.sum(normals * half, axis=1), 0.0)
-            highlight = highlight + arriving * peak[:, None] ** SHARPNESS
-        shaded = np.zeros((*image.mask.shape, 4), np.float32)
-        colours = image.reflectance[image.mask] * diffuse + self.highlights * highlight
-        shaded[image.mask] = np.column_stack([np.clip(colours, 0.0, 1.0), np.ones(len(rows))])
-        size = (camera.width, camera.height)
-        small = np.asarray(cv2.resize(shaded, size, interpolation=cv2.INTER_AREA), np.float32)
-        return small[..., :3], small[..., 3]
-
-    def photograph(
-        self,
-        pose: Pose,
-        lighting: LightSources,
-        background: ArrayLike = (0.7, 0.7, 0.7),
-        quality: PhotoQuality | None = None,
-        seed: int = 0,
-    ) -> NDArray[np.uint8]:
-        """(h, w, 3) RGB. ``background``: RGB in [0, 1], or a photo (h, w, 3) uint8, resized.
-
-        ``seed`` is that of the sensor's noise.
-        """
-        quality = quality or PhotoQuality()
-        colour, coverage = self.cut_out(pose, lighting, quality.supersampling)
-        behind = _background(background, pose.camera.width, pose.camera.height)
-        return as_photographed(colour + (1.0 - coverage[..., None]) * behind, quality, seed)
-
-    def close(self) -> None:
-        """Free the graphics memory; the next picture takes it again."""
-        self._renderer.close()
+    Both in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` and
+    ``highlights`` times those of Blinn and Phong, clamped, in display-encoded values.
+    """
+    camera, fine = pose.camera, pose.scaled(SUPERSAMPLING)
+    image = renderer.render(fine)
+    rows, columns = np.nonzero(image.mask)
+    normals = image.normals[image.mask].astype(float)
+    towards_eye = np.array([0.0, 0.0, -1.0])
+    if isinstance(fine.camera, Perspective):
+        rays = fine.camera.rays(np.column_stack([columns, rows]) + 0.5)
+        towards_eye = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    diffuse, highlight = np.broadcast_to(lighting.ambient, normals.shape), 0.0
+    for towards, intensity in zip(lighting.towards, lighting.intensity, strict=True):
+        arriving = np.maximum(normals @ towards, 0.0)[:, None] * intensity
+        diffuse = diffuse + arriving
+        half = towards + towards_eye
+        half = half / np.linalg.norm(half, axis=-1, keepdims=True)
+        peak = np.maximum(np.sum(normals * half, axis=1), 0.0)
+        highlight = highlight + arriving * peak[:, None] ** SHARPNESS
+    shaded = np.zeros((*image.mask.shape, 4), np.float32)
+    colours = image.reflectance[image.mask] * diffuse + highlights * highlight
+    shaded[image.mask] = np.column_stack([np.clip(colours, 0.0, 1.0), np.ones(len(rows))])
+    size = (camera.width, camera.height)
+    small = np.asarray(cv2.resize(shaded, size, interpolation=cv2.INTER_AREA), np.float32)
+    return small[..., :3], small[..., 3]
 
 
-def as_photographed(
-    picture: NDArray[np.floating], quality: PhotoQuality, seed: int
+def photograph(
+    mesh: Mesh,
+    pose: Pose,
+    lighting: Lighting,
+    background: ArrayLike = (0.7, 0.7, 0.7),
+    *,
+    highlights: float = 0.0,
+    blur_px: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
 ) -> NDArray[np.uint8]:
-    """What lens and sensor make of a picture (h, w, 3) of display-encoded RGB in [0, 1]."""
-    photo = 255.0 * picture
-    if quality.blur_px > 0.0:
-        photo = cv2.GaussianBlur(photo, (0, 0), quality.blur_px)
-    if quality.noise > 0.0:
-        photo = photo + np.random.default_rng(seed).normal(0.0, quality.noise, photo.shape)
+    """(h, w, 3) RGB. ``background``: RGB in [0, 1], or a photo (h, w, 3) uint8, resized.
+
+    ``blur_px`` is the standard deviation of the lens's blur, ``noise`` that of the sensor's noise,
+    in grey levels of 255, and ``seed`` that noise's. One thread only, as ``opengl``.
+    """
+    renderer = OpenGLRenderer(mesh)
+    try:
+        colour, coverage = cut_out(renderer, pose, lighting, highlights)
+    finally:
+        renderer.close()
+    behind = _background(background, pose.camera.width, pose.camera.height)
+    photo = 255.0 * (colour + (1.0 - coverage[..., None]) * behind)
+    if blur_px > 0.0:
+        photo = cv2.GaussianBlur(photo, (0, 0), blur_px)
+    photo = photo + np.random.default_rng(seed).normal(0.0, noise, photo.shape)
     return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
 
 

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -12,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.api import make_case
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import EXIT_INTERRUPTED, PoseViewerError, SettingsError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
@@ -63,10 +70,6 @@ class Trial:
     error_percent_end: float
     error_px_start: float
     error_px_end: float
-    rotation_deg_start: float
-    rotation_deg_end: float
-    add_start: float
-    add_end: float
     loss_start: float
     loss_end: float
     loss_truth: float
@@ -152,15 +155,13 @@ class Task:
                 "seconds": round(seconds, 3),
                 "status": progress.status.name,
                 "verdict": "" if verdict is None else verdict.word,
-                "evidence": features_as_text(None if verdict is None else verdict.features),
+                "evidence": "" if verdict is None else _as_text(verdict.features),
             }
         vertices, symmetry = registration.mesh.vertices, registration.symmetry
         for name, pose in poses.items():
             error = pose_error(registration.mesh, pose, truth, symmetry)
             outcome[f"error_percent_{name}"] = error.percent
             outcome[f"error_px_{name}"] = error.reprojection_px
-            outcome[f"rotation_deg_{name}"] = float(error.rotation_deg)
-            outcome[f"add_{name}"] = error.add
             if case.bop:
                 in_space, in_photo = symmetric_distances(vertices, pose, truth, symmetry)
                 outcome[f"mssd_{name}"] = in_space / case.bop.diameter
@@ -174,11 +175,9 @@ class Task:
         )  # fmt: skip
 
 
-def features_as_text(features: Features | None) -> str:
-    """``name=value`` of each number, with blanks between them; empty for none."""
-    if features is None:
-        return ""
-    return " ".join(f"{name}={float(getattr(features, name)):.6g}" for name in FEATURES)
+def _as_text(features: Features | None) -> str:
+    names = () if features is None else FEATURES
+    return " ".join(f"{name}={float(getattr(features, name)):.6g}" for name in names)
 
 
 def symmetric_distances(
@@ -210,3 +209,39 @@ def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
 def open_photo(path: Path) -> Photo:
     """LRU cache of photos; raises what ``load_photo`` raises."""
     return load_photo(path)
+
+
+def run_all(tasks: Sequence[Task], jobs: int) -> Iterator[Trial]:
+    """Run tasks, yielding each row when it is done; one job runs them here, in order.
+
+    Processes, not threads: between two kernel calls a search spends a fifth of its time in Python.
+    They are new ones, not forked, as this one may hold an OpenGL context.
+
+    Raises:
+        SettingsError: one of the processes was ended from outside, as for want of memory.
+    """
+    if jobs == 1 or len(tasks) < 2:
+        yield from (task.run() for task in tasks)
+        return
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_end_with_the_study)
+    try:
+        for done in as_completed([pool.submit(task.run) for task in tasks]):
+            yield done.result()
+    except BrokenProcessPool:
+        raise SettingsError(
+            "a process of the study was ended from outside, perhaps for want of memory; what was "
+            "done is kept: run the same again, with fewer --jobs"
+        ) from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_with_the_study() -> None:
+    """End silently on Ctrl-C, which the study's own process reports; and with that process."""
+    study = parent_process()
+    assert study is not None
+    signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
+    ending = threading.Thread(
+        target=lambda: (study.join(), os._exit(EXIT_INTERRUPTED)), daemon=True
+    )
+    ending.start()

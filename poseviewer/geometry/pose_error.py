@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,6 @@ class PoseError:
     percent: float
     """The same, as 100 times the share of the diagonal of the model's box in the photo."""
     rotation_deg: float
-    add: float
-    """Mean distance in space between the vertices, in the model's unit. One photo hardly shows
-    the depth, so it says little here."""
 
 
 def pose_error(
@@ -38,7 +36,5 @@ def pose_error(
     distance = np.linalg.norm(estimate.project(vertices) - there, axis=1)
     pixels = float(np.nan_to_num(distance, nan=np.inf).mean())
     diagonal = float(np.linalg.norm(np.ptp(there, axis=0)))
-    here = estimate.camera_from_model.apply(vertices)
-    apart = np.linalg.norm(here - truth.camera_from_model.apply(vertices), axis=1)
     angle = rotation_angle(estimate.camera_from_model.rotation, truth.camera_from_model.rotation)
-    return PoseError(pixels, 100.0 * pixels / diagonal, np.degrees(angle), float(apart.mean()))
+    return PoseError(pixels, 100.0 * pixels / diagonal, math.degrees(angle))

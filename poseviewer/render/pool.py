@@ -28,7 +28,7 @@ class Cloneable(Protocol):
     """A renderer that can be had once for each thread."""
 
     def clone(self) -> Any:
-        """Another renderer of the same model, with buffers of its own; or several."""
+        """Another renderer of the same model, with buffers of its own."""
         ...
 
 
@@ -60,11 +60,11 @@ class RendererPool:
         self._free: deque[Any] = deque()
         self._executor: ThreadPoolExecutor | None = None
         self.threads = 1
-        # How a renderer on a GPU has poses judged; smaller pictures of one say what it says.
+        # How a renderer on a GPU has poses judged.
         self._together: Any = getattr(renderer, "together", None)
-        if self._together is None and count > 1 and _can_be_cloned(renderer):
+        if self._together is None and count > 1 and isinstance(renderer, Cloneable):
             self.threads = count
-            self._free.extend(renderer.clone() for _ in range(count))  # pyright: ignore[reportAttributeAccessIssue]
+            self._free.extend(renderer.clone() for _ in range(count))
             self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
 
     def map(
@@ -131,13 +131,3 @@ class RendererPool:
             return [function(renderer, item) for item in chunk]
         finally:
             self._free.append(renderer)
-
-
-def _can_be_cloned(renderer: object) -> bool:
-    if not isinstance(renderer, Cloneable):
-        return False
-    try:
-        renderer.clone()
-    except AttributeError:  # a smaller picture of one that cannot
-        return False
-    return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
+from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
@@ -36,16 +36,12 @@ THETA = np.array([0.7, 0.62, -0.42, 0.06, 0.45, 0.2])
 """A car seen from its front left, from somewhat above."""
 
 
-def photograph(mesh: Mesh, chart: VehicleChart, seed: int) -> Photo:
+def make_photo(mesh: Mesh, chart: VehicleChart, seed: int) -> Photo:
     """A diffuse car before a plain background, in light that the fit does not know, with sensor
     noise."""
     require_opengl()
-    photographer = Photographer(mesh)
     lighting = random_lighting(np.random.default_rng(seed))
-    pixels = photographer.photograph(
-        chart.to_pose(THETA), lighting, quality=PhotoQuality(noise=1.0), seed=seed
-    )
-    photographer.close()
+    pixels = photograph(mesh, chart.to_pose(THETA), lighting, noise=1.0, seed=seed)
     return Photo(pixels, "synthetic.png", "0" * 64)
 
 
@@ -69,7 +65,7 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     keypoints = load_keypoints(case.model, mesh)
     assert keypoints is not None
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
-    photo = photograph(mesh, chart, seed=1)
+    photo = make_photo(mesh, chart, seed=1)
     registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
     renderer, random = make_renderer(mesh), np.random.default_rng(8)
     for _ in range(2):

@@ -5,25 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.evaluation.synthetic import (
-    DirectionalLight,
-    LightSources,
-    Photographer,
-    PhotoQuality,
-    random_lighting,
-)
+from poseviewer.evaluation.synthetic import Lighting, cut_out, photograph, random_lighting
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
 from tests.opengl import require_opengl
 
-LIGHTING = LightSources(
+LIGHTING = Lighting(
     np.array([0.3, 0.25, 0.28]),
-    (
-        DirectionalLight(np.array([0.3, -0.5, -0.8]), np.array([0.6, 0.55, 0.5])),
-        DirectionalLight(np.array([-0.8, 0.1, -0.3]), np.array([0.1, 0.12, 0.1])),
-    ),
+    np.array([np.divide(v, np.linalg.norm(v)) for v in ([0.3, -0.5, -0.8], [-0.8, 0.1, -0.3])]),
+    np.array([[0.6, 0.55, 0.5], [0.1, 0.12, 0.1]]),
 )
 PLACE = RigidTransform.from_rotation_vector([0.7, -0.4, 0.2], [0.1, -0.05, 4.0])
 POSES = pytest.mark.parametrize(
@@ -66,9 +58,9 @@ def on_border(values):
 @POSES
 @pytest.mark.parametrize("mesh", [make_bumpy(), make_textured_bumpy()], ids=["colours", "texture"])
 def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(mesh, pose):
-    colour, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
+    colour, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     image = OpenGLRenderer(mesh).render(pose)
-    cosines = [image.normals @ light.towards for light in LIGHTING.lights]
+    cosines = [image.normals @ towards for towards in LIGHTING.towards]
     lit = (coverage == 1.0) & image.mask & (cosines[0] > 0.05) & (cosines[1] > 0.05)
     lit &= ~on_border(mesh.face_texture[image.face_ids])
     assert lit.sum() > 1000
@@ -77,7 +69,7 @@ def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(
         attributes = np.column_stack([k, k[:, None] * image.normals[lit]])
         seen = colour[lit][:, channel].astype(float)
         found, *_ = np.linalg.lstsq(attributes, seen, rcond=None)
-        light = np.sum([o.intensity[channel] * o.towards for o in LIGHTING.lights], axis=0)
+        light = LIGHTING.intensity[:, channel] @ LIGHTING.towards
         assert found == pytest.approx([LIGHTING.ambient[channel], *light], abs=0.005)
         residual = seen - attributes @ found
         assert np.median(np.abs(residual)) < 0.5 / 255
@@ -87,7 +79,7 @@ def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(
 @POSES
 @pytest.mark.parametrize("mesh", [make_box(), make_bumpy()], ids=["box", "bumpy"])
 def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
-    _, coverage = Photographer(mesh).cut_out(pose, LIGHTING)
+    _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     opengl = OpenGLRenderer(mesh)
     fine = opengl.covers(pose.scaled(12))
     exact = fine.reshape(pose.camera.height, 12, pose.camera.width, 12).mean(axis=(1, 3))
@@ -105,8 +97,8 @@ def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
 def test_highlights_only_add_light():
     pose = Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE)
     mesh = make_bumpy()
-    diffuse, _ = Photographer(mesh).cut_out(pose, LIGHTING)
-    glossy, _ = Photographer(mesh, 0.4).cut_out(pose, LIGHTING)
+    diffuse, _ = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
+    glossy, _ = cut_out(OpenGLRenderer(mesh), pose, LIGHTING, 0.4)
     assert (glossy >= diffuse - 1e-6).all()
     assert (glossy - diffuse).max() > 0.1
 
@@ -115,20 +107,17 @@ def test_background_blur_and_noise():
     pose = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE)
     mesh = make_box()
     picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
-    photographer = Photographer(mesh)
-    photo = photographer.photograph(pose, LIGHTING, picture)
-    _, coverage = photographer.cut_out(pose, LIGHTING)
+    photo = photograph(mesh, pose, LIGHTING, picture)
+    _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     assert photo.dtype == np.uint8
     assert (photo[coverage == 0.0] == picture[coverage == 0.0]).all()
-    plain = photographer.photograph(pose, LIGHTING, (0.5, 0.5, 0.5))
-    noisy = [
-        photographer.photograph(pose, LIGHTING, (0.5, 0.5, 0.5), PhotoQuality(noise=4.0), seed=s)
-        for s in (1, 1, 2)
-    ]
+    grey = (0.5, 0.5, 0.5)
+    plain = photograph(mesh, pose, LIGHTING, grey)
+    noisy = [photograph(mesh, pose, LIGHTING, grey, noise=4.0, seed=s) for s in (1, 1, 2)]
     assert (noisy[0] == noisy[1]).all()
     assert (noisy[0] != noisy[2]).any()
     assert np.std(noisy[0].astype(float) - plain) == pytest.approx(4.0, rel=0.1)
-    blurred = photographer.photograph(pose, LIGHTING, picture, PhotoQuality(blur_px=2.0))
+    blurred = photograph(mesh, pose, LIGHTING, picture, blur_px=2.0)
     assert (
         np.abs(np.diff(blurred.astype(float), axis=0)).mean()
         < 0.3 * np.abs(np.diff(photo.astype(float), axis=0)).mean()
@@ -138,7 +127,6 @@ def test_background_blur_and_noise():
 def test_random_light_comes_from_before_the_model():
     for seed in range(50):
         lighting = random_lighting(np.random.default_rng(seed))
-        assert 1 <= len(lighting.lights) <= 2
-        for light in lighting.lights:
-            assert np.linalg.norm(light.towards) == pytest.approx(1.0)
-            assert light.towards @ [0.0, -0.6, -0.8] >= np.cos(np.radians(65.0)) - 1e-9
+        assert 1 <= len(lighting.towards) == len(lighting.intensity) <= 2
+        assert np.linalg.norm(lighting.towards, axis=1) == pytest.approx(1.0)
+        assert (lighting.towards @ [0.0, -0.6, -0.8] >= np.cos(np.radians(65.0)) - 1e-9).all()

@@ -12,7 +12,7 @@ import trimesh
 
 from poseviewer.confidence.features import gather_features
 from poseviewer.confidence.model import judge, judge_end
-from poseviewer.evaluation.synthetic import Photographer, PhotoQuality, random_lighting
+from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.registration import Registration
@@ -62,11 +62,8 @@ def turned(pose: Pose, degrees: float) -> Pose:
 def photo_of(mesh: Mesh) -> Photo:
     """Drawn by OpenGL."""
     require_opengl()
-    quality = PhotoQuality(blur_px=0.7, noise=2.0)
-    lighting = random_lighting(np.random.default_rng(3))
-    photographer = Photographer(mesh)
-    pixels = photographer.photograph(TRUTH, lighting, (0.45, 0.5, 0.4), quality, seed=3)
-    photographer.close()
+    lighting, ground = random_lighting(np.random.default_rng(3)), (0.45, 0.5, 0.4)
+    pixels = photograph(mesh, TRUTH, lighting, ground, blur_px=0.7, noise=2.0, seed=3)
     return Photo(pixels, "can.png", "0" * 64)
 
 

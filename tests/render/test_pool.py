@@ -10,7 +10,6 @@ import pytest
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import CHUNK, RendererPool
-from poseviewer.render.pyramid.levels import LevelRenderer
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
@@ -59,8 +58,8 @@ def test_moments_are_those_of_one_renderer_in_order(threads, count):
         assert np.array_equal(ours.covariance, theirs.covariance)
 
 
-@pytest.mark.parametrize("renderer", [Alone(), LevelRenderer(Alone(), 2)])
-def test_renderers_that_cannot_be_cloned_go_alone(renderer):
+def test_renderers_that_cannot_be_cloned_go_alone():
+    renderer = Alone()
     with RendererPool(renderer, 4) as pool:
         assert pool.threads == 1
         users = list(pool.map(lambda one, _: one, range(30)))

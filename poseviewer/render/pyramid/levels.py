@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose, level_pose, reduced_size
 from poseviewer.render.structure import bounding_slices, make_structure
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
+from poseviewer.render.types import PhotoAttributes, Renderer
 
 LARGEST_FACTOR = 16
 FACES_PER_PIXEL = 1.0
@@ -32,7 +32,7 @@ class Level:
     factor: int
     photo: PhotoAttributes
     renderer: Renderer
-    """Takes poses of the full photo; not for two threads at once."""
+    """Not for two threads at once."""
 
 
 @runtime_checkable
@@ -64,8 +64,7 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
     """
     if factor == 1:
         return Level(1, photo, renderer)
-    small = coarser(photo, factor)
-    return Level(factor, small, LevelRenderer(reduced(renderer, pixels / factor**2), factor))
+    return Level(factor, smaller(photo, factor), reduced(renderer, pixels / factor**2))
 
 
 def simplified_level(
@@ -104,8 +103,9 @@ def coarsest_factor(pixels: float, fewest: float) -> int:
     return factor
 
 
-def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
-    """The photo reduced ``factor`` times along each side, each pixel the mean of those it covers.
+def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+    """The photo reduced ``factor`` times along each side, each pixel the mean of those it covers;
+    it takes the same poses.
 
     Where the photo ends within a pixel, the rest of that pixel has weight 0. F is averaged by
     weight, so that what does not count does not show; the weights are averaged plainly.
@@ -130,52 +130,8 @@ def coarser(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     known = mean[..., None] > 0.0
     channels[small] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
     structure = None if photo.structure is None else make_structure(channels, weights)
-    return replace(photo, channels=channels, weights=weights, structure=structure)
-
-
-class LevelRenderer:
-    """A ``Renderer`` that takes poses of the full photo and shows them ``factor`` times smaller.
-
-    It goes with a photo from ``coarser`` of the same factor.
-    """
-
-    def __init__(self, renderer: Renderer, factor: int) -> None:
-        self._renderer = renderer
-        self._factor = factor
-
-    def clone(self) -> LevelRenderer:
-        """Another one for another thread.
-
-        Raises:
-            AttributeError: the renderer that it makes smaller cannot be cloned.
-        """
-        return LevelRenderer(self._renderer.clone(), self._factor)  # pyright: ignore[reportAttributeAccessIssue] - see above
-
-    @property
-    def together(self) -> Any:
-        """How many poses are judged at once, by the renderer that it makes smaller, if it does."""
-        return getattr(self._renderer, "together", None)
-
-    def render(self, pose: Pose) -> AttributeImage:
-        """Visibility, reflectance and normals at the centres of the level's pixels."""
-        return self._renderer.render(level_pose(pose, self._factor))
-
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
-        """Where the model is seen, at the level."""
-        return self._renderer.covers(level_pose(pose, self._factor))
-
-    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """The joint moments at ``pose``, a pose of the full photo; ``photo`` is the coarse one.
-
-        Raises:
-            ValueError: the photo is not of this level.
-        """
-        return self._renderer.moments(level_pose(pose, self._factor), photo)
-
-
-def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
-    """The photo ``factor`` times smaller; takes the same poses."""
-    return replace(coarser(photo, factor), factor=factor)
+    factor *= photo.factor
+    return replace(photo, channels=channels, weights=weights, structure=structure, factor=factor)
 
 
 def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttributes:
@@ -184,7 +140,7 @@ def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttri
 
 
 def structured(photo: PhotoAttributes, factor: int, is_steep: bool = False) -> PhotoAttributes:
-    """The same, with its classes and edges."""
+    """The photo ``factor`` times smaller, with its classes and edges."""
     return with_structure(smaller(photo, factor), is_steep)
 
 

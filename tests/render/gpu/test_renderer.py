@@ -17,7 +17,7 @@ from poseviewer.render.gpu import device as device_of
 from poseviewer.render.gpu import renderer as gpu_renderer
 from poseviewer.render.gpu.renderer import GpuRenderer
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import LevelRenderer, smaller
+from poseviewer.render.pyramid.levels import smaller
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.structure import make_structure
@@ -114,7 +114,7 @@ def make_poses(count: int, seed: int = 3) -> list[Pose]:
 
 
 def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
-    """As descents and losses over several photos do; also on a level, and where some end sooner."""
+    """As descents and losses over several photos do; also where some end sooner."""
     sizes: list[int] = []
     judge = GpuRenderer.moments_at
 
@@ -124,13 +124,12 @@ def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
 
     monkeypatch.setattr(GpuRenderer, "moments_at", counted)
     photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
-    level = LevelRenderer(GpuRenderer(MESHES["box"]), 1)
 
     def chain(renderer, item):
         return [renderer.moments(pose, photo).weight for pose in item]
 
     items = [make_poses(1 + i % 3, seed=i) for i in range(6)]
-    with RendererPool(level, 2) as pool:
+    with RendererPool(GpuRenderer(MESHES["box"]), 2) as pool:
         found = list(pool.map(chain, items))
     assert sizes == [6, 4, 2]
     software = SoftwareRenderer(MESHES["box"])

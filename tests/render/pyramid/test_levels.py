@@ -16,10 +16,9 @@ from poseviewer.optimise import nelder_mead
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import (
     Level,
-    LevelRenderer,
-    coarser,
     coarsest_factor,
     make_level,
+    smaller,
 )
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
@@ -112,7 +111,7 @@ def test_models_have_no_more_triangles_than_the_level_shows():
     pixels = renderer.moments(pose, photo).pixels
     for factor in (2, 4):
         level = make_level(photo, renderer, factor, pixels)
-        shown = np.unique(level.renderer.render(pose).face_ids)
+        shown = np.unique(level.renderer.render(level_pose(pose, factor)).face_ids)
         area = pixels / factor**2
         assert 0.1 * area < len(shown) < area
     assert make_level(photo, renderer, 1, pixels).renderer is renderer
@@ -129,9 +128,9 @@ def test_the_coarsest_level_still_shows_enough():
 
 def test_a_level_judges_the_pose_that_its_smaller_picture_shows():
     pose = make_pose(False)
-    renderer, photo = SoftwareRenderer(MESH), coarser(make_photo(pose), 4)
-    fast = LevelRenderer(renderer, 4).moments(pose, photo)
-    plain = moments_of_images(LevelRenderer(renderer, 4).render(pose), photo)
+    renderer, photo = SoftwareRenderer(MESH), smaller(make_photo(pose), 4)
+    fast = renderer.moments(pose, photo)
+    plain = moments_of_images(renderer.render(level_pose(pose, 4)), photo)
     assert photo.weights.shape == (60, 80)
     assert fast.pixels == plain.pixels
     assert fast.covariance == pytest.approx(plain.covariance, rel=1e-5, abs=1e-6)
@@ -146,7 +145,7 @@ def test_sizes_are_those_of_level_poses_and_the_mean_stays(width, height, factor
         clipped=False,
         colour_reflectance=True,
     )
-    small = coarser(photo, factor)
+    small = smaller(photo, factor)
     pose = Pose(
         Perspective(300.0, 300.0, width / 2, height / 2, width, height), RigidTransform.identity()
     )
@@ -162,7 +161,7 @@ def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
     weights = np.ones((8, 8), np.float32)
     weights[:, 3:] = 0.0
     channels[:, 3:] = np.nan
-    small = coarser(PhotoAttributes(channels, weights), 2)
+    small = smaller(PhotoAttributes(channels, weights), 2)
     assert small.weights.shape == (4, 4)
     assert small.weights[0] == pytest.approx([1.0, 0.5, 0.0, 0.0])
     assert small.channels[:, :2] == pytest.approx(np.full((4, 2, 3), 0.25))
@@ -171,6 +170,6 @@ def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
 
 def test_factor_one_is_the_photo_itself_and_less_is_refused():
     photo = make_photo(make_pose(True))
-    assert coarser(photo, 1) is photo
+    assert smaller(photo, 1) is photo
     with pytest.raises(ValueError, match="1 time or more, not 0"):
-        coarser(photo, 0)
+        smaller(photo, 0)
