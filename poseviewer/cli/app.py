@@ -16,6 +16,7 @@ from poseviewer.cli.options import (
     calibration_of,
     choice_of,
     option,
+    refuse,
     refuse_beside,
     refuse_views,
 )
@@ -69,9 +70,8 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
     else:
         refuse_views(options)
     if photo is None and views is None:
-        for name in ("pose", "mask", "without", "calibration"):
-            if getattr(options, name):
-                raise SettingsError(f"--{name} without PHOTO and MODEL; name all three")
+        files = ("pose", "mask", "without", "calibration")
+        refuse(options, files, "without PHOTO and MODEL; name all three")
     elif photo is not None and _is_set(photo):
         folder, (files, models) = photo, _files_of(photo)
         models = models if model is None else [model]

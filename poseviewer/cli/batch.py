@@ -18,11 +18,12 @@ from poseviewer.cli.options import (
     listed,
     made,
     option,
+    refuse,
     settings_of,
     whole,
 )
 from poseviewer.cli.terminal import progress_bar, say, tell
-from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
+from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 from poseviewer.fit.settings import FitSettings
 
 if TYPE_CHECKING:
@@ -80,10 +81,6 @@ def _scene_options(options: Namespace) -> SceneOptions | None:
 
     if options.jobs.is_dir():
         return made(SceneOptions, options)
-    for name in ("models", "objects"):
-        if getattr(options, name):
-            raise SettingsError(
-                f"--{name} with {options.jobs.name}, which is a table: it is for the folder of a "
-                "BOP scene; leave it out, or name such a folder"
-            )
+    table = f"with {options.jobs.name}, which is a table: it is for the folder of a BOP scene"
+    refuse(options, ("models", "objects"), f"{table}; leave it out, or name such a folder")
     return None

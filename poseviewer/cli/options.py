@@ -214,20 +214,23 @@ OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
 """Options that go with ``--views``."""
 
 
+def refuse(options: Namespace, names: Sequence[str], why: str) -> None:
+    """Refuse the options of these names, where they are given."""
+    for name in names:
+        given = getattr(options, name, None)
+        if given is not None and given is not False:
+            called = name.upper() if name == "photo" else f"--{name.replace('_', '-')}"
+            raise SettingsError(f"{called} {why}")
+
+
 def refuse_views(options: Namespace) -> None:
     """Refuse what is said of a set of photos that is not there."""
-    for name in OF_VIEWS:
-        if vars(options).get(name):
-            flag = name.replace("_", "-")
-            raise SettingsError(f"--{flag} without --views; leave it out, or name a set of photos")
+    refuse(options, OF_VIEWS, "without --views; leave it out, or name a set of photos")
 
 
 def refuse_beside(options: Namespace, flag: str, names: Sequence[str]) -> None:
     """Refuse options that say what the ``flag`` says itself."""
-    for name in names:
-        if vars(options).get(name):
-            called = name.upper() if name == "photo" else f"--{name}"
-            raise SettingsError(f"{called} with {flag}, which says it itself; leave it out")
+    refuse(options, names, f"with {flag}, which says it itself; leave it out")
 
 
 def choice_of(options: Namespace) -> SetChoice:
@@ -264,11 +267,10 @@ def add_calibration(parser: ArgumentParser, required: bool = False) -> None:
 def calibration_of(options: Namespace) -> Calibration | None:
     """The calibration that the options name; None where they name none."""
     camera, fisheye = options.calibration_camera, options.calibration_fisheye
-    if options.calibration is not None:
-        from poseviewer.files.cameras import Calibration
+    if options.calibration is None:
+        more = ("calibration_camera", "calibration_fisheye")
+        refuse(options, more, "without --calibration; name its file")
+        return None
+    from poseviewer.files.cameras import Calibration
 
-        return Calibration(options.calibration, camera, fisheye)
-    if camera or fisheye:
-        flag = "--calibration-camera" if camera else "--calibration-fisheye"
-        raise SettingsError(f"{flag} without --calibration; name its file")
-    return None
+    return Calibration(options.calibration, camera, fisheye)

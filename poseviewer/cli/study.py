@@ -14,6 +14,7 @@ from poseviewer.cli.options import (
     names,
     option,
     positive,
+    refuse,
     refuse_with_paper,
     seed,
     size,
@@ -88,8 +89,6 @@ def _refuse_of_others(options: Namespace) -> None:
         raise SettingsError("--real and --bop are two studies; leave one of them out")
     chosen = "real" if options.real else "bop" if options.bop else ""
     for study, own in GROUPS.items():
-        for name in own:
-            if study != chosen and getattr(options, name) is not None:
-                where = f"--{study}" if study else "synthetic photos"
-                flag = f"--{name.replace('_', '-')}"
-                raise SettingsError(f"{flag} goes with {where}; leave out {flag}")
+        if study != chosen:
+            where = f"--{study}" if study else "synthetic photos"
+            refuse(options, own, f"goes with {where}; leave it out")
