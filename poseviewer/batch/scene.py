@@ -69,10 +69,8 @@ def load_scene_jobs(
 
 def _objects_to_fit(scene: Path, options: SceneOptions) -> list[tuple[BopImage, BopObject, int]]:
     """Image, object at its start pose, and which of several of this object in the image."""
-    read, found = load_bop_images(scene), []
-    if not read.posed:
-        raise BatchError(f"{scene}: no scene_gt.json in it; make a table with a start in each row.")
-    for image in read.images:
+    found = []
+    for image in load_bop_images(scene, posed=True):
         seen: Counter[int] = Counter()
         for one in image.objects:
             if not options.objects or one.object_id in options.objects:
@@ -112,7 +110,7 @@ def require_scene_camera(manifest: Manifest, photo: str, camera: Camera) -> None
     if manifest.scene is None:
         return
     number = _number(PHOTO_NAME, photo)
-    images = load_bop_images(Path(manifest.scene)).images
+    images = load_bop_images(Path(manifest.scene))
     own = next((image.camera for image in images if image.number == number), None)
     if own is None or not isinstance(camera, Perspective) or not same_intrinsics(own, camera):
         raise BatchError(

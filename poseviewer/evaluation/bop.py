@@ -84,7 +84,7 @@ def _cases(folder: Path, scenes: Sequence[int]) -> Iterator[tuple[Case, int, int
     """Each target with its object, scene and image; its camera is without the photo's size."""
     for scene in scenes:
         place = folder / "test" / f"{scene:06d}"
-        for image in load_bop_images(place).images:
+        for image in load_bop_images(place):
             numbers = [target.object_id for target in image.objects]
             if len(set(numbers)) < len(numbers):
                 raise SettingsError(

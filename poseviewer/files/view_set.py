@@ -275,10 +275,10 @@ def _of_frame(path: Path, name: str) -> Path:
 def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
     """By the scene's world; else by where the cameras see one of its objects."""
     folder = reading.path
-    cameras, scene = load_scene_file(folder / CAMERAS), load_bop_images(folder)
+    cameras, images = load_scene_file(folder / CAMERAS), load_bop_images(folder)
     own = replace(reading, path=folder / CAMERAS)
     found = []
-    for image in scene.images:
+    for image in images:
         if not _is_chosen(image.photo, choice.photos):
             continue
         entry = next(v for key, v in cameras.items() if int(key) == image.number)
@@ -293,9 +293,7 @@ def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
                 )
             place = places[0]
         elif all(name in entry for name in WORLD):
-            rotation = own.flat_numbers(entry[WORLD[0]], WORLD[0])
-            if len(rotation) != 9:
-                raise own.error(f"{WORLD[0]} has {len(rotation)} numbers", "wanted 9")
+            rotation = own.flat_numbers(entry[WORLD[0]], WORLD[0], 9)
             rotation = checked_rotation(own, np.reshape(rotation, (3, 3)))
             place = RigidTransform(rotation, np.array(own.numbers(entry[WORLD[1]], WORLD[1])))
         else:

@@ -157,7 +157,7 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     ("rule", "words"),
     [
         (SceneOptions(), "--models"),
-        (SceneOptions(Path("models")), "no scene_gt.json"),
+        (SceneOptions(Path("models")), "scene_gt.json: no such file"),
         (SceneOptions(Path("none")), "no such folder"),
     ],
     ids=["no models", "no poses", "no folder"],

@@ -92,16 +92,6 @@ class BopImage:
     objects: tuple[BopObject, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BopScene:
-    """A scene's folder as it was read."""
-
-    images: tuple[BopImage, ...]
-    """By their numbers."""
-    posed: bool
-    """Whether there is a ``scene_gt.json``."""
-
-
 def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Append a pose, in each of its photos, to the scene folder ``out``, unless it is there."""
     images = [
@@ -225,12 +215,13 @@ def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
     return make_record(reading, Pose(camera, place), None, unit)
 
 
-def load_bop_images(folder: Path) -> BopScene:
-    """All images of a scene that have a camera."""
-    if not (folder / CAMERAS).is_file():
-        raise PoseFileError(
-            f"{folder / CAMERAS}: no such file; name a BOP scene's folder, such as test/000002."
-        )
+def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
+    """All images of a scene that have a camera, by number; ``posed``: with ``scene_gt.json``."""
+    for name in (CAMERAS, POSES) if posed else (CAMERAS,):
+        if not (folder / name).is_file():
+            raise PoseFileError(
+                f"{folder / name}: no such file; name a BOP scene's folder, such as test/000002."
+            )
     cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
     if not all(isinstance(entry, dict) and "cam_K" in entry for entry in cameras.values()):
         raise PoseFileError(f"{folder / CAMERAS}: an image without cam_K; is it a scene of BOP's?")
@@ -245,8 +236,7 @@ def load_bop_images(folder: Path) -> BopScene:
         images.append(BopImage(number, photo, found.camera, there))
     if not images:
         raise PoseFileError(f"{folder / CAMERAS}: no image in it; wanted a camera for each image.")
-    images.sort(key=lambda image: image.number)
-    return BopScene(tuple(images), (folder / POSES).is_file())
+    return tuple(sorted(images, key=lambda image: image.number))
 
 
 def save_bop_images(
@@ -325,10 +315,8 @@ def _number(given: str | None, pattern: str, name: str | None, what: str, exampl
 
 def _chosen_image(folder: Path, request: ConvertOptions) -> BopImage:
     """Image ``request.image`` of a scene, or the only one that has poses."""
-    scene, name = load_bop_images(folder), Path(request.image or "").stem
-    if not scene.posed:
-        raise PoseFileError(f"{folder / POSES}: no such file; name a BOP scene's folder.")
-    posed = [image for image in scene.images if image.objects]
+    name = Path(request.image or "").stem
+    posed = [image for image in load_bop_images(folder, posed=True) if image.objects]
     asked = int(name) if name.isdecimal() else None
     chosen = posed if request.image is None else [one for one in posed if one.number == asked]
     if len(chosen) != 1:
