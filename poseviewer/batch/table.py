@@ -20,8 +20,6 @@ COLUMNS = ("photo", "model", "start")
 BOX = "box"
 """An optional column: where the start is ``auto``, a rectangle about the object."""
 KEY_LENGTH = 16
-LARGEST_TABLE = 100_000_000
-"""Bytes: a million rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +80,7 @@ def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
-    reading = Reading(path, [], BatchError, "table of jobs (CSV)", LARGEST_TABLE)
+    reading = Reading(path, [], BatchError, "table of jobs (CSV)")
     with reading.naming_errors():
         return _rows_in(reading)
 

@@ -24,8 +24,6 @@ from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 KIND = "file of cameras"
-LARGEST_FILE = 50_000_000
-"""Bytes: the cameras of a thousand photos have some hundred thousand."""
 LARGEST_SKEW = 1e-6
 """As a share of the focal length."""
 ALIASES = {
@@ -72,7 +70,7 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
     ``fisheye`` says of an OpenCV file that does not say so that its lens model is the fisheye's.
     """
     path = Path(path)
-    reading = Reading(path, [], CalibrationFileError, KIND, LARGEST_FILE, numbers_as_text=True)
+    reading = Reading(path, [], CalibrationFileError, KIND, numbers_as_text=True)
     with reading.naming_errors():
         found = _cameras_in(reading, path.suffix.lower(), fisheye)
         return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]

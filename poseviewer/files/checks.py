@@ -49,8 +49,8 @@ VERSION = 1
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0
-LARGEST_FILE = 10_000_000
-"""Bytes: a pose file has some thousand."""
+LARGEST_FILE = 50_000_000
+"""Bytes of numbers and names; a hundred thousand materials, or cameras, have fewer."""
 LARGEST_NUMBER = 1e30
 """Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
 LARGEST_PX = 1e7

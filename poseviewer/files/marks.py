@@ -24,8 +24,6 @@ PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
 PHOTO = (*PAIR[3:], *ELLIPSE[:4])
 """Of these, what is in px of the photo."""
-LARGEST_FILE = 1_000_000
-"""Bytes; a thousand pairs have fewer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +77,7 @@ def wheels_from_text(text: str) -> Wheels:
 
 
 def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], QuickStartError, "list of marks", LARGEST_FILE, True)
+    return Reading(Path(path), [], QuickStartError, "list of marks", numbers_as_text=True)
 
 
 def _numbers(reading: Reading, where: str, row: Sequence[str], names: Sequence[str]) -> list[float]:

@@ -20,8 +20,6 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Of all textures of a model, and of one before it is shrunk: more than any photo shows of it."""
 MOST_TEXTURES = 2000
-LARGEST_MATERIALS = 50_000_000
-"""Bytes of a material file: a hundred thousand materials have fewer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +111,7 @@ def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
 
 def material_text(path: Path) -> str:
     """What a material file says; raises MeshFileError where it cannot be one."""
-    reading = Reading(path, [], MeshFileError, "material file", LARGEST_MATERIALS)
+    reading = Reading(path, [], MeshFileError, "material file")
     with reading.naming_errors(), reading.open() as file:
         return file.read().decode("utf-8", "replace")
 

@@ -108,29 +108,23 @@ def _check(name: str, parts: list[Part]) -> None:
                 "first."
             )
     for part in parts:
-        if np.shape(part.vertices)[1:] != (3,):
-            raise MeshFileError(
-                f"{name}: positions of {np.shape(part.vertices)[-1]} numbers; a vertex has 3, "
-                "export it again."
-            )
+        size, faces = len(part.vertices), np.asarray(part.faces)
         bad = int(np.sum(~np.isfinite(part.vertices).all(axis=1)))
-        if bad:
-            raise MeshFileError(
-                f"{name}: coordinates that are not finite numbers (vertices: {bad:,}); "
-                "repair the model or export it again."
+        wrong = faces[(faces < 0) | (faces >= size)]
+        if np.shape(part.vertices)[1:] != (3,):
+            found = f"positions of {np.shape(part.vertices)[-1]} numbers; a vertex has 3"
+        elif bad:
+            found = f"coordinates that are not finite numbers (vertices: {bad:,}); repair the model"
+        elif np.abs(part.vertices).max(initial=0.0) > LARGEST_COORDINATE:
+            found = f"coordinates beyond {LARGEST_COORDINATE:g}; the file is damaged"
+        elif wrong.size:
+            found = (
+                f"a face asks for vertex number {wrong[0]} (counted from 0), but there are "
+                f"{size:,}; the file is damaged"
             )
-        if np.abs(part.vertices).max(initial=0.0) > LARGEST_COORDINATE:
-            raise MeshFileError(
-                f"{name}: coordinates beyond {LARGEST_COORDINATE:g}; "
-                "the file is damaged, export it again."
-            )
-        size = len(part.vertices)
-        if len(part.faces) and (part.faces.min() < 0 or part.faces.max() >= size):
-            worst = part.faces.min() if part.faces.min() < 0 else part.faces.max()
-            raise MeshFileError(
-                f"{name}: a face asks for vertex number {worst} (counted from 0), but there are "
-                f"{size:,}; the file is damaged, export it again."
-            )
+        else:
+            continue
+        raise MeshFileError(f"{name}: {found}, export it again.")
 
 
 def _merge(parts: list[Part], notes: list[str]) -> tuple[tuple[NDArray, ...], _Surface]:
