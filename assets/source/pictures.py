@@ -91,16 +91,11 @@ def save_sheet(path: Path, *pictures: np.ndarray) -> None:
 
 @contextmanager
 def open_app(
-    folder: Path, *arguments: str | Path, size: tuple[int, int] = WINDOW, maps: str = "away"
+    folder: Path, *arguments: str | Path, size: tuple[int, int] = WINDOW
 ) -> Iterator[AppPage]:
-    """The app's page, dark, when the first loss is there; ``maps`` beside, below
-    or away, or where the page puts them by itself ("").
-    """
-    kept = {"poseviewer.maps": maps} if maps else {}
-    storage = [{"name": name, "value": value} for name, value in kept.items()]
+    """Open the app's page, dark, and wait for the first loss."""
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
-        state = {"origins": [{"origin": app.url.rstrip("/"), "localStorage": storage}]}
-        tab = AppPage(browser, app.url, size, color_scheme="dark", storage_state=state)
+        tab = AppPage(browser, app.url, size, color_scheme="dark")
         tab.page.set_default_timeout(1000 * LONGEST_WAIT_S)
         tab.wait_for_text("at this pose")
         yield tab
@@ -157,7 +152,7 @@ def make_demo(folder: Path) -> None:
 
 def make_app(folder: Path) -> None:
     """The app's page on the way from the demo's start to its end."""
-    with open_app(folder, size=(1440, 720), maps="") as tab:
+    with open_app(folder, size=(1440, 720)) as tab:
         save_page(README / "app_start.jpg", tab)
         unit, at = 10.0 / max(PHOTO) * 0.995, tab.page.evaluate(PIN)
         pin = (at[0] / unit + PHOTO[0] / 2, at[1] / unit + PHOTO[1] / 2)
@@ -274,7 +269,7 @@ def make_box(folder: Path) -> None:
 
 def make_methods(folder: Path) -> None:
     """The paper's search under way on the demo, with the maps of both losses."""
-    with open_app(folder, size=LARGE, maps="beside") as tab:
+    with open_app(folder, size=LARGE) as tab:
         tab.open_step(3)
         for label, option in (("Method", "Jayawardena 2010"), ("Whose loss", "both")):
             tab.page.get_by_label(label, exact=True).click()
@@ -291,7 +286,7 @@ def make_searched(name: str, folder: Path) -> None:
     if name == "views":
         of_set, model, start = write_views(folder)
         files = "--views", of_set, model, "--pose", start
-    with open_app(folder, *files, size=LARGE, maps="below" if files else "beside") as tab:
+    with open_app(folder, *files, size=LARGE) as tab:
         tab.page.keyboard.press("Space")
         tab.wait_for_text("Verdict:")
         if not files:

@@ -89,7 +89,7 @@ class AppPage:
         self.page.wait_for_function(READY)
 
     def view(self) -> dict[str, Any]:
-        """Zoom, centre and scale, and the canvas's box above the maps, as the page has them."""
+        """Zoom, centre and scale, and the canvas's box above the strip of photos."""
         return self.page.evaluate(
             """() => {
                 const box = window.__viserMutable.canvas.getBoundingClientRect();

@@ -25,7 +25,6 @@ def page(browser: Browser, tmp_path: Path, scene: Scene) -> Iterator[AppPage]:
     with AppProcess(tmp_path, scene.photo, scene.model, "--pose", scene.start) as app:
         tab = AppPage(browser, app.url, (1440, 720))
         tab.wait_for_text("at this pose")
-        tab.page.evaluate("window.poseviewer.placeMaps('beside')")
         assert tab.page.evaluate(REGIONS) == 0
         tab.page.keyboard.press("Space")
         tab.wait_for_text("Verdict:")

@@ -38,7 +38,6 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
 def tab(browser: Browser, demo: AppProcess) -> Iterator[AppPage]:
     opened = AppPage(browser, demo.url)
     opened.wait_for_text("at this pose")
-    opened.page.evaluate("window.poseviewer.placeMaps('beside')")
     opened.open_step(3)
     yield opened
     opened.page.close()

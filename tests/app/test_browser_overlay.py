@@ -67,10 +67,9 @@ def test_model_and_photo_coincide(browser: Browser, tmp_path: Path):
     with AppProcess(tmp_path, *files) as app:
         tab = AppPage(browser, app.url)
         tab.wait_for_text("at this pose")
-        tab.page.evaluate("window.poseviewer.placeMaps('away')")
         for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})
-            tab.until(lambda: tab.view()["covered"] == 0 and is_at_rest(tab))
+            tab.until(lambda: is_at_rest(tab))
             for zoom in ZOOMS:
                 assert_coincident(tab, seen, zoom)
         assert tab.errors == []

@@ -1,15 +1,17 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
 // channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
-// (world units), steps (labels of the left panel's folders, of which one is open) and first (the one
-// at first), keys (event.code or event.key that are taken), leave (of them, those left to the browser
-// where ctrl is held), largest and most (bytes and files of an upload), title, style,
+// (world units), steps (labels of the left panel's folders, of which one is open) and search (the one
+// that a search opens), keys (event.code or event.key that are taken), leave (of them, those left to
+// the browser where ctrl is held), largest and most (bytes and files of an upload), title, style,
 // icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
 // Pointer and key events over the photo are taken before viser sees them, so that its own camera
 // controls cannot move.
+// The script comes again after a lost connection: a page loaded anew knows nothing of the old one.
+if (window.poseviewer) { location.reload(); return; }
 const CONFIG = /*CONFIG*/ {};
 const state = {
   photo: CONFIG.photo, // [width, height] in px
@@ -17,35 +19,15 @@ const state = {
   zoom: 1, // canvas px per px of the fitted view
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
-  covered: 0, // CSS px at the canvas's lower end that the maps lie over
+  covered: 0, // CSS px at the canvas's lower end that the strip of photos lies over
   pointer: null, // "drag", "draw" or "pan" while a button is down
   last: [0, 0],
   pending: null,
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   hint: "",
   modifiers: "",
-  sent: "", // the name of the set that was sent last
 };
-const old = window.poseviewer;
-if (old && old.dispose) old.dispose();
-// Where the page has come back from a lost connection, what the user looks at stays.
-let kept = old && old.view ? old.view() : null;
-resume();
-
-function resume() {
-  if (!kept || String(kept.photo) !== String(state.photo)) return false;
-  Object.assign(state, kept);
-  kept = null;
-  return true;
-}
-
-const cleanups = [];
 const vm = () => window.__viserMutable;
-
-function listen(target, kind, handler, options) {
-  target.addEventListener(kind, handler, options);
-  cleanups.push(() => target.removeEventListener(kind, handler, options));
-}
 
 function send(message) {
   message.sequence = ++state.sequence;
@@ -65,7 +47,7 @@ function fitted() {
 }
 
 function middle() {
-  // Of what the photo has of the canvas.
+  // The middle of what the photo has of the canvas.
   return [state.size[0] / 2, (state.size[1] - state.covered) / 2];
 }
 
@@ -185,7 +167,7 @@ function at(event) {
   };
 }
 
-listen(window, "pointerdown", (event) => {
+addEventListener("pointerdown", (event) => {
   if (!overPhoto(event) || state.pointer) return;
   taken(event);
   if (document.activeElement) document.activeElement.blur();
@@ -211,7 +193,7 @@ function flush() {
   send(message);
 }
 
-listen(window, "pointermove", (event) => {
+addEventListener("pointermove", (event) => {
   hover(event);
   if (!state.pointer) {
     if (overPhoto(event)) event.stopImmediatePropagation();
@@ -246,21 +228,21 @@ function ended(event, kind) {
   state.pointer = null;
   showHint();
 }
-listen(window, "pointerup", (event) => ended(event, "release"), true);
-listen(window, "pointercancel", (event) => ended(event, "cancel"), true);
+addEventListener("pointerup", (event) => ended(event, "release"), true);
+addEventListener("pointercancel", (event) => ended(event, "cancel"), true);
 
 for (const kind of ["mousedown", "mousemove", "mouseup", "click", "contextmenu"]) {
-  listen(window, kind, (event) => { if (overPhoto(event)) taken(event); }, true);
+  addEventListener(kind, (event) => { if (overPhoto(event)) taken(event); }, true);
 }
 
-listen(window, "dblclick", (event) => {
+addEventListener("dblclick", (event) => {
   if (!overPhoto(event)) return;
   taken(event);
   if (pen.shape) finishStroke();
   else send({ kind: "double", ...at(event) });
 }, true);
 
-listen(window, "wheel", (event) => {
+addEventListener("wheel", (event) => {
   if (!overPhoto(event)) return;
   taken(event);
   const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
@@ -278,7 +260,6 @@ const sheet = document.createElement("canvas");
 sheet.id = "poseviewer-sheet";
 sheet.style.cssText = "position:absolute;left:0;top:0;width:100%;height:100%;z-index:4;" +
   "pointer-events:none";
-cleanups.push(() => sheet.remove());
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
@@ -455,7 +436,7 @@ function dialogTakes(event) {
   return true;
 }
 
-listen(window, "keydown", (event) => {
+addEventListener("keydown", (event) => {
   noteModifiers(event);
   // Else the browser's own menu has the keys next.
   if (event.key === "Alt" && pen.shape) event.preventDefault();
@@ -481,14 +462,14 @@ listen(window, "keydown", (event) => {
 }, true);
 // Then it is typed, and the keys are the page's again: once viser has seen the key, and before the
 // next one comes.
-listen(window, "keydown", (event) => {
+addEventListener("keydown", (event) => {
   const done = event.key === "Enter" || event.key === "Escape";
   if (done && typing(event) && event.target.tagName === "INPUT") event.target.blur();
 });
-listen(window, "keyup", noteModifiers, true);
-listen(window, "blur", () => { state.modifiers = ""; showHint(); });
+addEventListener("keyup", noteModifiers, true);
+addEventListener("blur", () => { state.modifiers = ""; showHint(); });
 // A pressed button must not take the keys with it: neither itself, nor the field that it steps.
-listen(window, "pointerup", (event) => setTimeout(() => {
+addEventListener("pointerup", (event) => setTimeout(() => {
   const element = document.activeElement;
   const stepped = element && element.tagName === "INPUT" && element !== event.target;
   const pressed = event.target instanceof Element && event.target.closest("button");
@@ -520,7 +501,6 @@ function pack(files) {
   const more = files.length > 1 && !folder ? ` and ${files.length - 1} more` : "";
   const set = new File([head, ...files.map(([, file]) => file)], name + more);
   packed.add(set);
-  state.sent = set.name;
   return set;
 }
 
@@ -534,7 +514,7 @@ function give(input, files) {
 }
 
 // Before the browser's file chooser opens: what belongs together is chosen together.
-listen(window, "click", (event) => {
+addEventListener("click", (event) => {
   const input = event.target;
   if (!(input instanceof HTMLInputElement) || input.type !== "file") return;
   input.multiple = true;
@@ -542,7 +522,7 @@ listen(window, "click", (event) => {
 }, true);
 
 // Before viser reads them: it would send one file alone, and all of one that the server refuses.
-listen(window, "change", (event) => {
+addEventListener("change", (event) => {
   const input = event.target;
   if (input.type !== "file" || !input.files.length || packed.has(input.files[0])) return;
   taken(event);
@@ -565,25 +545,11 @@ async function filesOf(entry, found) {
   }
 }
 
-// What was under way when the connection was lost has a notice without a button, which nothing ends.
-function endOldNotices() {
-  const close = ".mantine-Notification-closeButton";
-  const notices = [...document.querySelectorAll(".mantine-Notification-root")]
-    .filter((notice) => !notice.querySelector(close));
-  for (const { id } of notices) {
-    vm().messageQueue.push({ type: "RemoveNotificationMessage", uuid: id });
-  }
-  vm().requestRender();
-  if (old && notices.some(({ id }) => id.startsWith("upload-"))) {
-    send({ kind: "cut off", name: old.sent() });
-  }
-}
-
 // What is dropped anywhere goes to the button that takes folders; else the browser would open it.
-listen(window, "dragover", (event) => {
+addEventListener("dragover", (event) => {
   if (event.dataTransfer && event.dataTransfer.types.includes("Files")) event.preventDefault();
 }, true);
-listen(window, "drop", async (event) => {
+addEventListener("drop", async (event) => {
   const input = document.querySelector("input[type=file][accept=folder]") ||
     document.querySelector("input[type=file]");
   const dropped = event.dataTransfer;
@@ -606,140 +572,35 @@ listen(window, "drop", async (event) => {
 
 // --- the panels ---------------------------------------------------------------------------------
 
-function stored(storage, name, value) {
-  // What a page remembers; a browser may forbid it.
-  try {
-    if (value !== undefined) storage.setItem(`poseviewer.${name}`, value);
-    return storage.getItem(`poseviewer.${name}`);
-  } catch (error) { return null; }
-}
-
 const folders = () => [...document.querySelectorAll(".mantine-Paper-root > .mantine-Paper-root")]
   .filter((header) => CONFIG.steps.includes(header.textContent));
 const isOpen = (header) => header.querySelector(".tabler-icon-chevron-up") !== null;
 
-// Gives whether it is open already.
+// Open a step and close the others; give whether it is open already.
 function openStep(label) {
   for (const header of folders()) {
     if (isOpen(header) !== (header.textContent === label)) header.click();
   }
-  stored(sessionStorage, "step", label);
   return folders().some((header) => header.textContent === label && isOpen(header));
 }
 
 // What a search begun by its key leads to is kept or undone there.
 function openSearch() {
-  const open = CONFIG.steps.indexOf(stored(sessionStorage, "step") || CONFIG.first);
+  const open = folders().findIndex(isOpen);
   if (open < CONFIG.steps.indexOf(CONFIG.search)) openStep(CONFIG.search);
 }
 
 // A step that is opened closes the others.
-listen(window, "click", (event) => {
+addEventListener("click", (event) => {
   if (!event.isTrusted) return;
   const header = folders().find((one) => one.contains(event.target));
-  if (!header || isOpen(header)) return;
-  folders().filter(isOpen).forEach((other) => other.click());
-  stored(sessionStorage, "step", header.textContent);
+  if (header && !isOpen(header)) folders().filter(isOpen).forEach((other) => other.click());
 }, true);
 
-let stepsFound = false;
-function findSteps() {
-  if (stepsFound || folders().length < CONFIG.steps.length) return;
-  stepsFound = true;
-  openStep(stored(sessionStorage, "step") || CONFIG.first);
-}
-
-// The maps lie beside the photo, below it, or are away; below, the photo is fitted above them.
-const BESIDE_WIDTH = 420; // CSS px
-const BELOW_SHARE = 0.29; // of the window's height
-const LARGE_SHARE = 0.6; // while a map is open large
-const BELOW_HEAD = 62; // CSS px: the strip's buttons and margins
-
-function placeOfMaps() {
-  const chosen = stored(localStorage, "maps");
-  if (chosen) return chosen;
-  // Where the photo is larger.
-  const [w, h] = state.photo;
-  const [width, height] = [window.innerWidth - CONFIG.panel, window.innerHeight];
-  const beside = Math.min((width - BESIDE_WIDTH) / w, height / h);
-  return beside < Math.min(width / w, (height * (1 - BELOW_SHARE)) / h) ? "below" : "beside";
-}
-
-let arranged = "";
-let isLarge = false;
-function arrange(only) {
-  const place = placeOfMaps();
-  const small = Math.round(window.innerHeight * BELOW_SHARE);
-  const large = Math.round(window.innerHeight * LARGE_SHARE);
-  const message = {
-    kind: "arrange", maps: place,
-    light: window.matchMedia("(prefers-color-scheme: light)").matches,
-    width: window.innerWidth, height: isLarge ? large : small,
-    only: only === "width" ? only : "",
-  };
-  const root = document.documentElement;
-  root.dataset.poseviewerMaps = place;
-  root.style.setProperty("--pv-cell", `${Math.max((small - BELOW_HEAD) / 2 - 4, 48)}px`);
-  root.style.setProperty("--pv-large", `${large - BELOW_HEAD}px`);
-  if (arranged === JSON.stringify(message)) return;
-  arranged = JSON.stringify(message);
-  send(message);
-}
-
-let arranging = null;
-function arrangeSoon() {
-  clearTimeout(arranging);
-  arranging = setTimeout(arrange, 150);
-}
-listen(window, "resize", arrangeSoon);
-listen(window.matchMedia("(prefers-color-scheme: light)"), "change", arrangeSoon);
-
-function placeMaps(place) {
-  stored(localStorage, "maps", place);
-  if (place === "below") { arrange(); return; }
-  // The width first: a window that is docked keeps the one that it floats with.
-  arrange("width");
-  const until = performance.now() + 3000;
-  (function whenNarrow() {
-    const places = document.querySelector(".pv-places");
-    if (places === null) return;  // what was open has no maps any more
-    const panel = places.closest(".mantine-ScrollArea-root");
-    const box = panel.getBoundingClientRect();
-    if (box.width < window.innerWidth / 2 || performance.now() > until) arrange();
-    else requestAnimationFrame(whenNarrow);
-  })();
-}
-
-function findLarge() {
-  // One that is open has more of the window, where the maps lie below the photo.
-  const found = document.querySelector(".pv-large") !== null;
-  if (found === isLarge) return;
-  isLarge = found;
-  if (placeOfMaps() === "below") arrange();
-}
-
-function measureCovered() {
-  // The window of the maps, where it lies along the canvas's lower end; the user may have moved it.
-  const canvas = vm().canvas.getBoundingClientRect();
-  let covered = 0;
-  let element = document.querySelector(".pv-places");
-  while (element && element !== document.body) {
-    const box = element.getBoundingClientRect();
-    if (getComputedStyle(element).position === "absolute" && box.width > canvas.width / 2) {
-      if (canvas.bottom - box.bottom < 24 && box.top > canvas.top + canvas.height / 3) {
-        covered = Math.round(canvas.bottom - box.top);
-      }
-      break;
-    }
-    element = element.parentElement;
-  }
-  strip.style.bottom = `${covered}px`;
-  covered += strip.hidden ? 0 : STRIP;
-  if (covered === state.covered) return;
-  state.covered = covered;
-  bar.style.bottom = `${14 + covered}px`;
-  applyView();
-}
+// The page is as light as the browser prefers.
+const light = matchMedia("(prefers-color-scheme: light)");
+const sendTheme = () => send({ kind: "theme", light: light.matches });
+light.addEventListener("change", sendTheme);
 
 // --- what lies over the photo -------------------------------------------------------------------
 
@@ -750,7 +611,6 @@ bar.style.cssText =
   "pointer-events:none;padding:5px 12px;border-radius:14px;background:rgba(13,15,19,.78);" +
   "color:#d7dae0;font:12px/1.5 system-ui,sans-serif;width:max-content;max-width:94%;" +
   "box-sizing:border-box;text-align:center";
-cleanups.push(() => bar.remove());
 
 function showHint() {
   const strong = (text, on) => (on ? `<b style="color:#35e6ff">${text}</b>` : text);
@@ -771,7 +631,6 @@ const EYE = '<svg viewBox="0 0 16 16"><path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6
 const strip = document.createElement("div");
 strip.className = "pv-strip";
 strip.hidden = true;
-cleanups.push(() => strip.remove());
 
 function setStrip(photos) {
   strip.replaceChildren(...photos.map((photo, index) => {
@@ -794,6 +653,9 @@ function setStrip(photos) {
     return cell;
   }));
   strip.hidden = !photos.length;
+  state.covered = strip.hidden ? 0 : STRIP;
+  bar.style.bottom = `${14 + state.covered}px`;
+  applyView();
 }
 
 function setStripRows(rows) {
@@ -815,27 +677,22 @@ function setStripRows(rows) {
 
 // --- life ---------------------------------------------------------------------------------------
 
-let timer = null;
-let measured = 0;
-function watch(now) {
+function watch() {
   const viewer = vm();
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) { host.append(sheet, bar, strip); showHint(); }
-    // The picture is shifted where maps lie over it: what it leaves free is as dark.
+    // The picture is shifted where the strip lies over it: what it leaves free is as dark.
     viewer.canvas.style.background = "#16181d";
     const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
     const view = viewer.camera.view;
     if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
     sizeHandles();
-    findSteps();
-    if (now - measured > 200) { measured = now; findLarge(); measureCovered(); }
   }
-  timer = requestAnimationFrame(watch);
+  requestAnimationFrame(watch);
 }
-cleanups.push(() => cancelAnimationFrame(timer));
 
 window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
 window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
@@ -845,25 +702,17 @@ window.poseviewerObject = (wish, number) => send({ kind: "object", wish, number 
 window.poseviewer = {
   setPhoto(width, height) {
     state.photo = [width, height];
-    arrange();
-    if (resume()) applyView();
-    else showAll();
-    kept = null;
+    showAll();
   },
   setHint(text) { state.hint = text; showHint(); },
   setPen, forgetStrokes, setStrip, setStripRows,
   canvasFromPhoto, photoFromCanvas,
-  zoomAt, showAll, openStep, placeMaps,
-  // Until the server knows its photo, what an earlier connection left is handed on.
-  sent: () => state.sent,
-  view() { return kept || { photo: state.photo, zoom: state.zoom, centre: state.centre }; },
-  dispose() { cleanups.forEach((undo) => undo()); },
+  zoomAt, showAll, openStep,
 };
 document.title = CONFIG.title;
 const style = document.createElement("style");
 style.textContent = CONFIG.style;
 document.head.appendChild(style);
-cleanups.push(() => style.remove());
 let icon = document.querySelector("link[rel~='icon']");
 if (!icon) {
   icon = document.createElement("link");
@@ -871,6 +720,5 @@ if (!icon) {
   document.head.appendChild(icon);
 }
 icon.href = CONFIG.icon;
-arrange();
-endOldNotices();
-watch(0);
+sendTheme();
+watch();

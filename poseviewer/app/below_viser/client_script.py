@@ -1,13 +1,11 @@
 """The page's own script, ``client.js``, and what it reports.
 
 Why: viser has no zoom and pan that keep the registration, no keys, no drop of files, no folders of
-which one is open, and no way to place a panel on one page alone.
-Written for viser 1.1.1: the messages ``RunJavascriptMessage`` and ``GuiSetPanel...Message``, put
-into ``client.gui._websock_interface``; a panel's ``_placement_uuid``, a field's ``_impl.uuid``; and
-in the page ``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``, and
-``messageQueue``: ``RemoveNotificationMessage`` there ends the notice of an element's id, which is
-``upload-...`` for an upload), the headers of folders (Mantine's ``Paper`` in a ``Paper``, with a
-chevron that says whether it is open).
+which one is open.
+Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
+``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
+``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``), the headers of folders
+(Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open).
 """
 
 from __future__ import annotations
@@ -15,11 +13,9 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
-from uuid import uuid4
 
 import viser
 from viser import _messages
@@ -28,19 +24,6 @@ _SOURCE = Path(__file__).with_name("client.js")
 _ICON = Path(__file__).with_name("icon.svg")
 
 Report = dict[str, Any]
-Panel = viser.MainPanelHandle | viser.PanelHandle
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """Where a panel lies on a page; lengths in CSS px."""
-
-    position: Any
-    """As viser's ``EdgePlacement`` or ``FloatPlacement``; None: where it is, with another width."""
-    width: float
-    height: float | None = None
-    """Of a floating panel."""
-    collapsed: bool = False
 
 
 class ClientScript:
@@ -145,24 +128,6 @@ class ClientScript:
 
 def _run_on(client: viser.ClientHandle, source: str) -> None:
     client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source))
-
-
-def place_panel(client: viser.ClientHandle, panel: Panel, placement: Placement) -> None:
-    """Place a panel on one page alone."""
-    where, uuid = placement, panel._placement_uuid
-    # A run of its own: pages heed them whatever was sent before.
-    run_id = uuid4().hex
-    messages: list[_messages.Message] = [
-        _messages.GuiSetPanelWidthMessage(uuid, where.width, 1, run_id)
-    ]
-    if where.position is not None:
-        messages += [
-            _messages.GuiSetPanelPositionMessage(uuid, where.position, 1, run_id),
-            _messages.GuiSetPanelHeightMessage(uuid, where.height, 1, run_id),
-            _messages.GuiSetPanelCollapsedMessage(uuid, where.collapsed, 1, run_id),
-        ]
-    for message in messages:
-        client.gui._websock_interface.queue_message(message)
 
 
 def _parsed(text: object) -> Report | None:

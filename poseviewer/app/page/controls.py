@@ -5,8 +5,7 @@ written back only where it differs.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,18 +66,9 @@ class Controls:
     gui: viser.GuiApi
     post: Post
 
-    @contextmanager
-    def step(self, label: str) -> Iterator[None]:
-        """The folder of one of the ``STEPS``; last in it stands a button to the next one."""
-        following = STEPS[STEPS.index(label) + 1 :]
-        with self.gui.add_folder(label, expand_by_default=label == FIRST_STEP):
-            yield
-            if following:
-                name = following[0].partition(" · ")[2].lower()
-                self.gui.add_html(
-                    f'<button type="button" class="pv-next" onclick="poseviewer.openStep'
-                    f"('{following[0]}')\">Next: {name} &rsaquo;</button>"
-                )
+    def step(self, label: str) -> viser.GuiFolderHandle:
+        """The folder of one of the ``STEPS``."""
+        return self.gui.add_folder(label, expand_by_default=label == FIRST_STEP)
 
     def field(self, handle: Any, command: Callable[[Any], Request | None]) -> Field:
         """An input whose new values ask for ``command(value)``."""

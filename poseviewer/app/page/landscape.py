@@ -180,12 +180,6 @@ def candidates_within(piece: Slice, candidates: FloatArray) -> FloatArray:
     return places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
 
 
-def candidates_outline(piece: Slice, candidates: FloatArray) -> FloatArray:
-    """(h, 2): the hull of candidates (n, d) on the map, corner by corner."""
-    corners = np.clip(on_map(piece, candidates), -10.0, 10.0).astype(np.float32)
-    return cv2.convexHull(corners)[:, 0].astype(float)
-
-
 def region_on(piece: Slice, markers: Markers) -> FloatArray:
     """(n, d): parameters along the border of the region of both of the map's numbers, the others
     as at the pose.
@@ -255,7 +249,6 @@ def _cell(
         f"<title>{what}{f': least {least.loss:.3f}' if least else ''}</title>"
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
-        f'<span class="pv-name">{what}</span>'
         f'<button type="button" title="{what}: large, and back" onpointerdown="{enlarge}" '
         f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
     )
@@ -268,8 +261,6 @@ def _markers(piece: Slice, markers: Markers) -> str:
         points = _points(on_map(piece, short_trail(markers.trail)))
         drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
     if markers.candidates is not None and len(markers.candidates):
-        points = _points(candidates_outline(piece, markers.candidates))
-        drawn.append(f'<polygon class="pv-candidates" points="{points}"/>')
         places = _on_picture(candidates_within(piece, markers.candidates))
         dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in places)
         drawn.append(_DOTS.format(dots))
@@ -313,9 +304,7 @@ def _key(markers: Markers, options: GridOptions) -> str:
         "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
     if markers.candidates is not None:
-        corners = _DOTS.format("M43 55h0M57 55h0M52 44h0")
-        hull = '<polygon class="pv-candidates" points="43,55 57,55 52,44"/>'
-        entries["candidates"] = hull + corners
+        entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
     if markers.covariance is not None:
         entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
     if markers.trail is not None:
@@ -334,10 +323,6 @@ def _key(markers: Markers, options: GridOptions) -> str:
 
 PERIOD_S = 0.2
 """The maps are sent no oftener."""
-ORDER = -10.0
-"""The maps come first; what is made later would come last by itself."""
-PLACES_ORDER, CHOICES_ORDER = ORDER - 1.0, ORDER - 0.9
-"""First of all where the maps lie, then what is shown of them: ``page.css`` counts on it."""
 WHOSE: dict[str, Whose] = {
     "the chosen method's": "chosen",
     METHODS["default"]: "default",
@@ -353,14 +338,14 @@ class LandscapePanel:
         gui = controls.gui
         self._shown: tuple[Any, ...] = ()
         self._next = 0.0
-        self._maps = gui.add_html("", order=ORDER)
-        self._note = gui.add_markdown("Drawing the maps ...", order=ORDER + 1)
+        self._maps = gui.add_html("")
+        self._note = gui.add_markdown("Drawing the maps ...")
         self._whose = controls.field(
-            gui.add_dropdown("Whose loss", tuple(WHOSE), order=CHOICES_ORDER),
+            gui.add_dropdown("Whose loss", tuple(WHOSE)),
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
         self._range = controls.field(
-            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0, order=CHOICES_ORDER + 0.1),
+            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
             lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):

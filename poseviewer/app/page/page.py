@@ -1,23 +1,20 @@
-"""The page: panels left and right, the photo in the middle, notices; brought to each session.
-Where the panels lie, and the theme, is each page's own, by its script's report.
-"""
+"""The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import viser
 
-from poseviewer.app.below_viser.client_script import ClientScript, Placement, place_panel
+from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
-from poseviewer.app.page.controls import FIRST_STEP, SEARCH_STEP, STEPS, Controls, Post, plain
-from poseviewer.app.page.landscape import PLACES_ORDER, LandscapePanel
+from poseviewer.app.page.controls import SEARCH_STEP, STEPS, Controls, Post, plain
+from poseviewer.app.page.landscape import LandscapePanel
 from poseviewer.app.page.panels import (
     FitPanel,
     JudgePanel,
@@ -40,24 +37,8 @@ from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
-PANEL_WIDTHS, MAPS_WIDTHS = (300, 260), (420, 300)
-"""CSS px: at the left, and of maps beside the photo; in a wide and in a small window."""
-WIDE_WINDOW = 1280
-"""CSS px: in a window less wide the panels leave room to the photo."""
-MARGIN = 6
-"""CSS px about maps that lie below the photo."""
-LARGEST_WINDOW = 16_384
-"""CSS px: more is no window."""
-PLACES = (
-    '<div class="pv-places"><b>Loss landscape</b> &nbsp;'
-    + " ".join(
-        f'<button type="button" data-place="{place}" onclick="poseviewer.placeMaps(\'{place}\')">'
-        f"{place}</button>"
-        for place in ("beside", "below", "away")
-    )
-    + "</div>"
-)
-"""The buttons that place the maps; the page remembers the choice."""
+PANEL_PX, MAPS_PX = 280, 400
+"""Widths of the left panel and of the maps; either border can be dragged."""
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {
@@ -67,9 +48,7 @@ PAGE_CONFIG = {
     "leave": LEFT_TO_BROWSER,
     "largest": LARGEST_UPLOAD,
     "most": MOST_FILES,
-    "first": FIRST_STEP,
     "search": SEARCH_STEP,
-    "panel": PANEL_WIDTHS[0],
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
@@ -88,7 +67,7 @@ class Page:
         choose_theme(gui)
         gui.set_panel_label("poseviewer")
         gui.main_panel.dock_left()
-        gui.main_panel.set_width(PANEL_WIDTHS[0])
+        gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
@@ -102,13 +81,11 @@ class Page:
         with controls.step(STEPS[3]):
             self._judge = JudgePanel(controls)
         self._save = SavePanel(controls)
-        self._maps = gui.add_panel()
-        tab = self._maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS)
-        with tab:
-            gui.add_html(PLACES, order=PLACES_ORDER)
+        maps = gui.add_panel()
+        with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
             self._landscape = LandscapePanel(controls)
-        self._maps.dock_right()
-        self._maps.set_width(MAPS_WIDTHS[0])
+        maps.dock_right()
+        maps.set_width(MAPS_PX)
         self._strip = PhotoStrip(self._script)
         self._next_panels = 0.0
         self._shown: Session | None = None
@@ -158,8 +135,8 @@ class Page:
         self._next_panels = time.monotonic() + PANELS_S
 
     def _reported(self, content: dict[str, Any], client: viser.ClientHandle) -> None:
-        if content["kind"] == "arrange":
-            arrange(client, self._maps, content)
+        if content["kind"] == "theme":
+            choose_theme(client.gui, content.get("light") is True)
         else:
             self._post(Report(content, client.client_id))
 
@@ -262,26 +239,3 @@ def choose_theme(gui: viser.GuiApi, light: bool = False) -> None:
     gui.configure_theme(
         dark_mode=not light, show_logo=False, show_share_button=False, brand_color=(23, 162, 184)
     )
-
-
-def arrange(client: viser.ClientHandle, maps: viser.PanelHandle, report: Mapping[str, Any]) -> None:
-    """Place the panels on one page as its script asks; a report that makes no sense is dropped."""
-    try:
-        width, height = (int(report[name]) for name in ("width", "height"))
-    except (KeyError, OverflowError, TypeError, ValueError):
-        return
-    if not (0 < width <= LARGEST_WINDOW and 0 < height <= LARGEST_WINDOW):
-        return
-    small = width < WIDE_WINDOW
-    choose_theme(client.gui, report.get("light") is True)
-    left: Any = {"kind": "edge", "edge": "left"}
-    place_panel(client, client.gui.main_panel, Placement(left, PANEL_WIDTHS[small]))
-    place = Placement({"kind": "edge", "edge": "right"}, MAPS_WIDTHS[small])
-    if report.get("maps") == "below":
-        free = width - PANEL_WIDTHS[small] - 2 * MARGIN
-        place = Placement({"kind": "float", "x": MARGIN, "y": -MARGIN}, free, height)
-    elif report.get("maps") == "away":
-        place = replace(place, collapsed=True)
-    if report.get("only") == "width":
-        place = replace(place, position=None)
-    place_panel(client, maps, place)

@@ -25,7 +25,6 @@ CLIENT = Path(viser.__file__).parent / "client" / "src"
 
 FIELDS = {
     "RunJavascriptMessage": ["source"],
-    "GuiSetPanelWidthMessage": ["uuid", "width", "counter", "run_id"],
     "FileTransferStartUpload": [
         "source_component_uuid",
         "transfer_uuid",
@@ -115,8 +114,6 @@ def test_the_handler_of_values_is_there(server: viser.ViserServer):
 def test_handles_have_what_the_page_is_told_by(server: viser.ViserServer):
     assert isinstance(server.gui.add_text("", "")._impl.uuid, str)
     assert isinstance(server.gui.add_upload_button("")._impl.value, viser.UploadedFile)
-    assert isinstance(server.gui.main_panel._placement_uuid, str)
-    assert isinstance(server.gui.add_panel()._placement_uuid, str)
 
 
 def test_icons_come_from_one_archive_that_is_opened_for_each():
@@ -148,7 +145,7 @@ def test_the_client_gives_what_the_script_takes():
 def test_nothing_else_reaches_below_viser():
     inside = re.compile(
         r"from viser\._|from viser import _|viser\._\w|import websockets|from websockets"
-        r"|\._(?:impl|websock\w*|placement_uuid)\b|__viserMutable"
+        r"|\._(?:impl|websock\w*)\b|__viserMutable"
     )
     room = APP / "app" / "below_viser"
     found = {
