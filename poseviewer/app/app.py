@@ -13,7 +13,6 @@ from pathlib import Path
 
 import viser
 
-from poseviewer.app.below_viser.icons import icons_opened_once
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags, request_of
 from poseviewer.app.reviewing import Reviewer
@@ -91,8 +90,7 @@ class App:
         self._tasks = Tasks(notify, state)
         self._review = review
         self._autosaver = Autosaver(state)
-        with icons_opened_once():
-            self._page = Page(server, self._mailbox.post, review)
+        self._page = Page(server, self._mailbox.post, review)
         self._running = True
         self._use_model()
         for command in opened.objects:

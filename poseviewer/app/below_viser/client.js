@@ -1,7 +1,6 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
-// channel (uuid of the text field that takes reports), photo [width, height], plane {depth, side}
-// (world units), steps (labels of the left panel's folders, of which one is open) and search (the one
+// channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps (labels of the left panel's folders, of which one is open) and search (the one
 // that a search opens), keys (event.code or event.key that are taken), leave (of them, those left to
 // the browser where ctrl is held), largest and most (bytes and files of an upload), title, style,
 // icon.
@@ -14,7 +13,7 @@
 if (window.poseviewer) { location.reload(); return; }
 const CONFIG = /*CONFIG*/ {};
 const state = {
-  photo: CONFIG.photo, // [width, height] in px
+  photo: [1, 1], // width, height in px
   plane: CONFIG.plane, // {depth, side}: distance of the photo's plane, length of its longer side
   zoom: 1, // canvas px per px of the fitted view
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
@@ -713,12 +712,6 @@ document.title = CONFIG.title;
 const style = document.createElement("style");
 style.textContent = CONFIG.style;
 document.head.appendChild(style);
-let icon = document.querySelector("link[rel~='icon']");
-if (!icon) {
-  icon = document.createElement("link");
-  icon.rel = "icon";
-  document.head.appendChild(icon);
-}
-icon.href = CONFIG.icon;
+document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
 watch();

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -40,10 +40,7 @@ class ClientScript:
         """
         self._server = server
         self._config = config
-        self._photo = (1, 1)
-        self._hint = ""
-        self._pen = ("", False)
-        self._strip = self._rows = "[]"
+        self._told: dict[str, str] = {}
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
@@ -58,52 +55,19 @@ class ClientScript:
 
         server.on_client_connect(self._greet)
 
-    def show_photo(self, width: int, height: int) -> None:
-        """The photo's size in px, on all pages; the whole photo is shown."""
-        with self._telling:
-            if self._photo != (width, height):
-                self._photo = (width, height)
-                self._run(f"window.poseviewer && window.poseviewer.setPhoto({width}, {height})")
-
-    def show_hint(self, text: str) -> None:
-        """A line over the photo in place of what the mouse does; "" brings that back."""
-        with self._telling:
-            if self._hint != text:
-                self._hint = text
-                self._run(f"window.poseviewer && window.poseviewer.setHint({json.dumps(text)})")
-
-    def show_pen(self, shape: str, erase: bool) -> None:
-        """What the main button draws on the photo: ``brush``, ``polygon``, ``scribble``, "" for
-        nothing; whether strokes ``erase``, for their colour and for the page's report of them.
+    def show(self, function: str, *arguments: Any) -> None:
+        """Call a function of ``window.poseviewer`` on all pages, unless its last call was the same;
+        a page that connects later gets the last call of each function.
         """
+        told = f"window.poseviewer?.{function}({', '.join(map(json.dumps, arguments))});"
         with self._telling:
-            if self._pen != (shape, erase):
-                self._pen = shape, erase
-                self._run(f"window.poseviewer && {self._pen_call()}")
+            if self._told.get(function) != told:
+                self._told[function] = told
+                self._run(told)
 
     def forget_strokes(self) -> None:
         """Pages need not show the strokes that are done any longer."""
-        self._run("window.poseviewer && window.poseviewer.forgetStrokes()")
-
-    def show_strip(self, photos: Sequence[Mapping[str, Any]]) -> None:
-        """Small pictures of a set's photos below the large one: ``name``, ``picture`` (a URI),
-        ``width`` and ``height`` of each; none: no strip.
-        """
-        with self._telling:
-            self._strip, self._rows = json.dumps(photos), "[]"
-            self._run(f"window.poseviewer && window.poseviewer.setStrip({self._strip})")
-
-    def show_strip_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """What is shown on each of them: whether it is ``large`` and ``off``, what is ``said`` of
-        it, the verdict's ``word``, and the outline's ``path`` (SVG, 1000 units along each side).
-        """
-        with self._telling:
-            if self._rows != (told := json.dumps(rows)):
-                self._rows = told
-                self._run(f"window.poseviewer && window.poseviewer.setStripRows({told})")
-
-    def _pen_call(self) -> str:
-        return f"window.poseviewer.setPen({json.dumps(self._pen[0])}, {json.dumps(self._pen[1])})"
+        self._run("window.poseviewer?.forgetStrokes();")
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
@@ -112,14 +76,10 @@ class ClientScript:
             config = {
                 **self._config,
                 "channel": self._channel._impl.uuid,
-                "photo": self._photo,
                 "icon": f"data:image/svg+xml;base64,{icon}",
             }
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-            hint = f"setHint({json.dumps(self._hint)})"
-            strip = f"setStrip({self._strip})", f"setStripRows({self._rows})"
-            source += "".join(f"\nwindow.poseviewer.{call};" for call in (hint, *strip))
-            _run_on(client, f"{source}\n{self._pen_call()};")
+            _run_on(client, "\n".join([source, *self._told.values()]))
 
     def _run(self, source: str) -> None:
         for client in self._server.get_clients().values():

@@ -44,18 +44,13 @@ class ObjectsPanel:
     """The list, shown where there are several objects."""
 
     def __init__(self, controls: Controls) -> None:
-        self._shown: object = None
         self._list = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:
         """Bring the list to the session."""
-        objects, picked = session.document.objects, session.document.number
-        rows = [(o.number, o.label, o.verdict, o.hidden, o.locked) for o in objects]
-        if self._shown == (rows, picked):
-            return
-        self._shown = rows, picked
+        objects = session.document.objects
         several = len(objects) > 1
-        content = objects_list(objects, picked) if several else ""
+        content = objects_list(objects, session.document.number) if several else ""
         set_properties(self._list, content=content, visible=several)
 
 

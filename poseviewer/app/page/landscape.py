@@ -31,7 +31,7 @@ from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.landscape import Pair, Slice, slice_minimum
 from poseviewer.fit.settings import METHODS
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name
 from poseviewer.geometry.pose_covariance import ellipse
 
@@ -69,18 +69,6 @@ class Markers:
     covariance: FloatArray | None = None
     """(d, d): how sure the current pose is; nan where nothing is said of a number."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", frozen_array(self.pose, (-1,)))
-        for name in ("candidates", "trail"):
-            points = getattr(self, name)
-            if points is not None:
-                object.__setattr__(self, name, frozen_array(points, (-1, len(self.pose))))
-
-    def has_region(self, piece: Slice) -> bool:
-        """Whether it is known how sure both numbers of a map are."""
-        known = self.covariance
-        return known is not None and not np.isnan(known[piece.first, piece.second])
-
 
 @dataclass(frozen=True, slots=True)
 class GridOptions:
@@ -102,31 +90,6 @@ class GridOptions:
     """How good the values are, as ``Slice.error``; None says nothing."""
     large: Pair | None = None
     """The pair whose map is shown large as well."""
-
-
-@dataclass(frozen=True, slots=True)
-class LossRange:
-    """The losses that get the first and the last colour."""
-
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, piece: Slice) -> LossRange:
-        """From the least to the greatest known loss of a map."""
-        known = piece.losses[np.isfinite(piece.losses)]
-        return cls(float(known.min()), float(known.max())) if known.size else cls(0.0, 1.0)
-
-    def png(self, losses: FloatArray) -> bytes:
-        """An 8-bit palette PNG of losses (k, k) without gaps, the LAST row at the top: values grow
-        to the right and upwards. Losses beyond the range get the nearest colour.
-        """
-        shares = np.clip((losses - self.low) / max(self.high - self.low, 1e-12), 0.0, 1.0)
-        image = Image.fromarray((shares * (LEVELS - 1)).round().astype(np.uint8)[::-1])
-        image.putpalette(PALETTE.tobytes())
-        memory = BytesIO()
-        image.save(memory, "PNG", bits=8, compress_level=9)
-        return memory.getvalue()
 
 
 def landscape_grid(
@@ -172,32 +135,6 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
-def candidates_within(piece: Slice, candidates: FloatArray) -> FloatArray:
-    """(k, 2): places on the map, as ``on_map``, of those candidates (n, d) that do not lie far
-    beside it.
-    """
-    places = on_map(piece, candidates)
-    return places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
-
-
-def region_on(piece: Slice, markers: Markers) -> FloatArray:
-    """(n, d): parameters along the border of the region of both of the map's numbers, the others
-    as at the pose.
-    """
-    assert markers.covariance is not None
-    pair = [piece.first, piece.second]
-    border = ellipse(markers.covariance[np.ix_(pair, pair)])
-    parameters = np.tile(markers.pose, (len(border), 1))
-    parameters[:, pair] += border
-    return parameters
-
-
-def short_trail(trail: FloatArray) -> FloatArray:
-    """(at most LONGEST_TRAIL, d): the trail (t, d) thinned evenly; its ends stay."""
-    kept = np.linspace(0, len(trail) - 1, min(len(trail), LONGEST_TRAIL)).round().astype(int)
-    return trail[kept]
-
-
 def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
     """The second parameters left of their rows, the first ones below their columns."""
     last = len(parameters)
@@ -235,13 +172,12 @@ def _cell(
 ) -> str:
     if piece is None:
         return f'<div class="pv-cell pv-none" style="{place}"></div>'
-    scale = LossRange.of(piece)
     first, second = pair
     pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
     what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
     least = slice_minimum(piece)
     # The map from its first to its last grid point: half of each border pixel is cut off.
-    data = base64.b64encode(scale.png(piece.filled())).decode()
+    data = base64.b64encode(_png(piece)).decode()
     step = 100.0 / (len(piece.first_values) - 1)
     side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
     return (
@@ -254,15 +190,32 @@ def _cell(
     )
 
 
+def _png(piece: Slice) -> bytes:
+    """An 8-bit palette PNG of a map, the last row at the top: values grow to the right and upwards.
+    The known losses span the colours; points between them take the nearest colour.
+    """
+    known = piece.losses[np.isfinite(piece.losses)]
+    low, high = known.min(), known.max()
+    shares = np.clip((piece.filled() - low) / max(high - low, 1e-12), 0.0, 1.0)
+    image = Image.fromarray((shares * (LEVELS - 1)).round().astype(np.uint8)[::-1])
+    image.putpalette(PALETTE.tobytes())
+    memory = BytesIO()
+    image.save(memory, "PNG", bits=8, compress_level=9)
+    return memory.getvalue()
+
+
 def _markers(piece: Slice, markers: Markers) -> str:
     """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
     drawn = []
     if markers.trail is not None and len(markers.trail) > 1:
-        points = _points(on_map(piece, short_trail(markers.trail)))
+        count = len(markers.trail)
+        kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
+        points = _points(on_map(piece, markers.trail[kept]))
         drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
     if markers.candidates is not None and len(markers.candidates):
-        places = _on_picture(candidates_within(piece, markers.candidates))
-        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in places)
+        places = on_map(piece, markers.candidates)
+        within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
+        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
         drawn.append(_DOTS.format(dots))
     least = slice_minimum(piece)
     if least is not None:
@@ -270,8 +223,13 @@ def _markers(piece: Slice, markers: Markers) -> str:
         parameters[[piece.first, piece.second]] = least.first_value, least.second_value
         x, y = _on_picture(on_map(piece, parameters))
         drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
-    if markers.has_region(piece):
-        points = _points(on_map(piece, region_on(piece, markers)))
+    pair = [piece.first, piece.second]
+    covariance = None if markers.covariance is None else markers.covariance[np.ix_(pair, pair)]
+    if covariance is not None and not np.isnan(covariance[0, 1]):
+        region = ellipse(covariance)
+        border = np.tile(markers.pose, (len(region), 1))
+        border[:, pair] += region
+        points = _points(on_map(piece, border))
         drawn.append(f'<polygon class="pv-region" points="{points}"/>')
     u, v = on_map(piece, markers.pose)
     beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"

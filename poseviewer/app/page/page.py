@@ -109,9 +109,10 @@ class Page:
             self._next_panels = 0.0  # that a search stopped is seen at once
         if session is not self._shown:
             photo = session.document.registration.photo
-            self._script.show_photo(photo.width, photo.height)
-            self._script.show_hint(hint_of(session))
-            self._script.show_pen(session.tool if session.tool in SHAPES else "", session.erasing)
+            self._script.show("setPhoto", photo.width, photo.height)
+            self._script.show("setHint", hint_of(session))
+            shape = session.tool if session.tool in SHAPES else ""
+            self._script.show("setPen", shape, session.erasing)
             self.scene.show(session)
             self._strip.show(session)
             if self._shown is None or session.strokes != self._shown.strokes:

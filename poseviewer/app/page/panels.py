@@ -19,6 +19,7 @@ from poseviewer.app.page.above_steps import MoreObjects, loss_bar
 from poseviewer.app.page.comparisons import MethodsPanel
 from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
+from poseviewer.app.page.reports import LOOKS
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS
@@ -42,7 +43,6 @@ SHOWN_DIGITS = 5
 """Decimals of a parameter's field."""
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
-LOOKS = ("outline", "solid", "relit", "normals", "residual", "none")
 PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
 PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
 BESIDE_RESTART = 1e-3
@@ -125,8 +125,6 @@ class PlacePanel:
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
         self._names: tuple[str, ...] = ()
-        self._shown: object = None
-        self._error_message = ""
         with controls.step(STEPS[1]):
             self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
             controls.field(self._view, self._look_from)
@@ -153,11 +151,6 @@ class PlacePanel:
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
         self._quick_start.show(session)
-        key = (session.document, session.history)
-        # After a refusal the fields still hold what was typed.
-        if self._shown == key and self._error_message is session.error_message:
-            return
-        self._shown, self._error_message = key, session.error_message
         self._names = session.document.chart.names
         parameters = session.document.parameters
         for index, field in enumerate(self._parameters):
@@ -208,7 +201,6 @@ class QuickStartPanel:
     """Folder "Quick start": a pose from marks on the photo, or proposed ones."""
 
     def __init__(self, controls: Controls) -> None:
-        self._shown: object = None
         self._has_region = self._proposing = False
         self._box = controls.button_for(
             FIT_TO_BOX,
@@ -245,10 +237,6 @@ class QuickStartPanel:
 
     def show(self, session: Session) -> None:
         """Say what is marked and how well the pose shows it, and what is proposed."""
-        key = (session.document, session.tool, session.proposals)
-        if self._shown == key:
-            return
-        self._shown = key
         self._has_region = session.document.settings.region is not None
         set_properties(self._find, label=FIND_WHEELS if self._has_region else DRAW_REGION_FIRST)
         set_properties(self._again, visible=self._has_region)
@@ -273,7 +261,7 @@ class FitPanel:
 
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
-        self._shown: dict[str, object] = {}
+        self._drawn: object = None
         self._names: tuple[str, ...] = ()
         self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
         self._running = False
@@ -396,17 +384,14 @@ class FitPanel:
         # Of a single loss the plot would make an axis from 0 to twice as much.
         set_properties(self._curve, visible=latest is not None and len(latest.improvements) > 1)
         key = None if latest is None else (latest.improvements, latest.restarts)
-        if latest is not None and self._shown.get("curve") != key:
-            self._shown["curve"] = key
+        if latest is not None and self._drawn != key:
+            self._drawn = key
             self._curve.data = curve_of(latest)
         self._show_settings(session)
 
     def _show_settings(self, session: Session) -> None:
-        settings, names = session.document.settings, session.document.chart.names
-        key = (settings, names, session.tool)
-        if self._shown.get("settings") == key:
-            return
-        self._shown["settings"], self._names = key, names
+        settings = session.document.settings
+        self._names = names = session.document.chart.names
         is_paper = settings.method == "paper"
         self._method.show(METHODS[settings.method])
         options = PAPER_PIXELS if is_paper else tuple(PIXELS)
@@ -432,7 +417,7 @@ class JudgePanel:
         gui, field = controls.gui, controls.field
         self._verdict = gui.add_markdown("", visible=False)
         self._look = field(
-            gui.add_dropdown("Model (1-5, 0)", LOOKS),
+            gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
             lambda name: c.ChangeView(look=name, hidden=False),
         )
         self._opacity = field(

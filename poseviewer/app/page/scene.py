@@ -143,20 +143,8 @@ class PhotoScene:
         )
         width, height = (max(1, round(side * factor)) for side in self._size)
         pixels = photo.as_rgb8(width, height)
-        unit = SIDE / max(self._size)
-        if self._photo is not None:
-            self._photo.remove()
-        self._photo = self._server.scene.add_image(
-            "/photo",
-            pixels,
-            photo.width * unit,
-            photo.height * unit,
-            format="jpeg",
-            jpeg_quality=95,
-            cast_shadow=False,
-            receive_shadow=False,
-            position=(0.0, 0.0, DEPTH),
-        )
+        centre = photo.width / 2.0, photo.height / 2.0
+        self._photo = self._image(self._photo, "/photo", pixels, centre, self._size, 1.0)
         if self._picture is not None:
             self._picture.visible = False
 
@@ -222,7 +210,7 @@ class PhotoScene:
                 width,
                 height,
                 format="png" if pixels.shape[2] == 4 else "jpeg",
-                jpeg_quality=92,
+                jpeg_quality=95,
                 cast_shadow=False,
                 receive_shadow=False,
                 position=middle,

@@ -30,7 +30,6 @@ class PhotoStrip:
     def __init__(self, script: ClientScript) -> None:
         self._script = script
         self._photos: object = None
-        self._rows: object = None
 
     def show(self, session: Session) -> None:
         """Bring it to the session; what has not changed is not sent."""
@@ -38,12 +37,12 @@ class PhotoStrip:
         photos = None if views is None else views.views
         if photos is not self._photos:
             self._photos = photos
-            self._script.show_strip([] if views is None else list(map(_small, views.views.views)))
-        key = (session.document, session.strip, session.overlay, session.search, session.look)
-        if views is None or key == self._rows:
-            return
-        self._rows = key
-        self._script.show_strip_rows([_row(session, views, i) for i in range(len(views.own))])
+            small = [] if views is None else list(map(_small, views.views.views))
+            self._script.show("setStrip", small)
+            self._script.show("setStripRows", [])
+        if views is not None:
+            rows = [_row(session, views, index) for index in range(len(views.own))]
+            self._script.show("setStripRows", rows)
 
 
 def _small(view: View) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,12 @@ from typing import Any
 import pytest
 import viser
 import websockets.asyncio.server
-from viser import _icons, _messages
+from viser import _messages
 from viser.infra import _async_message_buffer, _infra
 from websockets.asyncio.server import ServerConnection
 
 import poseviewer
 from poseviewer.app.below_viser.guard import VISERS_OWN
-from poseviewer.app.below_viser.icons import ARCHIVE, icons_opened_once
 
 APP = Path(poseviewer.__file__).parent
 CLIENT = Path(viser.__file__).parent / "client" / "src"
@@ -114,18 +112,6 @@ def test_the_handler_of_values_is_there(server: viser.ViserServer):
 def test_handles_have_what_the_page_is_told_by(server: viser.ViserServer):
     assert isinstance(server.gui.add_text("", "")._impl.uuid, str)
     assert isinstance(server.gui.add_upload_button("")._impl.value, viser.UploadedFile)
-
-
-def test_icons_come_from_one_archive_that_is_opened_for_each():
-    assert vars(_icons)["zipfile"] is zipfile
-    assert (_icons.ICONS_DIR / ARCHIVE).is_file()
-    _icons.svg_from_icon.cache_clear()
-    plain = _icons.svg_from_icon("check")
-    _icons.svg_from_icon.cache_clear()
-    with icons_opened_once():
-        assert _icons.svg_from_icon("check") == plain
-        assert _icons.svg_from_icon.cache_info().misses == 1
-    assert vars(_icons)["zipfile"] is zipfile
 
 
 def test_the_client_gives_what_the_script_takes():
