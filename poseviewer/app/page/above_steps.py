@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from html import escape
 
-import viser
-
 from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.state.document import SceneObject
 from poseviewer.app.state.objects import AddObject, AlterObject
@@ -117,9 +115,9 @@ COMPILING = (
 class PreparingPanel:
     """A sentence and a bar."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._text = gui.add_markdown("", visible=False)
-        self._bar = gui.add_progress_bar(0.0, visible=False, color="cyan", animated=True)
+    def __init__(self, controls: Controls) -> None:
+        self._text = controls.gui.add_markdown("", visible=False)
+        self._bar = controls.gui.add_progress_bar(0.0, visible=False, color="cyan", animated=True)
 
     def show(self, session: Session) -> None:
         """Bring them to the session."""

@@ -39,6 +39,7 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANEL_PX, MAPS_PX = 280, 400
 """Widths of the left panel and of the maps; either border can be dragged."""
+PANELS = StatusPanel, ObjectsPanel, OpenPanel, PlacePanel, FitPanel, JudgePanel
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {
@@ -71,15 +72,9 @@ class Page:
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
         controls = Controls(gui, post)
-        self._preparing = PreparingPanel(gui)
+        preparing = PreparingPanel(controls)
         self._rows = None if review is None else RowsPanel(controls, review)
-        self._status = StatusPanel(controls)
-        self._objects = ObjectsPanel(controls)
-        self._open = OpenPanel(controls)
-        self._place = PlacePanel(controls)
-        self._fit = FitPanel(controls)
-        with controls.step(STEPS[3]):
-            self._judge = JudgePanel(controls)
+        self._panels = preparing, *(make_panel(controls) for make_panel in PANELS)
         self._save = SavePanel(controls)
         maps = gui.add_panel()
         with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
@@ -124,13 +119,8 @@ class Page:
         self._late = False
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
-            self._preparing.show(session)
-            self._status.show(session)
-            self._objects.show(session)
-            self._open.show(session)
-            self._place.show(session)
-            self._fit.show(session)
-            self._judge.show(session)
+            for panel in self._panels:
+                panel.show(session)
             self._save.show(session, where)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
@@ -193,16 +183,11 @@ class Page:
     def show_help(self, client: int) -> None:
         """Open the panel with the keys."""
         handle = self._server.get_clients().get(client)
-        if handle is None:
-            return
-        modal = handle.gui.add_modal("Keys and mouse")
-        with modal:
-            handle.gui.add_markdown(HELP)
-            close = handle.gui.add_button("Close")
-
-            @close.on_click
-            async def _(_: viser.GuiEvent) -> None:
-                modal.close()
+        if handle is not None:
+            modal = handle.gui.add_modal("Keys and mouse")
+            with modal:
+                handle.gui.add_markdown(HELP)
+                handle.gui.add_button("Close").on_click(lambda _: modal.close())
 
     def greet(self, client: int, offer: AutosavedSession | None) -> None:
         """Offer a page that has just connected what an earlier session left."""
@@ -217,16 +202,9 @@ class Page:
                 f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
                 f"{when}."
             )
-            again = handle.gui.add_button("Open it again", color="cyan")
-            forget = handle.gui.add_button("Forget it", color="gray")
-
-            @again.on_click
-            async def _(_: viser.GuiEvent) -> None:
-                self._post(Restore(True))
-
-            @forget.on_click
-            async def _(_: viser.GuiEvent) -> None:
-                self._post(Restore(False))
+            controls = Controls(handle.gui, self._post)
+            controls.button("Open it again", Restore(True), "cyan")
+            controls.button("Forget it", Restore(False))
 
     def close_offer(self) -> None:
         """Take the offer off all pages."""

@@ -411,22 +411,23 @@ class FitPanel:
 
 
 class JudgePanel:
-    """In the step "Judge": the verdict with its reasons, and how the model is shown."""
+    """Folder "Judge": the verdict with its reasons, and how the model is shown."""
 
     def __init__(self, controls: Controls) -> None:
         gui, field = controls.gui, controls.field
-        self._verdict = gui.add_markdown("", visible=False)
-        self._look = field(
-            gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-            lambda name: c.ChangeView(look=name, hidden=False),
-        )
-        self._opacity = field(
-            gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-            lambda share: c.ChangeView(opacity=float(share)),
-        )
-        self._hidden = field(
-            gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
-        )
+        with controls.step(STEPS[3]):
+            self._verdict = gui.add_markdown("", visible=False)
+            self._look = field(
+                gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
+                lambda name: c.ChangeView(look=name, hidden=False),
+            )
+            self._opacity = field(
+                gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
+                lambda share: c.ChangeView(opacity=float(share)),
+            )
+            self._hidden = field(
+                gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
+            )
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
