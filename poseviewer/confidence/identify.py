@@ -50,12 +50,7 @@ def identify(
 
 
 def shared_settings(registrations: Sequence[Registration], settings: FitSettings) -> FitSettings:
-    """The settings over pixels that all models share: the box about all of them at their starts,
-    within the settings' region.
-
-    Raises:
-        SettingsError: the settings want the pixels that each model covers.
-    """
+    """Limit the settings' region to the box about all models at their starts."""
     if settings.pixels == "clip":
         raise SettingsError(
             "--pixels clip judges every model on pixels of its own, so their losses cannot be "

@@ -70,10 +70,10 @@ def judge(features: Features | None) -> Verdict:
 
 
 def judge_together(views: Sequence[Verdict]) -> Verdict:
-    """The verdict on one pose from those of several photos of it, by the mean of their log odds:
-    that is cautious, as if they told the same thing again. ``found`` where half of them are as
-    probable, whatever hides the model there; ``lost`` where most of them are as improbable: a few
-    that no pose of the set explains contradict the others, and say little of the pose.
+    """Verdict on one pose by the mean log odds of its photos, as if they repeated each other.
+
+    ``found`` needs half of them as probable, ``lost`` most of them as improbable: a few that no
+    pose of the set explains contradict the others, and say little of the pose.
     """
     odds = np.clip([one.probability for one in views], LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))

@@ -47,14 +47,12 @@ def find_covariance(
     seen: float,
     threads: int = 1,
 ) -> PoseCovariance | None:
-    """The covariance of the pose that a search ended in; the same on any number of ``threads``.
+    """Covariance of the pose that a search ended in; None where poses beside it are in no photo.
 
-    The curvature of the loss about the end says which way the pose is sure. How sure is calibrated:
-    what the loss is left of, gloss, surroundings, colours that differ, is no noise of known size.
-    It is a sum of logarithms of what is unexplained u, whose curvature is that of u divided by u:
-    so u comes in again. ``seen``: the share of the model that is, above 0.
-
-    None where there is none: poses beside it are in no photo, or the pose has no parameters.
+    The curvature of the loss says which way the pose is sure. The loss sums logarithms of what is
+    unexplained u, so its curvature is u's divided by u. The scale is calibrated: gloss,
+    surroundings and other colours are no noise of known size. ``seen``: the share of the model that
+    is, above 0.
     """
     is_focal_free = has_focal(problem.chart) and problem.free[-1]
     with suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError):
@@ -79,10 +77,9 @@ def joint_covariance(
     seen: Pose | None = None,
     chart: ViewChart | None = None,
 ) -> PoseCovariance | None:
-    """The covariance of a pose in the first of several photos, from those by each of ``views``
-    alone, as if what draws them off had nothing in common: their inverses, seen from the first,
-    add up. None where no photo has one. ``seen`` and ``chart``: the pose in another photo of the
-    set, and what gives it there, in place of the first.
+    """Covariance of a pose in the first of several photos, by adding the inverses of ``views``.
+
+    None where no photo has one. ``seen`` and ``chart``: the pose in another photo of the set.
     """
     total, own = np.zeros((7, 7)), None
     for view, verdict in zip(problem.views, views, strict=True):
@@ -108,9 +105,7 @@ def joint_covariance(
 
 
 def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
-    """(7, 7): deviations in a view from those in the first one: turns, shifts, and the logarithm of
-    the model's size, with which all cameras come nearer.
-    """
+    """(7, 7): deviations in a view (turns, shifts, log size) from those in the first one."""
     turn = chart.view_from_reference
     from_first = np.eye(7)
     from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
@@ -128,11 +123,9 @@ def _inverse(covariance: PoseCovariance) -> FloatArray:
 def inverse_curvature(
     losses: Callable[[Sequence[FloatArray]], FloatArray], size: int
 ) -> tuple[float, FloatArray]:
-    """The least of the losses about 0, and the inverse (k, k) of their second derivatives there;
-    ``losses`` takes points (``size``,).
+    """Least loss about 0, and the inverse (k, k) of its second derivatives there.
 
-    Raises:
-        numpy.linalg.LinAlgError: losses are not finite there.
+    Raises ``LinAlgError`` where ``losses``, of points (``size``,), are not finite.
     """
     at, scale = np.zeros(size), np.eye(size)
     *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, MODELS)

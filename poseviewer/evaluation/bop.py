@@ -35,11 +35,7 @@ MSPD_THRESHOLDS = np.arange(5.0, 50.1, 5.0)
 
 
 def bop_folder(table: Path, dataset: Path | None) -> Path:
-    """Find the data set's folder: the one named, or the nearest above the table.
-
-    Raises:
-        SettingsError: there is none.
-    """
+    """Find the data set's folder: the one named, or the nearest above the table."""
     for folder in table.resolve().parents if dataset is None else (dataset,):
         if (folder / "models" / MODELS_INFO).is_file():
             return folder
@@ -50,13 +46,7 @@ def bop_folder(table: Path, dataset: Path | None) -> Path:
 
 
 def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Task], int]:
-    """Make the fits of all targets that have an estimate, from the best of each by its score; and
-    count the targets.
-
-    Raises:
-        PoseViewerError: the data set or the table cannot be read.
-        SettingsError: the table has estimates of none of the targets.
-    """
+    """Make the fits of all targets from their best estimates by score; and count the targets."""
     models = load_bop_models(folder / "models" / MODELS_INFO)
     best: dict[tuple[int, int, int], BopEstimate] = {}
     for estimate in sorted(load_bop_estimates(table), key=lambda estimate: estimate.score):
@@ -100,9 +90,7 @@ def _cases(folder: Path, scenes: Sequence[int]) -> Iterator[tuple[Case, int, int
 
 
 def average_recall(errors: FloatArray, thresholds: FloatArray, targets: int) -> float:
-    """Share of ``targets`` that is within a threshold, the mean over all thresholds; a target
-    without an error is within none.
-    """
+    """Share of ``targets`` within a threshold, mean over thresholds; no error counts as outside."""
     return float((errors[:, None] < thresholds).sum(axis=0).mean()) / targets
 
 

@@ -69,13 +69,7 @@ class Start:
 
 
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
-    """Load the cases whose id matches the pattern: as a whole if there is ``*`` or ``?`` in it,
-    else as a part of the id; empty: all.
-
-    Raises:
-        PoseFileError: there is no ``cases.json``, or it does not hold cases.
-        SettingsError: no id matches.
-    """
+    """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
     listed = _listed(folder / CASES, "cases")
     cases = [_case(folder, data) for data in listed if _matches(str(data.get("id", "")), pattern)]
     if not cases:
@@ -84,12 +78,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 
 
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
-    """Load the first ``draws`` starts of every case at each of the deviations.
-
-    Raises:
-        PoseFileError: there is no ``starts.json``, or it does not hold starts.
-        SettingsError: there are no starts so far off.
-    """
+    """Load the first ``draws`` starts of every case at each of the deviations."""
     starts = [_start(folder, data) for data in _listed(folder / STARTS)]
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:

@@ -70,10 +70,6 @@ def make_photos(
     """Make ``count`` photos of a vehicle in ``folder``, or take those that are there already.
 
     Views, lights and pieces of the background are random, the same for the same seed.
-
-    Raises:
-        SettingsError: the model is no vehicle.
-        RendererUnavailableError: there is no OpenGL to draw them.
     """
     vehicle, _ = open_model(model)
     if vehicle.keypoints is None:
@@ -113,9 +109,6 @@ def draw_start(
     """Draw a pose whose parameters in the vehicle chart are each off by up to ``share``.
 
     Draws that show the vehicle's other side, or are no pose, are drawn again.
-
-    Raises:
-        SingularChartError: there is none in a thousand draws.
     """
     chart = VehicleChart.near(keypoints, truth, free_focal)
     true = chart.from_pose(truth)
@@ -149,9 +142,7 @@ def _draw(
 def random_view(
     mesh: Mesh, keypoints: VehicleKeypoints, size: tuple[int, int], random: np.random.Generator
 ) -> Pose:
-    """Draw a pose that shows the whole vehicle in a photo of ``size`` (width, height) px as people
-    take cars: from a side, somewhat above, filling the photo.
-    """
+    """Draw a pose as people take cars: from a side, somewhat above, filling ``size`` (w, h) px."""
     rotation = _random_rotation(keypoints, random)
     turned = (mesh.vertices - mesh.centre) @ rotation.T
     low, high = turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)

@@ -21,17 +21,13 @@ Lines = dict[Line, list[Trial]]
 
 
 def wilson_interval(found: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share, in [0, 1]; unlike the normal approximation it is right for few
-    trials too, and for none or all found (Wilson, 1927).
-    """
+    """95 % interval of a share (Wilson, 1927), right for few trials and for none or all found."""
     interval = binomtest(found, trials).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
 
 
 def lines_of(trials: Sequence[Trial], groups: Mapping[str, str]) -> Lines:
-    """Sort trials into the report's lines. ``groups`` names the photos by the case; else it is the
-    set.
-    """
+    """Sort trials into the report's lines; ``groups`` names a case's photos, else its set does."""
     lines: Lines = {}
     for trial in trials:
         line = trial.method, trial.reading, groups.get(trial.case, trial.set), trial.pixels

@@ -164,9 +164,7 @@ def demo_with_truth() -> tuple[Registration, Pose]:
 def measure_speed(
     quick: bool, tell: Callable[[str], None], map_size: int = MAP_SIZE
 ) -> SpeedReport:
-    """Measure; ``tell`` hears, before each part, what comes. ``quick``: fewer runs, and fits are
-    cut short.
-    """
+    """Measure; ``tell`` hears what comes. ``quick``: fewer runs, and fits are cut short."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     machine = {"cpu": _cpu(), "cores": processors(), "system": platform.system(), "load": load}
     versions: dict[str, str | None] = {"python": platform.python_version()}
@@ -222,8 +220,7 @@ def make_workload(demo: Registration, truth: Pose, triangles: int, width: int) -
 def time_paths(work: Workload, letters: str, rounds: int) -> list[PathTime]:
     """Time some paths in turn: what disturbs the machine hits all.
 
-    Each turn begins with a run that does not count: it brings back into the processor's caches what
-    other paths have pushed out.
+    Each turn's first run, which refills the processor's caches, does not count.
     """
     times: dict[tuple[str, int], list[float]] = defaultdict(list)
     with RendererPool(work.renderer) as pool:
@@ -264,9 +261,7 @@ def _make_path(
 
 
 def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) -> dict[str, Any]:
-    """Time what ``fit --method`` does from the demo's start, 8 % off in each parameter, without the
-    verdict; the error is of the model's size in the photo.
-    """
+    """Time a fit from the demo's start, 8 % off in each parameter, without the verdict."""
     problem, _ = make_problem(demo, FitSettings(method=method, limits=Limits(seconds=limit_s)))
     renderer, threads = SoftwareRenderer(demo.mesh), 1 if method == "paper" else processors()
     make_stages(problem, renderer)  # simplifies the model, which is then kept
@@ -282,9 +277,7 @@ def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) ->
 
 
 def time_maps(demo: Registration, truth: Pose, size: int) -> dict[str, Any]:
-    """Time the maps, of ``size`` points a side, of all pairs of parameters about the demo's true
-    pose, on all cores; ``error`` is that of ``Slice``.
-    """
+    """Time the maps of all pairs of parameters about the demo's true pose, on all cores."""
     problem, _ = make_problem(replace(demo, start=truth), FitSettings())
     with RendererPool(SoftwareRenderer(demo.mesh)) as pool:
         # A thread's first picture of a size takes its buffers.

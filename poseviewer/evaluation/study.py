@@ -94,9 +94,10 @@ class Plan:
             raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
 
     def settings(self, kind: Kind) -> list[FitSettings]:
-        """Settings of fits of a kind. The paper's method takes the whole photo on black ground, as
-        the paper did; both sets of pixels, to compare them, on another background; and on the
-        demo's photos the clipped one.
+        """Settings of fits of a kind.
+
+        The paper's method takes the whole photo on black ground, as the paper did; both sets of
+        pixels on another background; the clipped one on the demo's photos.
         """
         names: tuple[PixelsName, ...]
         if self.pixels:
@@ -150,11 +151,7 @@ class Run:
 
 
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
-    """Make the photos, or read cases and starts; see which trials are left.
-
-    Raises:
-        PoseViewerError: a file cannot be read, or the folder holds another study.
-    """
+    """Make the photos, or read cases and starts; see which trials are left."""
     about, targets = plan.about(), 0
     tasks: Sequence[Task] = ()
     settings = plan.free_body_settings
@@ -225,9 +222,7 @@ def real_tasks(
     settings: FitSettings,
     among_others: bool = False,
 ) -> list[Task]:
-    """Make the trials of all cases that match the pattern, case by case; ``among_others``: each is
-    given the true poses of all other cases of its photo.
-    """
+    """Make the trials of matching cases, ``among_others`` with their photo's other true poses."""
     starts = load_starts(folder, degrees, draws)
     givers = load_cases(folder) if among_others else []
     tasks = []

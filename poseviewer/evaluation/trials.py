@@ -127,9 +127,8 @@ class Task:
     def run(self) -> Trial:
         """Fit from the start, and compare its end with the truth.
 
-        A start that no fit can begin from is also where it ends, without parameters. The truth may
-        be of a camera that the start's chart does not have; its loss is then that of the chart's
-        nearest pose.
+        A start that no fit can begin from is also where it ends. A truth whose camera the start's
+        chart does not have has the loss of the chart's nearest pose.
         """
         registration, renderer = self.open()
         case, truth = self.case, self.case.truth
@@ -183,9 +182,9 @@ def _as_text(features: Features | None) -> str:
 def symmetric_distances(
     vertices: FloatArray, pose: Pose, truth: Pose, symmetry: Symmetry
 ) -> tuple[float, float]:
-    """MSSD and MSPD of a pose (Hodan et al., *BOP Challenge 2020*): the largest distance of a
-    vertex from its true position, the least over the symmetries, in the model's unit and in px;
-    infinite where the pose has vertices behind the camera.
+    """MSSD and MSPD (Hodan et al., *BOP Challenge 2020*), in the model's unit and in px.
+
+    The largest distance of a vertex from its true position, the least over the symmetries.
     """
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
     in_space = in_photo = np.inf
@@ -214,11 +213,8 @@ def open_photo(path: Path) -> Photo:
 def run_all(tasks: Sequence[Task], jobs: int) -> Iterator[Trial]:
     """Run tasks, yielding each row when it is done; one job runs them here, in order.
 
-    Processes, not threads: between two kernel calls a search spends a fifth of its time in Python.
-    They are new ones, not forked, as this one may hold an OpenGL context.
-
-    Raises:
-        SettingsError: one of the processes was ended from outside, as for want of memory.
+    Processes, not threads: a search spends a fifth of its time in Python. Spawned, not forked, as
+    this process may hold an OpenGL context.
     """
     if jobs == 1 or len(tasks) < 2:
         yield from (task.run() for task in tasks)

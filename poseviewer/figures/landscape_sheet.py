@@ -40,14 +40,9 @@ def make_landscape_sheet(
     title: str = "",
     what: str = "loss",
 ) -> Figure:
-    """All slices on one sheet: 15 maps for six numbers, 21 for seven.
+    """Draw all slices, at most one a pair, on one sheet, with a cross at the ``pose`` (d,).
 
-    Args:
-        slices: at most one for each pair, in any order; unfinished ones are drawn as far as known.
-        names: (d,) of the chart's numbers, for the axes.
-        pose: (d,) the numbers of the pose that is marked with a cross.
-        title: of the sheet.
-        what: the values are called.
+    ``what``: the values are called. Unfinished slices are drawn as far as known.
     """
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
@@ -96,9 +91,7 @@ def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> N
 def _name_axes(
     axes: Axes, piece: Slice, names: Sequence[str], cell: float, at: tuple[bool, bool]
 ) -> None:
-    """Names and numbers, where the map is ``at`` the sheet's left or lower side; ``cell`` inches
-    wide and high.
-    """
+    """Label a map ``cell`` inches wide; ``at``: whether it is at the left and lower side."""
     left, bottom = at
     axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -144,11 +137,9 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """A figure as the content of a file of that ``kind``, without pyplot: no window, no state
-    shared between threads.
+    """Encode a figure as a file of that ``kind``; raises ``ValueError`` for an unknown one.
 
-    Raises:
-        ValueError: the kind is unknown.
+    Without pyplot: no window, no state shared between threads.
     """
     memory = BytesIO()
     FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)

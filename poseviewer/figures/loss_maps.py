@@ -31,12 +31,7 @@ class LossMaps:
     """Which photo it is, as files say it."""
 
     def as_bytes(self, kind: str) -> bytes:
-        """The content of a file of that ``kind``: a sheet of maps (png, pdf, svg), or the numbers
-        (npz; see ``files.landscape``).
-
-        Raises:
-            ValueError: the kind is unknown.
-        """
+        """Encode a sheet (png, pdf, svg) or numbers (npz), or raise ``ValueError`` else."""
         if kind == "npz":
             about = self.names, self.centre, self.scales
             return landscape_npz_bytes(*about, self.slices, self.photo)

@@ -13,12 +13,9 @@ FloatArray = NDArray[np.float64]
 def frozen_array(
     values: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
-    """A read-only, C-contiguous array of ``shape``, in which -1 stands for any length.
+    """Make a read-only, C-contiguous array of ``shape``, in which -1 stands for any length.
 
-    An array that is already so is used as it is (no copy of large meshes).
-
-    Raises:
-        ValueError: the values have another shape.
+    One that is already so is used as it is. Raises ``ValueError`` where the shape is another.
     """
     array = np.asarray(values)
     fits = array.ndim == len(shape) and all(

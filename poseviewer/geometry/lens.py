@@ -68,10 +68,9 @@ class Undistortion:
 
 
 def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:
-    """The undistorted picture (height, width, channels) of one as taken, and where (height, width)
-    it shows what the photo does; elsewhere it is black.
+    """Undistorted picture (height, width, channels), bicubic, and where it shows the photo.
 
-    Bicubic; 8 and 16 bits stay as they are.
+    Elsewhere, where the second result (height, width) is False, it is black.
     """
     camera = undistortion.camera
     picture = np.zeros((camera.height, camera.width, pixels.shape[2]), pixels.dtype)
@@ -114,10 +113,7 @@ def _radii(camera: Perspective) -> NDArray[np.float32]:
 
 
 def _field_limit(undistortion: Undistortion) -> float:
-    """The radius at z = 1 up to which points farther out are seen farther out.
-
-    Beyond the calibrated field a polynomial turns back, and would show parts of the photo twice.
-    """
+    """Radius at z = 1 beyond which the lens's polynomial turns back, showing parts twice."""
     camera = undistortion.camera
     corners = camera.rays(
         [(0, 0), (camera.width, 0), (0, camera.height), (camera.width, camera.height)]

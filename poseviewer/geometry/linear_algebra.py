@@ -43,11 +43,10 @@ def squared_correlations(
     n: int,
     photo_whitening: FloatArray | None = None,
 ) -> FloatArray:
-    """The squared canonical correlations of the first ``n`` channels with the m others.
+    """The squared canonical correlations of the first ``n`` channels with the m others, ascending.
 
-    (min(n, m),), ascending, 0 where there is nothing to correlate; by rounding they may be a little
-    beyond [0, 1]. They are the eigenvalues of ``K^T K`` or ``K K^T``, with ``K = W_F C_FM W_M^T``.
-    ``photo_whitening`` is W_F (rank, n), made of the covariance where it is not given.
+    (min(n, m),), but for rounding in [0, 1]: eigenvalues of ``K^T K`` with ``K = W_F C_FM W_M^T``.
+    ``photo_whitening`` is W_F (rank, n), if it is known.
     """
     if photo_whitening is None:
         photo_whitening = whiten(covariance[:n, :n], mean[:n])

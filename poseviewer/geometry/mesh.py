@@ -142,10 +142,9 @@ class Mesh:
 
 @lru_cache(maxsize=16)
 def hull_points(mesh: Mesh) -> FloatArray:
-    """(k, 3): those vertices whose convex hull holds all others; found once for each model.
+    """(k, 3): the vertices of the convex hull, cached; all vertices of a flat model.
 
-    They are all in front of a camera exactly if the model is, and their box in a photo is then
-    the model's. A flat model's are all its vertices.
+    They are all in front of a camera exactly if the model is, and have its box in a photo.
     """
     if len(mesh.vertices) < FEWEST_FOR_HULL:
         return mesh.vertices
@@ -157,9 +156,7 @@ def hull_points(mesh: Mesh) -> FloatArray:
 
 
 def principal_axes(mesh: Mesh) -> FloatArray:
-    """(3, 3): unit axes in the model's frame, a row each, the shortest way through it first: those
-    of the scatter of its hull's corners. Where it is as long one way as another, any of these.
-    """
+    """(3, 3): unit axes in the model's frame, a row each, by its hull's scatter, shortest first."""
     points = hull_points(mesh)
     return np.linalg.eigh(np.cov(points.T))[1].T
 

@@ -78,10 +78,9 @@ def find_adjacency(faces: NDArray) -> Adjacency:
 
 
 def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
-    """(F,) the faces to turn so that neighbours are wound alike.
+    """(F,) the faces to turn so that neighbours are wound alike, as far as a spanning tree goes.
 
-    Closed pieces end up wound outwards; of an open piece the smaller area is turned. A surface
-    with no consistent winding (a Moebius strip) is made as consistent as a spanning tree goes.
+    Closed pieces end up wound outwards; of an open piece the smaller area is turned.
     """
     if not len(faces):
         return np.zeros(0, dtype=bool)
@@ -98,8 +97,7 @@ def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
 def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) -> NDArray:
     """(F,) whether a face differs from the first of its piece, along a breadth-first tree.
 
-    One root above the first face of each piece makes the forest a tree; then every face's way to
-    the root is followed by doubling: after k steps, ``ancestor`` is 2^k faces away.
+    A root above all pieces makes one tree; ways to it are followed by doubling.
     """
     count = len(piece)
     first_of_piece = np.unique(piece, return_index=True)[1]
@@ -134,12 +132,9 @@ def crease_normals(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Normals, smooth but for edges bent by more than ``crease_angle_rad``.
 
-    Corners that meet over smooth edges share a normal: the mean of their faces', weighted by the
-    corner's angle (Thuermer and Wuethrich 1998, independent of how a flat part is cut up).
+    They are means of the faces' by the corner's angle (Thuermer and Wuethrich 1998).
 
-    Returns:
-        ``source`` (N,), the given vertex that each vertex of the result is a copy of; the faces
-        (F, 3), into these; their unit normals (N, 3).
+    Returns the given vertex ``source`` (N,) of each new one, faces (F, 3), unit normals (N, 3).
     """
     face_normals, _ = face_normals_and_areas(vertices, faces)
     fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals, crease_angle_rad)

@@ -87,9 +87,7 @@ class Photo:
         return grey
 
     def default_camera(self) -> Perspective:
-        """The calibrated one; else from EXIF's focal length; without one, 50 degrees along the
-        longer side.
-        """
+        """Camera by calibration, else by EXIF, else with 50 degrees along the longer side."""
         if self.camera is not None:
             return self.camera
         if self.focal_length_35mm is not None:
@@ -98,9 +96,7 @@ class Photo:
         return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, self.width, self.height)
 
     def focal_note(self, camera: Camera) -> str:
-        """A sentence where the camera's focal length is the one that is taken for want of any; else
-        "".
-        """
+        """Sentence on a focal length that was assumed for want of any, else ""."""
         known = self.camera is not None or self.focal_length_35mm is not None
         if known or isinstance(camera, Parallel) or camera.fx != self.default_camera().fx:
             return ""

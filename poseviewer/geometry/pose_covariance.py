@@ -69,11 +69,7 @@ class PoseCovariance:
     def from_chart(
         cls, mesh: Mesh, pose: Pose, chart: Chart, covariance: FloatArray
     ) -> PoseCovariance:
-        """From the covariance (n, n) of a chart's numbers at ``pose``, to first order.
-
-        Raises:
-            OutsideChartError, SingularChartError: the chart has no poses beside this one.
-        """
+        """From the covariance (n, n) of a chart's numbers at ``pose``, to first order."""
         at = chart.from_pose(pose)
         plain = cls(pose, mesh.centre, np.zeros((7, 7) if has_focal(chart) else (6, 6)))
         jacobian = _derivatives(
@@ -91,9 +87,7 @@ class PoseCovariance:
         return replace(found, px=math.sqrt(max(square, 0.0)))
 
     def about(self, equal: Pose) -> PoseCovariance:
-        """The same distribution about an equal pose of a symmetric model: turns stay about the same
-        point in space.
-        """
+        """The distribution about an equal pose of a symmetric model, turned about one point."""
         if equal is self.pose:
             return self
         centre = self.pose.camera_from_model.apply(self.centre)
@@ -118,9 +112,7 @@ class PoseCovariance:
 
     @cached_property
     def scales(self) -> FloatArray:
-        """(d,): comparable changes of the numbers: a radian, and shifts as large as the depth, or
-        as the photo is wide.
-        """
+        """(d,): comparable changes: a radian, shifts as large as the depth or the photo's width."""
         camera = self.pose.camera
         if isinstance(camera, Parallel):
             shift = camera.width / camera.scale
@@ -145,9 +137,7 @@ class PoseCovariance:
         return Pose(camera, RigidTransform(rotation, middle - rotation @ self.centre))
 
     def deviation(self, pose: Pose) -> FloatArray:
-        """(d,): how far a ``pose`` of the same projection is off; of a size, which it does not
-        say, 0.
-        """
+        """(d,): how far a ``pose`` of the same projection is off; 0 in size."""
         here, there = self.pose.camera_from_model, pose.camera_from_model
         turn = Rotation.from_matrix(there.rotation @ here.rotation.T).as_rotvec()
         shift = there.apply(self.centre) - here.apply(self.centre)
@@ -159,12 +149,7 @@ class PoseCovariance:
         return np.array([*turn, *shift, *([0.0] * self.has_size)])
 
     def in_chart(self, chart: Chart) -> FloatArray:
-        """(n, n): the covariance of a chart's numbers at the pose, to first order; nan for a size
-        of which nothing is known.
-
-        Raises:
-            OutsideChartError, SingularChartError: the pose, or one beside it, has none.
-        """
+        """(n, n): covariance of a chart's numbers, to first order; nan for an unknown size."""
 
         def numbers(deviation: FloatArray) -> FloatArray:
             pose = self.moved(deviation)
@@ -185,9 +170,7 @@ class PoseCovariance:
 
     @property
     def depth(self) -> float | None:
-        """Standard deviation of the centre along its line of sight, in the model's unit; None under
-        parallel projection.
-        """
+        """Standard deviation along the line of sight, model units; None in parallel projection."""
         if isinstance(self.pose.camera, Parallel):
             return None
         sight = self._line_of_sight
@@ -195,9 +178,7 @@ class PoseCovariance:
 
     @property
     def sideways(self) -> float:
-        """Standard deviation of the centre across its line of sight, the way that is least sure, in
-        the model's unit.
-        """
+        """Greatest standard deviation across the line of sight, model units."""
         if isinstance(self.pose.camera, Parallel):
             return _largest(self.matrix[3:5, 3:5])
         sight = self._line_of_sight
@@ -229,9 +210,7 @@ class PoseCovariance:
         return middle / max(float(np.linalg.norm(middle)), 1e-300)
 
     def words(self, unit: str | None = None) -> str:
-        """Such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, in the photo ±0.3 px``: one standard
-        deviation each. ``unit``: the model's, where it is known.
-        """
+        """Standard deviations, such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, ...``."""
         unit = f" {unit}" if unit else ""
         if self.depth is not None:
             first = f"depth ±{short(self.depth)}{unit}"

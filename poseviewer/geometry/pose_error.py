@@ -27,8 +27,9 @@ class PoseError:
 def pose_error(
     mesh: Mesh, estimate: Pose, truth: Pose, symmetry: Symmetry = NO_SYMMETRY
 ) -> PoseError:
-    """Errors over all vertices, of the one of the poses equal to the estimate whose rotation is
-    nearest to the true one. Vertices behind a camera count as infinitely far.
+    """Errors over all vertices, of the equal pose whose rotation is nearest to the true one.
+
+    Vertices behind a camera count as infinitely far.
     """
     estimate = symmetry.nearest_pose(estimate, truth)
     vertices = np.unique(mesh.vertices, axis=0)

@@ -75,11 +75,7 @@ class Symmetry:
 
     @classmethod
     def from_turns(cls, centre: ArrayLike, turns: Iterable[Turn]) -> Symmetry:
-        """All that follow from these turns about axes through a point.
-
-        Raises:
-            ValueError: they are too many.
-        """
+        """Close these turns about axes through a point; raises ``ValueError`` if too many."""
         rotations, axes = [], []
         for axis, fold in turns:
             if fold:
@@ -96,11 +92,9 @@ class Symmetry:
         offsets: ArrayLike,
         diameter: float,
     ) -> Symmetry:
-        """All that follow from motions, and from axes (k, 3) through ``offsets`` (k, 3).
+        """Close motions, and axes (k, 3) through ``offsets`` (k, 3).
 
-        Raises:
-            ValueError: they are too many; or they leave no common point where it is, so that a
-                thing of this diameter cannot have them all.
+        Raises ``ValueError`` where they are too many, or leave no common point where it is.
         """
         axes, offsets = np.reshape(axes, (-1, 3)), np.reshape(offsets, (-1, 3))
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -156,9 +150,7 @@ class Symmetry:
         return ", ".join([*named[:MOST_NAMED], *more])
 
     def transforms(self) -> tuple[RigidTransform, ...]:
-        """All of them, model from model, the identity first; of continuous ones, turns so near to
-        one another that no point moves by more than ``STEP`` in between.
-        """
+        """All symmetries, the identity first, continuous ones in steps of at most ``STEP``."""
         count = math.ceil(math.pi / STEP)
         angles = 2.0 * math.pi / count * np.arange(1, count)
         turns = [np.eye(3)]
@@ -167,9 +159,7 @@ class Symmetry:
         return tuple(self.about(one @ turn) for turn in turns for one in self.rotations)
 
     def nearest(self, place: RigidTransform, wanted: RigidTransform) -> RigidTransform:
-        """Of the places (such as camera from model) equal to ``place``, the one whose rotation is
-        nearest to that of ``wanted``; exact for continuous symmetries too.
-        """
+        """The transform equal to ``place`` whose rotation is nearest to ``wanted``; exact."""
         if self.is_none:
             return place
         # The nearest makes trace(wanted^T place S) greatest; S is a rotation, then a turn t about
@@ -219,9 +209,7 @@ NO_SYMMETRY = Symmetry(np.zeros(3), np.eye(3)[None], np.zeros((0, 3)))
 def _closed(
     rotations: Sequence[FloatArray], axes: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, 3), (k, 3): all products of rotations, each once, and the axes; raises ValueError
-    where they do not end.
-    """
+    """(n, 3, 3), (k, 3): all products of rotations, and axes; ValueError where there is no end."""
     group = _products(rotations)
     turned: list[FloatArray] = []
     for axis in (rotation @ axis for axis in axes for rotation in group):

@@ -58,8 +58,7 @@ class RigidTransform:
 def rotation_about(x: float, y: float, z: float) -> FloatArray:
     """(3, 3): the rotation whose axis times angle in radians is ``(x, y, z)``.
 
-    Rodrigues' formula in plain numbers: SciPy's does many at a time, and takes ten times longer
-    for one.
+    Rodrigues' formula in plain numbers, ten times quicker than SciPy's for one rotation.
     """
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle

@@ -106,9 +106,7 @@ def _in_ball(count: int, size: int, random: np.random.Generator) -> FloatArray:
 def _fit(
     offsets: FloatArray, losses: FloatArray, coefficients: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Step to the minimum, principal directions (columns) and curvatures of the least-squares model
-    of the losses at the nearest of ``offsets`` (n, d), weighted by nearness.
-    """
+    """Step to the minimum, axes (columns) and curvatures of a model weighted by nearness."""
     size = offsets.shape[1]
     far = np.linalg.norm(offsets, axis=1)
     count = max(coefficients + size + 2, int(np.count_nonzero(far < TRUST_RADIUS)))

@@ -67,10 +67,7 @@ def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
 def moments_of_region(
     w: FloatArray, seen: FloatArray, model: FloatArray, photo: PhotoAttributes
 ) -> Moments:
-    """The moments over the whole region, of weights ``w`` (N,), F (N, n) and M (N, m) on the model.
-
-    Beside the model M is 0, and what F adds there is the same for all poses.
-    """
+    """Moments over the whole region, of weights ``w`` (N,), F (N, n) and M (N, m) on the model."""
     n, region = seen.shape[1], photo.photo_sums
     joint = np.concatenate([seen - photo.origin, model], axis=1)
     weighted = w[:, None] * joint

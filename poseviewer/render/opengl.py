@@ -125,10 +125,7 @@ class OpenGLRenderer:
     """
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
-        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes).
-
-        OpenGL itself is first touched by the first picture.
-        """
+        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
@@ -142,12 +139,7 @@ class OpenGLRenderer:
         self._program = 0
 
     def render(self, pose: Pose) -> AttributeImage:
-        """Draw face numbers, reflectance and normals (camera frame) at every pixel centre.
-
-        Raises:
-            RendererUnavailableError: no OpenGL on this machine; the message says what to install.
-            RuntimeError: another thread made the process's OpenGL context.
-        """
+        """Draw face numbers, reflectance and normals (camera frame) at every pixel centre."""
         size = pose.camera.width, pose.camera.height
         clip = clip_from_world(self.mesh, pose)
         if clip is None:
@@ -256,12 +248,10 @@ class OpenGLRenderer:
 
 
 def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
-    """(4, 4): from the model's frame, with its centre as the origin, to OpenGL's clip space.
+    """(4, 4): from the model's frame, about its centre, to OpenGL's clip space, depths spanning it.
 
-    None if all of the model is too near, or behind the camera. It is multiplied in double precision
-    before OpenGL's floats see it: far-off models and long lenses keep their sub-pixel and their
-    depth accuracy. The viewport spans [-1, 1] as the picture spans [0, width] and [0, height]:
-    pixel centres at i + 0.5, as everywhere inside, with no shift. Depths span it tightly.
+    None if all of the model is too near or behind the camera. Multiplied in double precision, so
+    that far-off models and long lenses keep their accuracy. No shift: pixel centres at i + 0.5.
     """
     camera = pose.camera
     depths = pose.camera_from_model.apply(hull_points(mesh))[:, 2]

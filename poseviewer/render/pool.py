@@ -52,9 +52,7 @@ class RendererPool:
         threads: int | None = None,
         begin: Callable[[], None] | None = None,
     ) -> None:
-        """``threads`` is the number of processors by default; each thread calls ``begin`` first
-        (to lower its priority, say).
-        """
+        """``threads``: the number of processors by default; each calls ``begin`` first."""
         count = processors() if threads is None else threads
         self._renderer = renderer
         self._free: deque[Any] = deque()
@@ -73,14 +71,10 @@ class RendererPool:
         items: Sequence[Item],
         at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
-        """``function(renderer, item)`` of all items, in their order, as soon as they are known.
-        ``at_a_time`` are handed out together.
+        """Yield ``function(renderer, item)`` of all items in their order.
 
-        At most two chunks for each thread are under way, or the batch that a GPU is at: to stop,
-        stop asking.
-
-        Raises:
-            Exception: whatever ``function`` raised, for the first item for which it did.
+        ``at_a_time`` go to a thread together, two chunks for each at most: to stop, stop asking. An
+        exception of ``function`` is raised for the first item that had one.
         """
         if self._together is not None:
             yield from self._together(function, self._renderer, items)
@@ -104,9 +98,7 @@ class RendererPool:
                 future.cancel()
 
     def start(self, work: Callable[[], Result]) -> Callable[[], Result]:
-        """What gives the result of ``work``, which one of the threads does meanwhile; where there
-        are none, it is done when it is asked for.
-        """
+        """Begin ``work`` in a thread; the returned function gives its result, or does it."""
         return work if self._executor is None else self._executor.submit(work).result
 
     def moments_of(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:

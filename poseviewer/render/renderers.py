@@ -14,11 +14,9 @@ RendererName = Literal["auto", "software", "gpu", "opengl"]
 
 
 def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
-    """Make the renderer called ``name``; ``auto`` is the software renderer. The first one on a
-    machine takes the time of compiling.
+    """Make the renderer called ``name``; ``auto`` is the software renderer, compiled at first use.
 
-    Raises:
-        RendererUnavailableError: ``gpu`` or ``opengl`` on a machine without it.
+    Raises ``RendererUnavailableError`` for ``gpu`` or ``opengl`` on a machine without it.
     """
     if name == "opengl":
         from poseviewer.render.opengl import OpenGLRenderer, opengl_unavailable_reason

@@ -82,7 +82,6 @@ def make_structure(
     """Classes and edges of a photo (height, width, 1 or 3) in [0, 1], over ``weights`` > 0.
 
     ``is_steep``: a pixel that a blurred edge runs through is of the class on its own side of it.
-    The same photo and weights give the same structure.
     """
     rows, columns = bounding_slices(weights)
     seen = np.clip(channels[rows, columns], 0.0, 1.0)
@@ -105,13 +104,11 @@ def make_structure(
 
 
 def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w, n): the same with blurred edges made steps: each value becomes the least or the
-    greatest nearby, whichever is nearer, where these are clearly apart and even beside the edge
-    (toggle mapping: Kramer and Bruckner, *Iterations of a non-linear transformation for enhancement
-    of digital images*, 1975).
+    """(h, w, n): blurred edges made steps by toggle mapping (Kramer and Bruckner, 1975).
 
-    Lenses and pixels mix light, so an edge is where the light is half way. Where the lightened
-    value is half way it is nearer to the dark side: dark things would look too small.
+    Values become the nearer of the least and greatest nearby, where these are clearly apart and
+    even beside the edge. In lightened values, half way is not the edge: dark things would look too
+    small.
     """
     least, greatest = _nearby(cv2.erode, light, STEP_PX), _nearby(cv2.dilate, light, STEP_PX)
     around = _nearby(cv2.dilate, light, PLATEAU_PX) - _nearby(cv2.erode, light, PLATEAU_PX)

@@ -31,10 +31,8 @@ def flatten_textures(
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """All levels of all textures, each (h, w, 3) RGB, in one array, and where each one lies.
 
-    Returns:
-        ``texels`` (N, 3) in [0, 1], rows of each level from the top; ``table`` (T, L, 3), for each
-        texture and level ``(offset into texels, width, height)``. L is the same for all textures;
-        smaller ones repeat their last level, of one texel. Without textures T is 0 and L is 1.
+    Returns ``texels`` (N, 3) in [0, 1]; and ``table`` (T, L, 3) of ``(offset, width, height)``, in
+    which smaller textures repeat their last level, of one texel.
     """
     pyramids = [_levels(texture, largest) for texture in textures]
     count = max((len(levels) for levels in pyramids), default=1)
@@ -73,8 +71,7 @@ def _resized(image: NDArray[np.float32], width: int, height: int) -> NDArray[np.
 def mip_levels(texel_areas: ArrayLike, pixel_areas: ArrayLike, count: int) -> NDArray[np.int64]:
     """Levels (N,) in [0, count - 1] of faces with these areas (N,), in texels of level 0 and px.
 
-    A face without area in the picture (seen edge-on) gets the last level, one whose pixel area is
-    unknown (nan: it reaches behind the camera) gets level 0.
+    Faces seen edge-on get the last level, those that reach behind the camera (nan) level 0.
     """
     texels = np.asarray(texel_areas, dtype=float)
     pixels = np.nan_to_num(np.asarray(pixel_areas, dtype=float), nan=np.inf)

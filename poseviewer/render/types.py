@@ -153,10 +153,7 @@ class Moments:
     def from_sums(
         cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, origin: FloatArray
     ) -> Moments:
-        """From sums of ``w``, ``w x`` and ``w x x^T``, where x = (F - ``origin`` (n,), M).
-
-        With an origin near the photo's mean the subtraction here costs no digits.
-        """
+        """From sums of ``w``, ``w x`` and ``w x x^T``, where x = (F - ``origin`` (n,), M)."""
         if weight <= 0.0:
             return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), len(origin))
         mean = first / weight

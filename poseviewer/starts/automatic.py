@@ -131,12 +131,7 @@ class StartQuery:
         return poses_filling(rectangle, rotations, self.points, self.mesh.centre, self.camera)
 
     def photo_about(self, rectangle: Rectangle) -> PhotoAttributes:
-        """The photo as the default method compares it, its region the surroundings of a rectangle
-        within the settings' own region.
-
-        Raises:
-            SettingsError: the region leaves too few pixels.
-        """
+        """The photo as the default method compares it, about a rectangle in its region."""
         wide = rectangle.grown(2.0 * MARGIN)
         corners = max(int(wide.left), 0), max(int(wide.top), 0)
         region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
@@ -169,14 +164,13 @@ class Proposals:
 def propose(
     query: StartQuery, renderer: Renderer | None = None, begin: BeginThread | None = None
 ) -> Proposals:
-    """Up to ``options.proposals`` start poses that differ, by a search over views on all cores:
-    some 3,000 evaluations of small pictures. The same arguments give the same proposals.
+    """Propose up to ``options.proposals`` start poses by a search over views on all cores.
 
-    ``begin`` is called by each thread first (to lower its priority, say).
+    Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
+    ``begin``.
 
     Raises:
         QuickStartError: there is no rectangle; or it is too small, or not in the photo.
-        SettingsError: the region leaves too few pixels.
     """
     if query.rectangle is None:
         raise QuickStartError(
@@ -267,9 +261,7 @@ class _ViewSearch:
             return list(pool.map(descend, starts, at_a_time=1))
 
     def _off_rectangle(self, pose: Pose) -> float:
-        """The squares of the distances between the sides of the outline's box and the rectangle's,
-        as shares of its size, summed.
-        """
+        """Summed squares of the distances of the outline's sides from the rectangle's."""
         seen = pose.project(self.query.points)
         low, high = seen.min(axis=0), seen.max(axis=0)
         wanted = self.rectangle
@@ -292,9 +284,9 @@ class _ViewSearch:
 
 
 def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
-    """The proposals of ``views``; where the photo shows a vehicle's two wheels, the poses by them,
-    and of the views those alone that put the wheels there: a pose that does not can have less loss
-    on a car whose paint is not the model's.
+    """Proposals by a vehicle's two wheels, and those of ``views`` that put the wheels there.
+
+    Others can have less loss where the paint is not the model's. All ``views`` without wheels.
     """
     query = search.query
     if query.keypoints is None:
@@ -321,10 +313,7 @@ def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
 def best_start(
     query: StartQuery, proposals: Proposals, renderer: Renderer, watch: Callable[[], object]
 ) -> Start:
-    """The pose to go on from: a short fit from each proposal, and the end of least loss.
-
-    ``watch`` is called after every evaluation; whatever it raises ends the search.
-    """
+    """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
     poses = [fitted(query, one.pose, renderer, watch) for one in proposals.found]
     losses = [registration_loss(renderer.moments(pose, proposals.photo)) for pose in poses]
     best = int(np.argmin(losses))
@@ -361,11 +350,7 @@ class AutoStart:
     watch: Callable[[], object] = lambda: None
 
     def find(self, inputs: StartInputs) -> Start:
-        """The best of the proposals.
-
-        Raises:
-            PoseViewerError: the rectangle or the region cannot be used.
-        """
+        """The best of the proposals."""
         photo, rectangle = inputs.photo, self.rectangle or self.settings.region
         query = StartQuery(
             photo,

@@ -38,12 +38,9 @@ SIDES = {
 
 
 def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:
-    """The model in the middle of the photo, seen from ``side``, one of ``SIDES``.
+    """The model in the middle of the photo, filling ``FILLED`` of it, seen from one of ``SIDES``.
 
-    It fills ``FILLED`` of the photo, and stands as ``standing_axes`` say.
-
-    Raises:
-        SettingsError: there is no such side.
+    Raises ``SettingsError`` for another side.
     """
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
@@ -64,10 +61,7 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
 
 
 def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]) -> Pose:
-    """The model moved, and in perspective nearer or farther, so that its box in the photo has the
-    middle of a rectangle (left, top, width, height; px) and just fits into it; it keeps its
-    rotation.
-    """
+    """Move the model, keeping its rotation, so that its box just fits into a rectangle."""
     left, top, *wanted = rectangle
     middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
     rotation = pose.camera_from_model.rotation
@@ -93,10 +87,8 @@ def standing_axes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame.
 
-    A vehicle's are those of its wheels, a glTF model's those of its format (y upwards, its front
-    at +z). Any other stands as it would most likely come to rest of the six ways along its axes:
-    by the solid angle of its hull's lowest face as seen from the middle. Its front is at -y, or
-    at +z where y is upwards.
+    A vehicle's wheels tell them, glTF has y upwards and its front at +z. Any other stands as it
+    would most likely come to rest, by the solid angle of its hull's lowest face.
     """
     if keypoints is not None:
         return model_axes(keypoints)
@@ -130,10 +122,9 @@ def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None
 
 
 def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArray] | None:
-    """The face that is seen at ``pixel``, and where (3,) on it, in the model's frame.
+    """The face that is seen at ``pixel``, and where (3,) on it, in the model's frame, if any.
 
-    Every face is asked (T. Moeller and B. Trumbore, *Fast, minimum storage ray-triangle
-    intersection*, 1997); None where none is hit.
+    T. Moeller and B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
     """
     camera, model_from_camera = pose.camera, pose.camera_from_model.inverse()
     if isinstance(camera, Parallel):

@@ -56,11 +56,7 @@ HIDDEN_BEHIND = 0.02
 
 
 def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera) -> Start:
-    """The start that point pairs give; of mirror images the one whose points can be seen.
-
-    Raises:
-        QuickStartError: they give none.
-    """
+    """The start that point pairs give; of mirror images the one whose points can be seen."""
     camera, points, pixels = known.of(inputs.photo), pairs.points, pairs.pixels
     notes: list[str] = []
     fits: tuple[PairFit, ...] = ()
@@ -230,11 +226,8 @@ class FocalFit:
 def focal_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Perspective) -> FocalFit:
     """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2).
 
-    ``camera`` gives the principal point and the ratio of ``fx`` and ``fy``.
-
     Raises:
-        QuickStartError: too few pairs, or pairs that leave the focal length open, as those do that
-            are all about as far away.
+        QuickStartError: too few pairs, or all about equally far: the focal length is open.
     """
     points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
     if len(points) < FEWEST_FOR_FOCAL:
@@ -299,9 +292,7 @@ def _refined(points: FloatArray, pixels: FloatArray, start: Pose) -> tuple[PairF
 def likeliest(
     fits: Sequence[PairFit], points: ArrayLike, mesh: Mesh, near: Pose | None = None
 ) -> PairFit:
-    """Of poses that show points (n, 3) about equally well, the one from which most of them can be
-    seen, since the photo shows them; of equals the one turned least from ``near``, else the first.
-    """
+    """The pose from which most points (n, 3) are seen; of equals least turned from ``near``."""
     if len(fits) == 1:
         return fits[0]
     points = np.asarray(points, dtype=float)

@@ -31,8 +31,7 @@ CHUNK = 256
 def even_rotations(count: int) -> FloatArray:
     """(count, 3, 3): rotations spread evenly over all there are, the same each time.
 
-    M. Alexa, *Super-Fibonacci Spirals: Fast, Low-Discrepancy Sampling of SO(3)* (CVPR 2022). 2,000
-    lie about 20 degrees apart.
+    M. Alexa, *Super-Fibonacci Spirals: Fast, Low-Discrepancy Sampling of SO(3)* (CVPR 2022).
     """
     step = np.arange(count) + 0.5
     share = step / count
@@ -71,12 +70,10 @@ class ViewPoses:
 def poses_filling(
     box: Rectangle, rotations: FloatArray, points: FloatArray, centre: FloatArray, camera: Camera
 ) -> ViewPoses:
-    """A pose for each of ``rotations`` (n, 3, 3), which are as seen along the line of sight through
-    the rectangle's middle: 'upright' is upright anywhere in the photo.
+    """A pose for each of ``rotations`` (n, 3, 3), upright about the line of sight to the rectangle.
 
-    ``points`` (k, 3) are all that the model's outline depends on (``hull_points``), and ``centre``
-    (3,) is its centre, both in its frame. The outline has the rectangle's middle and, by the
-    geometric mean of width and height, its size.
+    ``points`` (k, 3) are the model's outermost, ``centre`` (3,) its centre. The outline has the
+    rectangle's middle and, by the geometric mean of width and height, its size.
     """
     if isinstance(camera, Perspective):
         rotations = _towards(camera, box) @ rotations
@@ -105,9 +102,7 @@ def _towards(camera: Perspective, box: Rectangle) -> FloatArray:
 
 
 def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """The centre's place (n, 3), in depth or, in parallel projection, scale, last; and the
-    outline's width and height (n, 2), px; of points (n, k, 3) about the centre, in camera axes.
-    """
+    """Centre (n, 3), its last depth or scale, and outline size (n, 2) px, of points (n, k, 3)."""
     flat = np.ptp(turned[..., :2], axis=1)
     scale = np.sqrt(box.width * box.height / np.maximum(flat.prod(axis=1), 1e-300))
     middle = (turned[..., :2].max(axis=1) + turned[..., :2].min(axis=1)) / 2.0
@@ -133,9 +128,7 @@ def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArr
 def _seen(
     pixel: FloatArray, depth: FloatArray, turned: FloatArray, camera: Perspective
 ) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corners (n, 2) of the outlines of points (n, k, 3) about centres seen at
-    ``pixel`` (n, 2), px, in ``depth`` (n,).
-    """
+    """Corners (n, 2) each of outlines of points (n, k, 3) about centres at ``pixel``, ``depth``."""
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     at = (pixel - principal) / focal * depth[:, None]
     z = turned[..., 2] + depth[:, None]

@@ -64,9 +64,7 @@ class Supported:
 
 
 def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
-    """Upright ellipses in a picture (height, width), the best supported first; of alike ones the
-    best. Places are px of the picture, pixel centres at i + 0.5.
-    """
+    """Upright ellipses in a picture (height, width), the best supported first, no two alike."""
     # By the longer side: a narrow rectangle is not to become a tower of pixels.
     coarse, fine = COARSE_WIDTH / max(grey.shape), min(1.0, FINE_WIDTH / grey.shape[1])
     field = edge_field(_resized(grey, fine))
@@ -128,9 +126,7 @@ def _shapes(width: int) -> Iterator[tuple[float, float, float]]:
 
 
 def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
-    """The best supported places and shapes, as numbers (5,): centre in px, logarithms of the half
-    axes, tilt. Of two that nearly lie on one another, the better one.
-    """
+    """Best supported places as (5,): centre px, log half axes, tilt; of near ones the better."""
     height, width = field.shape
     margin = int(SIZES[-1] * width) + 2
     rows, columns = (cv2.getOptimalDFTSize(side + 2 * margin) for side in field.shape)
@@ -224,11 +220,9 @@ class FoundPair:
 
 
 def find_wheel_pairs(grey: NDArray[np.float32], rectangle: Rectangle) -> tuple[FoundPair, ...]:
-    """The likeliest pairs in a rectangle (left, top, width, height) of a photo (height, width) in
-    [0, 1], the best first.
+    """The likeliest pairs in a rectangle (left, top, width, height) of a photo in [0, 1].
 
-    Raises:
-        QuickStartError: the rectangle is not in the photo, or shows no two such ellipses.
+    Raises ``QuickStartError`` where it is not in the photo, or shows no two such ellipses.
     """
     left, top, width, height = (int(value) for value in rectangle)
     corner = max(left, 0), max(top, 0)
@@ -270,11 +264,7 @@ def _shifted(found: Supported, corner: tuple[int, int]) -> Supported:
 
 
 def start_from_wheels(inputs: StartInputs, wheels: Wheels, known: StartCamera) -> Start:
-    """The start that the wheels' ellipses give; of equal ones the one of least loss.
-
-    Raises:
-        QuickStartError: they give none, or the model has no wheels.
-    """
+    """The start that the wheels' ellipses give; of equal ones the one of least loss."""
     fits = poses_from_wheels(wheels, _wheels_known(inputs), known.of(inputs.photo))
     fit = fits[0] if len(fits) == 1 else _least_loss(inputs, fits)
     return _placed(fit, "two wheels")
@@ -303,11 +293,7 @@ class FoundWheels:
 
 
 def start_from_found_wheels(inputs: StartInputs, rectangle: Rectangle, known: StartCamera) -> Start:
-    """The start of the wheels that are found in a rectangle (left, top, width, height), px.
-
-    Raises:
-        QuickStartError: none are found that this car has, or the model has no wheels.
-    """
+    """The start of the wheels that are found in a rectangle (left, top, width, height), px."""
     camera, is_guess = known.of(inputs.photo), not known.knows_focal(inputs.photo)
     found = likely_wheels(inputs, rectangle, camera, is_guess)[0]
     return _placed(found.fit, "two wheels that were found")
@@ -316,13 +302,10 @@ def start_from_found_wheels(inputs: StartInputs, rectangle: Rectangle, known: St
 def likely_wheels(
     inputs: StartInputs, rectangle: Rectangle, camera: Camera, is_guess: bool = False
 ) -> list[FoundWheels]:
-    """The wheels in a rectangle (left, top, width, height), px, as a camera sees them: all likely
-    pairs, looking left or right, by their loss in the rectangle and about it, the least first; one
-    at least. Poses below the axles are left out where there are others. Where the focal length
-    ``is_guess``, longer ones are tried too, up to ``LONGER_FOCALS``.
+    """All likely pairs of wheels in a rectangle (left, top, width, height), the least loss first.
 
-    Raises:
-        QuickStartError: none are found that this car has, or the model has no wheels.
+    Poses below the axles are left out where there are others. Where the focal length ``is_guess``,
+    longer ones are tried too. Raises ``QuickStartError`` where there are none.
     """
     keypoints = _wheels_known(inputs)
     cameras = [camera]

@@ -57,11 +57,9 @@ class _Layout:
 def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
     """The key points of a vehicle whose wheels are named parts, else None.
 
-    Parts called wheel, tyre, rim, Rad, Reifen, ... (not steering or spare wheels, not wheel
-    arches) must fall into exactly four clumps on a rectangle. The front is told by, in this order:
-    lamps, bonnet, boot and the like beyond the axles; the names of the wheels; the roof, which
-    stands behind the middle of the wheelbase in most cars. A key point is the centre of the
-    wheel's outer face.
+    The parts must fall into four clumps on a rectangle. The front is told by lamps, bonnet and boot
+    beyond the axles, else by the wheels' names, else by the roof, which stands behind the middle of
+    the wheelbase. A key point is the centre of the wheel's outer face.
     """
     wheel_parts = [i for i, name in enumerate(mesh.part_names) if is_wheel_name(name)]
     vertex_part = np.full(len(mesh.vertices), -1)

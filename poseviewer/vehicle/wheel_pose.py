@@ -78,10 +78,7 @@ class Ellipse:
         return away @ np.linalg.inv(self._axes()).T
 
     def distances(self, points: ArrayLike) -> FloatArray:
-        """(n,): about how far, in px, photo points (n, 2) lie outside of it (inside: below 0).
-
-        Sampson's distance: the implicit function over the length of its gradient.
-        """
+        """(n,): Sampson's distance of photo points (n, 2), about px outside (inside: below 0)."""
         unit = self.as_unit(points)
         value = np.sum(unit**2, axis=1) - 1.0
         gradient = 2.0 * np.linalg.norm(unit / [self.a, self.b], axis=1)

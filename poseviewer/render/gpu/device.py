@@ -61,11 +61,7 @@ def _device(software: bool) -> Device | str:
 
 
 def gpu_device() -> Device:
-    """The device, made when first asked for; the same one for all threads.
-
-    Raises:
-        RendererUnavailableError: there is no GPU, or no wgpu; the message says what to do.
-    """
+    """The process's device, made once; raises ``RendererUnavailableError`` where there is none."""
     with _making:
         found = _device(os.environ.get(ADAPTER_VARIABLE) == "software")
     if isinstance(found, str):
@@ -74,11 +70,7 @@ def gpu_device() -> Device:
 
 
 def find_adapter(software: bool) -> Any:
-    """Find the best adapter; with ``software``, one that is the processor itself will do.
-
-    Raises:
-        RendererUnavailableError: there is none, or no wgpu; the message says what to do.
-    """
+    """Find the best adapter; with ``software``, one that is the processor itself will do."""
     # Mesa's choice of a device looks for a display, and complains where there is none.
     os.environ.setdefault("NODEVICE_SELECT", "1")
     try:
@@ -161,11 +153,8 @@ class Device:
     ) -> NDArray[np.float32]:
         """(poses, ``GROUPS``, record): what each workgroup sums up, see ``moments.wgsl``.
 
-        Args:
-            parameters: those of ``PARAMETERS`` but ``phase``.
-            inputs: buffers of vertices, faces, texels, table, photo and terms.
-            poses: one or more, as the shader's ``Pose``.
-            pixels: of all their boxes.
+        ``parameters`` are all but ``phase``; ``inputs`` the buffers of vertices, faces, texels,
+        table, photo and terms; ``poses`` the shader's ``Pose``; ``pixels`` those of all boxes.
         """
         has_edges, record = bool(parameters["has_edges"]), int(parameters["record"])
         size = 4 * GROUPS * record * len(poses)

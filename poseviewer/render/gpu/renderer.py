@@ -47,11 +47,7 @@ def ask(renderer: GpuRenderer, pose: Pose, photo: PhotoAttributes) -> Moments:
 def run_together(
     function: Callable[[Any, Item], Result], renderer: Any, items: Sequence[Item]
 ) -> Iterator[Result]:
-    """``function(renderer, item)`` of all items, in their order, ``BATCH`` at a time.
-
-    Raises:
-        Exception: whatever ``function`` raised.
-    """
+    """Yield ``function(renderer, item)`` of all items in their order, ``BATCH`` at a time."""
     for begin in range(0, len(items), BATCH):
         results: dict[int, Result] = {}
 
@@ -128,11 +124,7 @@ class GpuRenderer(SoftwareRenderer):
     """
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
-        """As of the software renderer.
-
-        Raises:
-            RendererUnavailableError: no GPU here; the message says what to do.
-        """
+        """Upload the model; raises ``RendererUnavailableError`` where there is no GPU."""
         device = gpu_device()
         super().__init__(mesh, two_sided)
         self._model = self._uploaded(device)
@@ -166,11 +158,7 @@ class GpuRenderer(SoftwareRenderer):
         return None if self.device.lost else run_together
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """The joint moments; together with those of other poses that are asked for meanwhile.
-
-        Raises:
-            ValueError: the pose's camera has another picture size than the photo.
-        """
+        """Joint moments, computed together with those that are asked for meanwhile."""
         return ask(self, pose, photo)
 
     def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
@@ -231,9 +219,7 @@ class GpuRenderer(SoftwareRenderer):
         return found
 
     def _boxes(self, poses: Sequence[Pose], margin: int) -> NDArray[np.int64]:
-        """(poses, 4): left, top, width and height, px, of what holds the model in the picture, with
-        a ``margin``; -1 where it reaches behind the near plane.
-        """
+        """(poses, 4): left, top, width, height of the model, px; -1 where it is too near."""
         rotations = np.stack([pose.camera_from_model.rotation for pose in poses])
         shifts = np.stack([pose.camera_from_model.translation for pose in poses])
         corners = np.einsum("pij,cj->pci", rotations, self._model.corners) + shifts[:, None]
@@ -287,9 +273,7 @@ def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
 
 
 def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
-    """(height, width, stride): F, the weight and, where there is a structure, class and edges; F is
-    about its origin where there is none, and 0 where it does not count.
-    """
+    """(height, width, stride): F about its origin and the weight, or F, weight, class and edges."""
     weights, channels = photo.weights[..., None], photo.channels
     if photo.structure is None:
         channels = channels - photo.origin.astype(np.float32)
@@ -332,9 +316,7 @@ class Sums:
         return cls(photo, attributes, np.array(terms, np.uint32), np.array(pairs).T)
 
     def moments(self, raw: NDArray[np.float32], rotations: FloatArray) -> list[Moments]:
-        """Of each pose, from what its workgroups summed up (poses, groups, record), normals turned
-        by the poses' ``rotations`` (poses, 3, 3).
-        """
+        """Moments from the groups' sums (poses, groups, record), turned by ``rotations``."""
         photo, m, n = self.photo, self.attributes, self.photo.channels.shape[2]
         numbers: FloatArray = np.asarray(raw, np.float64)
         origin, sums = numbers[..., :m], numbers[..., m : m + len(self.terms)]

@@ -30,11 +30,7 @@ QUICK_SAMPLES = 160_000
 
 
 def quick_silhouette(mesh: Mesh, renderer: Renderer, pose: Pose) -> FloatArray:
-    """(N, 2, 2): the silhouette's segments in px of the photo, to about half a pixel.
-
-    Of large photos it is found in fewer samples, with that much less accuracy; (0, 2, 2) where
-    the model is not in sight.
-    """
+    """(N, 2, 2): the silhouette's segments, px of the photo, to half a pixel, or coarser."""
     window = model_window(mesh, pose, margin=4, most_samples=QUICK_SAMPLES)
     if window is None:
         return np.zeros((0, 2, 2))
@@ -60,9 +56,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
 
 
 def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> FloatArray:
-    """(M, 2, 2): the pieces of segments (N, 2, 2), px of the photo, that run along what is ``seen``
-    (h, w), of a picture with ``samples`` pixels along a photo pixel's side.
-    """
+    """(M, 2, 2): pieces of segments (N, 2, 2), px, along what is ``seen`` at ``samples`` a px."""
     ends = lines * samples
     counts = np.maximum(np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / PIECE), 1.0)
     index = np.repeat(np.arange(len(ends)), counts.astype(int))
@@ -119,9 +113,7 @@ class Sketch:
             self._faces = np.unique(faces[is_face], axis=0)
 
     def silhouette(self, pose: Pose) -> FloatArray:
-        """(N, 2, 2): its segments in px of the photo, as of ``quick_silhouette``, off by up to a
-        hundredth of the model.
-        """
+        """(N, 2, 2): its segments in px of the photo, off by up to a hundredth of the model."""
         window = model_window(self._mesh, pose, margin=4, most_samples=SAMPLES)
         if window is None:
             return np.zeros((0, 2, 2))

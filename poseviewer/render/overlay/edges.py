@@ -71,10 +71,7 @@ class LineDrawing:
 
 
 def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> LineDrawing | None:
-    """The model's lines, for strokes that are ``scale`` px wide; None if it is not in sight.
-
-    It takes a second or two at most, whatever the photo's size.
-    """
+    """The model's lines, for strokes ``scale`` px wide; None out of sight. Two seconds at most."""
     finest = max(1, round(FINEST / scale))
     window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MOST_SAMPLES)
     if window is None:

@@ -61,12 +61,7 @@ class ModelInPhoto:
 
 
 def draw_look(name: str, view: ModelInPhoto) -> Picture:
-    """The photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``.
-
-    Raises:
-        KeyError: there is no such look.
-        ValueError: the look needs ``view.relight``.
-    """
+    """Draw the photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``."""
     match name:
         case "outline":  # the silhouette, with the feature edges in fainter and thinner lines
             return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)

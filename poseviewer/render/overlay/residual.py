@@ -35,8 +35,7 @@ def paint_residual(
 ) -> NDArray[np.uint8]:
     """The greyed photo (H, W, 3) with the residual where the model is, and a colour bar.
 
-    ``residual`` (h, w), in grey levels of 255, and ``mask`` (h, w) belong to the rows and columns
-    ``part`` of the photo.
+    ``residual``, in grey levels of 255, and ``mask`` (h, w) are of the photo's ``part``.
     """
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     # Pale and of low contrast, so that the colours stand out and the white of 0 is not a highlight.
@@ -58,9 +57,7 @@ def symmetric_range(residuals: FloatArray) -> int:
 
 
 def _draw_bar(picture: NDArray[np.uint8], covered: NDArray[np.bool_], limit: int) -> None:
-    """Draw the colour bar into the corner where it hides least of the model, the upper ones first:
-    below, a page has its hints.
-    """
+    """Draw the colour bar into the corner where it hides least of the model, upper ones first."""
     height, width = picture.shape[:2]
     if min(height, width) < SMALLEST_FOR_BAR:
         return

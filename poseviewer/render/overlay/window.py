@@ -60,8 +60,7 @@ def model_window(
 ) -> Window | None:
     """The box of the model in the photo, with a margin; None if the model is beside the photo.
 
-    Without a margin it lies within the photo. It is drawn with up to ``finest`` samples along a
-    pixel's side, with fewer (below 1 as well) where that would be more than ``most_samples``.
+    It has up to ``finest`` samples along a pixel's side, fewer beyond ``most_samples`` in all.
     """
     box = _model_box(mesh, pose)
     if box is None:
@@ -79,9 +78,7 @@ def model_window(
 
 
 def _model_box(mesh: Mesh, pose: Pose) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom in px, within the photo; all of it if the model is in part behind
-    the camera; None if empty.
-    """
+    """Left, top, right, bottom in px within the photo; all of it in part behind the camera."""
     size = [pose.camera.width, pose.camera.height]
     points = pose.project(hull_points(mesh))
     in_front = np.isfinite(points).all(axis=1)

@@ -54,13 +54,9 @@ class Cullable(Protocol):
 
 
 def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
-    """The level of a photo in which the model covers about ``pixels``.
+    """Level of a photo in which the model covers about ``pixels``, with a simplified model.
 
-    Level 1 is the photo with the renderer itself. The simplified model is kept: other levels of
-    as many triangles, or the next search with the same model, take it as it is.
-
-    Raises:
-        ValueError: ``factor`` is less than 1.
+    Level 1 is the photo with the renderer itself.
     """
     if factor == 1:
         return Level(1, photo, renderer)
@@ -82,10 +78,7 @@ def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Lev
 
 
 def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
-    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px that count.
-
-    It is the photo itself where the model covers fewer than four times as many.
-    """
+    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px."""
     pixels = _pixels(photo, renderer, pose)
     return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
 
@@ -104,14 +97,11 @@ def coarsest_factor(pixels: float, fewest: float) -> int:
 
 
 def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
-    """The photo reduced ``factor`` times along each side, each pixel the mean of those it covers;
-    it takes the same poses.
+    """The photo reduced ``factor`` times along each side by weighted means; it takes the same
+    poses.
 
-    Where the photo ends within a pixel, the rest of that pixel has weight 0. F is averaged by
-    weight, so that what does not count does not show; the weights are averaged plainly.
-
-    Raises:
-        ValueError: ``factor`` is less than 1.
+    Beyond the photo's end pixels have weight 0. The weights are averaged plainly. Raises
+    ``ValueError`` for factors below 1.
     """
     if factor < 1:
         raise ValueError(f"a photo is reduced 1 time or more, not {factor}")

@@ -49,13 +49,11 @@ class SurfaceSamples:
 
 
 def simplify(mesh: Mesh, faces: int) -> Mesh:
-    """The surface with about as few triangles as ``faces``, its reflectance in vertex colours.
+    """Decimate a surface to about ``faces`` triangles, its reflectance in vertex colours.
 
-    Vertices at the same place count as one while edges collapse (Garland and Heckbert, 1997), so
-    that no gap opens. Each new vertex has the mean reflectance and shading normal of the original
-    about it: of the part that its faces belong to, and of the side that they look to, so that
-    colours end at parts and sharp edges stay. The same mesh gives the same result. Meshes that
-    are no larger, or cannot be reduced, are returned as they are.
+    Edges collapse after Garland and Heckbert (1997) between welded vertices, so that no gap opens.
+    New vertices get mean reflectance and normal of the part and the side that their faces belong
+    to: colours end at parts, sharp edges stay. Small meshes are returned as they are.
     """
     faces = max(faces, FEWEST)
     if len(mesh.faces) <= faces:
@@ -139,9 +137,7 @@ def _blend(shares: FloatArray, corners: NDArray) -> FloatArray:
 
 
 def _textures(mesh: Mesh, new_faces: FloatArray, faces: NDArray, uv: FloatArray) -> FloatArray:
-    """RGB (N, 3) at ``uv`` (N, 2) of ``faces`` (N,), averaged as ``new_faces`` (F,), how many of
-    the new faces go into each old one, can show it: two texels along the side of a new face.
-    """
+    """RGB (N, 3) at ``uv`` (N, 2), averaged over two texels along the side of a new face."""
     pyramid = TexturePyramid.from_textures(mesh.textures)
     levels = mip_levels(pyramid.texel_areas(mesh), 4.0 * new_faces, pyramid.table.shape[1])
     return pyramid.sample(mesh.face_texture[faces], levels[faces], uv)
@@ -181,11 +177,7 @@ def _averaged(
     parts: NDArray[np.int32],
     reach: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Reflectance (V, 3) and unit normals (V, 3) of the original about ``places`` (V, 3).
-
-    Where nothing about a place belongs to its part and looks its way, the nearest of its part
-    counts, or else the nearest.
-    """
+    """Mean reflectance (V, 3) and unit normals (V, 3) about ``places``, of their part and side."""
     distance, found = samples.tree.query(places, k=NEIGHBOURS)
     same_part = mesh.face_part[samples.faces[found]] == parts[:, None]
     alike = np.einsum("vki,vi->vk", samples.flat_normals[found], normals) > 0.5

@@ -35,8 +35,7 @@ _intrinsic: Any = intrinsic
 def draw_blocks(typing, depth, ids, steps, values, i, left, right, top, bottom, face):  # noqa: ARG001
     """Draw the ``i``-th face of a chunk into ``depth`` and ``ids``; whether it shows anywhere.
 
-    Done is all of the blocks from the one that begins at column ``left`` to that with column
-    ``right``, ends included. The face's first pixel is (``left``, ``top``).
+    Blocks run from column ``left`` to that of column ``right``; the first pixel is (left, top).
     """
     signature = types.boolean(depth, ids, steps, values, *[types.int64] * 5, types.int32)
     return signature, _emit_draw
@@ -87,9 +86,7 @@ def _emit_draw(context, builder, signature, args):
 
 
 def _draw_row(builder, picture, at, edges, value, of_face):
-    """One row of a block, from entry ``at`` of the ``picture`` on; a bit for each pixel that shows
-    the face.
-    """
+    """Draw one row of a block from entry ``at`` on; a bit for each pixel that shows the face."""
     slopes, low, high, faces = of_face
     depth_at, id_at = (
         builder.bitcast(builder.gep(data, [at]), kind.as_pointer())

@@ -42,9 +42,7 @@ def compile_kernels() -> None:
 
 
 def compiling() -> Iterator[float]:
-    """Compile what is not compiled yet, and load it all; yields the share of the kernels that are
-    compiled, now and then, at last 1. Who stops asking ends it.
-    """
+    """Compile what is not compiled yet, and load it all; yields the compiled share, at last 1."""
     share = _compiled_share()
     helpers: list[subprocess.Popen[bytes]] = []
     try:

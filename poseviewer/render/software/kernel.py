@@ -21,10 +21,7 @@ KERNELS: list[Any] = []
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator: ``numba.njit`` without the GIL, with ``options`` of its own.
-
-    Its machine code is kept in ``kernels_folder()``.
-    """
+    """Decorate as ``numba.njit`` without the GIL, machine code kept in ``kernels_folder()``."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
@@ -43,10 +40,9 @@ def is_compiled(kernel: Any) -> bool:
 
 @lru_cache(maxsize=1)
 def kernels_folder() -> Path:
-    """Where machine code is kept: in the user's cache, in ``NUMBA_CACHE_DIR`` if that is set, or,
-    where nothing can be written to, in a folder of this process and those that it starts.
+    """Folder of machine code by the sources' hash, in ``NUMBA_CACHE_DIR`` or the user's cache.
 
-    The same sources have the same folder, wherever they are installed.
+    Where nothing can be written to, one of this process and those that it starts.
     """
     root = os.environ.get("NUMBA_CACHE_DIR")
     root = Path(root) if root else platformdirs.user_cache_path("poseviewer", appauthor=False)

@@ -114,9 +114,7 @@ def rasterise(drawn, surface, camera, two_sided, width, workspace, picture):
 
 @_jit_lanes
 def _project(vertices, camera, screen, depths, width, height):
-    """Set ``screen`` (2, V) in 1/256 px and ``depths`` (V,); returns the box of all pixels that
-    they touch, with a pixel to spare for snapping.
-    """
+    """Set ``screen`` (2, V), 1/256 px, and ``depths`` (V,); returns the box of pixels touched."""
     x, y, z = vertices[0], vertices[1], vertices[2]
     u, v, d = screen[0], screen[1], depths
     r00, r01, r02 = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
@@ -160,10 +158,7 @@ def _project(vertices, camera, screen, depths, width, height):
 
 @_jit
 def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large, picture):
-    """Draw all faces but the large ones; lists these, and returns how many they are.
-
-    ``weighs`` times a corner's depth value is its weight; where it is negative all weigh 1.
-    """
+    """Draw faces with corners' weights ``weighs`` x depth (negative: 1); list the large ones."""
     (faces, screen, depths, normals), (depth, ids) = shape, picture
     kinds, paint, texel_areas, count_of_levels, paints, levels = painting
     corners, boxes, steps, values = chunk
@@ -197,9 +192,7 @@ def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large,
 
 @_jit_inline
 def _combine(corners, values, i, face, size, out):
-    """Set the plane or paint of ``face``, the ``i``-th of a chunk, from its corners: ``size``
-    numbers at each of the three.
-    """
+    """Set the plane or paint of ``face``, a chunk's ``i``-th, from ``size`` numbers a corner."""
     for step in range(3):
         at = WEIGHTS + 3 * step
         a, b, c = values[at, i], values[at + 1, i], values[at + 2, i]
@@ -231,9 +224,7 @@ def _gather(begin, size, faces, screen, depths, corners, values):
 
 @_jit_inline
 def _edge_at(xa, ya, xb, yb, px, py, sign):
-    """The edge function from one corner to the next, what the top-left rule takes from it, and
-    what a column and a row more add.
-    """
+    """Edge function between corners, what the top-left rule takes, its steps across and down."""
     ex, ey = _i32(sign * _i32(xb - xa)), _i32(sign * _i32(yb - ya))
     excluded = _i32(0) if (ey < 0) | ((ey == 0) & (ex > 0)) else _i32(1)
     e = _i32(_i32(ex * _i32(py - ya)) - _i32(ey * _i32(px - xa)))
@@ -257,13 +248,10 @@ def _find_boxes(size, width, height, corners, boxes):
 
 @_jit
 def _set_up(size, two_sided, corners, boxes, values):
-    """Whether each face is drawn (row STATE of ``boxes``), from which column on (row COLUMN), and
-    its depth ``values`` there on the first row of its box.
+    """Set each face's STATE, first COLUMN and depth ``values`` there, on the first row of its box.
 
-    A face whose box is two pixels wide and high at most is drawn only if it holds the centre of one
-    of the four: most faces of a detailed model lie between the centres. Here and in what follows
-    all is done without a branch and in 32 bits, so that it is done in vectors; of large faces only
-    that they are large is told.
+    A face two pixels wide and high at most is drawn only if it holds the centre of one of the four.
+    No branches and 32 bits alone, here and below, so that it is done in vectors.
     """
     x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
     y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
@@ -311,9 +299,7 @@ def _set_up(size, two_sided, corners, boxes, values):
 
 @_jit
 def _set_edge(size, k, weighs, corners, boxes, steps, values):
-    """A face's edge function opposite corner ``k``: its rows of ``steps`` and, weighed, of
-    ``values``.
-    """
+    """Set the edge function opposite corner ``k`` in ``steps`` and, weighed, in ``values``."""
     one, two = (k + 1) % 3, (k + 2) % 3
     xa, ya = corners[one, :size], corners[3 + one, :size]
     xb, yb = corners[two, :size], corners[3 + two, :size]
@@ -345,10 +331,9 @@ def _list_drawn(size, boxes):
 
 @_jit
 def _cut(large, shape, vertices, camera, planes, painting):
-    """The ``large`` faces in pieces, each a triangle; sets their planes and paints.
+    """Cut ``large`` faces into triangles; sets their planes and paints.
 
-    Returns the pieces' faces (T,) int32, their corners (T, 3, 2) int64 in 1/256 px, and the depth
-    values there (T, 3) float32.
+    Returns their faces (T,), corners (T, 3, 2) in 1/256 px, and depth values there (T, 3).
     """
     faces, screen, depths, normals = shape
     kinds, paint, texel_areas, count_of_levels, paints, levels = painting
@@ -400,9 +385,9 @@ def _set_homogeneous(vertices, index, camera, out):
 
 @_jit
 def _set_plane(face, polygon, corners, planes):
-    """A face's plane from homogeneous corners (Olano and Greer, *Triangle scan conversion using 2D
-    homogeneous coordinates*, 1997): the weights ``l_0 ~ x_1 y_2 - x_2 y_1`` and cyclic, with
-    x_i = X_i - u W_i and y_i = Y_i - v W_i, hold behind the camera too.
+    """Set a face's plane from homogeneous corners, which hold behind the camera too.
+
+    Olano and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997.
     """
     weights, most = np.empty((3, 3)), 1e-300
     for i in range(3):
@@ -436,9 +421,7 @@ def _pixel_area(polygon):
 
 @_jit
 def _clip(polygon, other, near):
-    """Clip a triangle at the near plane and the guard band by Sutherland and Hodgman's method;
-    returns the corners, and how many.
-    """
+    """Clip a triangle at the near plane and guard band (Sutherland and Hodgman); corners, count."""
     count, first = 3, 0 if near > 0.0 else 1
     for plane in range(first, 5):
         a, b, c, d = 0.0, 0.0, GUARD_PX, 0.0  # kept is a X + b Y + c W + d >= 0
@@ -511,9 +494,7 @@ def _wide_edge_at(xa, ya, xb, yb, px, py, sign):
 
 @_jit
 def _span(first, last, e, right):
-    """The part of columns ``first`` to ``last``, counted from where the edge function is ``e``, in
-    which it is not negative; it grows by ``right`` a column.
-    """
+    """Part of columns ``first`` to ``last`` where an edge function ``e`` + k ``right`` is >= 0."""
     if right > 0:
         return max(first, (right - 1 - e) // right) if e < 0 else first, last
     if e < 0:

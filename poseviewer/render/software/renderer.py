@@ -60,9 +60,7 @@ class SoftwareRenderer:
         return self._with(self._surface)
 
     def culled(self, pose: Pose) -> SoftwareRenderer:
-        """A renderer without the faces that others hide at a pose, for poses at which the model is
-        moved by ``CULLED_PX`` at most: of a car seen from outside most is hidden.
-        """
+        """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
         return self._with(part_of(self._surface, ~self._hidden(pose)))
 
     def reduced(self, faces: int) -> SoftwareRenderer:
@@ -106,12 +104,7 @@ class SoftwareRenderer:
         return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """The joint moments, added up in the kernel: no picture of the attributes is made, but for
-        ``colour_reflectance``.
-
-        Raises:
-            ValueError: the pose's camera has another picture size than the photo.
-        """
+        """Joint moments, added up in the kernel; by pictures for ``colour_reflectance``."""
         pose = level_pose(pose, photo.factor)
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
@@ -180,9 +173,7 @@ class SoftwareRenderer:
         return other
 
     def _hidden(self, pose: Pose) -> NDArray[np.bool_]:
-        """(F,): the faces that show nowhere and have no corner but behind all that is seen within
-        ``CULLED_PX`` of it. By corners, as few faces of a detailed model hold a pixel's centre.
-        """
+        """(F,): faces that show nowhere, all corners behind what is seen within ``CULLED_PX``."""
         left, top, right, bottom = self._rasterise(pose)
         screen, nearness = self._workspace[:2]
         columns, rows = screen // rasterise.SUBPIXELS - np.array([[left], [top]])

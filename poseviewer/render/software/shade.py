@@ -82,9 +82,7 @@ def span(ids, row, left, right):
 
 @_jit
 def shade(box, ids, of_faces, textures, rotation, workspace, reflectance, normals):
-    """Write the attributes of all visible pixels inside ``box`` to (height, width, 3) pictures,
-    normals turned by ``rotation`` (3, 3).
-    """
+    """Write the attributes of all pixels inside ``box``, normals turned by ``rotation`` (3, 3)."""
     left, top, right, bottom = box
     of_row, run, _ = workspace
     nx, ny, nz = of_row[0], of_row[1], of_row[2]
@@ -109,8 +107,7 @@ def shade(box, ids, of_faces, textures, rotation, workspace, reflectance, normal
 def fill_row(row, first, faces, of_faces, textures, count, workspace, at):
     """Normals (of any length, in the model's frame) and reflectance of a row's pixels.
 
-    The grey reflectance stands in row ``at`` of ``run``, or R, G and B (``count`` 3) in three rows
-    from ``at`` on.
+    Grey stands in row ``at`` of ``run``, or R, G and B (``count`` 3) from there on.
     """
     planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
     normals, run, _ = workspace
@@ -135,9 +132,7 @@ def fill_row(row, first, faces, of_faces, textures, count, workspace, at):
 
 @_jit
 def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
-    """The reflectance of those of a row's pixels where it varies within the face: they have the
-    face's kind there, negative.
-    """
+    """Reflectance of a row's pixels where it varies within the face (its kind there, negative)."""
     planes, _, _, paints, levels = of_faces
     _, run, paint_row = workspace
     x, y, z = paint_row[0], paint_row[1], paint_row[2]
@@ -173,9 +168,8 @@ def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
 def fill_planes(box, ids, of_faces, textures, workspace, spans, out):
     """Attributes of all visible pixels inside ``box`` as planes, normals in the model's frame.
 
-    ``out`` (8, height + 2, width + 2): unit normals, grey reflectance, 1 where the model is, and R,
-    G, B; zeros elsewhere. ``spans`` (height, 2) are the columns of each row that hold all of it,
-    ends excluded; they and ``out`` are given as the last call left them.
+    ``out`` (8, height + 2, width + 2): unit normals, grey, coverage, R, G, B. ``spans`` (height,
+    2): columns of each row that hold all of it. Both are given as the last call left them.
     """
     normals, run, _ = workspace
     nx, ny, nz = normals[0], normals[1], normals[2]

@@ -32,17 +32,9 @@ _jit_fast: Any = kernel(fastmath=True)
 def moments(box, ids, of_faces, textures, photo, photo_origin, model, workspace, region, rotation):
     """The moments of photo and model: pixels, their weight, mean (n + m,) and covariance.
 
-    Args:
-        box: outside it the rasteriser found nothing.
-        ids: the face of each pixel.
-        of_faces: see ``shade``.
-        textures: see ``shade``.
-        photo: F (n, height, width) and weights (height, width).
-        photo_origin: (n,), subtracted from F.
-        model: m, 4 or 5: the last attribute is then 1 on the model.
-        workspace: that of ``shade``, and for the weights (width,) float64.
-        region: (whether P is the whole of it, and if so the ``PhotoSums``).
-        rotation: (3, 3), turns normals into the camera's frame.
+    ``photo`` is F (n, height, width), about ``photo_origin`` (n,), and weights; ``model`` is m,
+    with 5 the last attribute being 1 on the model; ``workspace`` that of ``shade`` and (width,)
+    float64; ``region`` whether P is the whole of it, and its ``PhotoSums``.
     """
     n = photo_origin.shape[0]
     size = n + model
@@ -64,12 +56,10 @@ def moments(box, ids, of_faces, textures, photo, photo_origin, model, workspace,
 
 @_jit
 def _accumulate(box, ids, of_faces, textures, photo, origin, model, workspace, first, second):
-    """Add up ``w``, ``w x`` and the lower half of ``w x x^T`` over the visible pixels in ``box``.
+    """Add up ``w``, ``w x`` and the lower half of ``w x x^T``; returns pixels and their weight.
 
-    x = (F, M) - ``origin``; products of F with F are left out where P is not the model's.
-
-    ``origin`` (n + m,) is given for F and set for M. Returns how many pixels of positive weight
-    there were, and their weight.
+    x = (F, M) - ``origin`` (n + m,), which is given for F and set for M; products of F with F are
+    left out where P is not the model's.
     """
     of_row, weighted = workspace
     normals, run, _ = of_row
@@ -107,10 +97,7 @@ def _accumulate(box, ids, of_faces, textures, photo, origin, model, workspace, f
 
 @_jit_sums
 def _gather_photo(faces, weights, planar, row, first, origin, run):
-    """Fill a row's weights and photo attributes; returns the pixels that count, and their weight.
-
-    What does not count is 0, even where the photo is not a number.
-    """
+    """Fill a row's weights and F, 0 where it does not count; pixels that do, and their weight."""
     zero, length = np.float32(0.0), faces.shape[0]
     total, pixels = 0.0, np.int32(0)
     used = run[0, :length]
@@ -148,9 +135,7 @@ def _fill_products(size, normals, run, at_model):
 
 @_jit_sums
 def _find_means(size, weight, n, run, origin):
-    """The model attributes' means over a row: sums about them keep their digits where the
-    attributes hardly vary.
-    """
+    """Set the model's origin to its means over a row: sums about them keep their digits."""
     used = run[0, :size]
     for j in range(n, n + 4):
         row, total = run[1 + j, :size], np.float32(0.0)
@@ -197,9 +182,7 @@ def _turn(rotation, vector):
 
 @_jit
 def _from_sums(n, weight, first, second, origin, rotation):
-    """Mean (n + m,) and covariance (n + m, n + m) from sums about ``origin``, normals turned by
-    ``rotation`` (3, 3). ``second`` is used up.
-    """
+    """Mean and covariance from sums about ``origin``, normals turned by ``rotation`` (3, 3)."""
     size = first.shape[0]
     mean = first / weight
     for i in range(size):
@@ -220,10 +203,9 @@ def _from_sums(n, weight, first, second, origin, rotation):
 
 @_jit
 def _add_surroundings(n, weight, first, second, origin, region_first, region_second):
-    """Make sums over the model's pixels, of ``weight``, sums over the region around it too.
+    """Extend sums over the model's pixels to the region around it, where M is 0 and the origin too.
 
-    Beside the model all its attributes are 0: their origin becomes 0. What F alone adds is
-    ``region_first`` (n,) and ``region_second`` (n, n).
+    F alone adds ``region_first`` (n,) and ``region_second`` (n, n).
     """
     size = first.shape[0]
     for i in range(n, size):
@@ -241,15 +223,12 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
 
 @_jit
 def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise, taps, workspace):
-    """Sums where classes and edges are compared: how many pixels count, and the sums over P of
-    ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
+    """Sums where classes and edges are compared: pixels that count, ``e target`` and ``w e^2``.
 
-    ``joint`` and ``second`` of the workspace are set to the sums of ``F M^T`` and ``M M^T``. The
-    first four arguments and ``rotation`` are as for ``moments``; ``photo`` is (channels (n, height,
-    width), labels of the classes, weights), ``target`` (2, height, width) its orientation field
-    times the weights. Gradients below ``noise`` are no edges; ``taps`` (r + 1,) are the right half
-    of the blur. ``workspace`` is that of ``shade``, and those of ``fill_planes``, ``_class_sums``
-    and ``_edge_sums``.
+    e is the model's orientation field, blurred by ``taps`` (r + 1,), the kernel's right half.
+    ``joint`` and ``second`` of the workspace become sums of ``F M^T`` and ``M M^T``. ``photo`` is
+    (channels (n, height, width), labels, weights), ``target`` (2, height, width) its weighted
+    field. Gradients below ``noise`` are no edges.
     """
     of_row, (spans, planes), (run, joint, second), (rows, across) = workspace
     channels, labels, weights = photo
@@ -263,10 +242,8 @@ def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise,
 def _class_sums(spans, planes, weights, photo, labels, rotation, run, joint, second):
     """Sums of ``F M^T`` (n + classes, m) and ``M M^T`` (m, m); returns how many pixels count.
 
-    F is the ``photo`` (n, height, width), and the memberships in the classes. M (7,) is the three
-    colours and ``g n`` of their grey g; last the 1 of a pixel that the model covers. The normal n
-    is turned by ``rotation`` (3, 3). ``run``
-    (n + m + 1, width) float64 is the workspace for a row.
+    F is ``photo`` (n, height, width) and the memberships; M (7,) the colours, grey times normal,
+    and 1. ``run`` (n + m + 1, width) float64 is the workspace for a row.
     """
     channels, size = photo.shape[0], second.shape[0]
     joint[:], second[:] = 0.0, 0.0
@@ -358,9 +335,7 @@ def _add_classes(labels, channels, size, run, joint):
 def _edge_sums(spans, planes, noise, taps, weights, target, workspace, across):
     """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
 
-    The blur is the convolution along columns and rows with the symmetric kernel that ``taps``
-    (r + 1,) float32 are the right half of. ``workspace`` (5, width + 2 r) and ``across`` (2,
-    height, width) are float32.
+    Workspaces (5, width + 2 r) and ``across`` (2, height, width) are float32.
     """
     height, width = weights.shape
     reach = taps.shape[0] - 1

@@ -40,8 +40,9 @@ class Surface:
 
 
 def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
-    """Lay out a mesh: the faces ``seen`` (F,) from outside first, so that they win over others at
-    the same depth; then by the axis that faces look along; then along Morton's curve.
+    """Lay out a mesh: faces ``seen`` (F,) from outside first, which win at the same depth.
+
+    Then by the axis that faces look along, then along Morton's curve (1966).
     """
     place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
     order = np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
@@ -107,9 +108,7 @@ def _direction(mesh: Mesh) -> NDArray[np.int64]:
 
 
 def _along_curve(points: FloatArray) -> NDArray[np.int64]:
-    """(N,): places of points (N, 3) along Morton's curve (10 bits an axis), which keeps what is
-    near together (G. M. Morton, 1966).
-    """
+    """(N,): order along Morton's curve (10 bits an axis), which keeps near things near."""
     if len(points) == 0:
         return np.zeros(0, np.int64)
     low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
