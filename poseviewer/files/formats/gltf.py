@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,32 +63,25 @@ KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a GLB file. Lengths become metres where the model's unit is known."""
-    if out.suffix.lower() != ".glb":
-        raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     mesh = load_mesh(require_file(request.model, "model", "glTF"))
     pose = in_front(record.pose, mesh)
-    near, far = view_depths(pose, mesh)
     unit = unit_of(record, request)
     scale = 1.0 if unit is None else metres_per_unit(unit)
     file = _Glb()
     nodes = [file.add("nodes", name="model", mesh=file.add_mesh(mesh))]
     if scale != 1.0:
         nodes = [file.add("nodes", name="metres", scale=[scale] * 3, children=nodes)]
-    others = []
-    for one, _ in request.others:
-        name = photo_name(one) or "another photo"
-        others.append((name, one.pose, view_depths(one.pose, mesh)))
-    record = replace(record, pose=pose)
-    return _write_view(file, nodes, record, (near, far), scale, out, request, others)
+    names = ["photo", *(photo_name(one) or "another photo" for one, _ in request.others)]
+    poses = [pose, *(one.pose for one, _ in request.others)]
+    for name, seen in zip(names, poses, strict=True):
+        nodes.append(file.add_camera(name, seen, view_depths(seen, mesh), scale))
+    far = view_depths(pose, mesh)[1]
+    return _write_view(file, nodes, replace(record, pose=pose), far, scale, out, request)
 
 
 def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write all objects of a scene as a GLB file. Its world is the camera's frame, with glTF's
-    axes; lengths become metres where the models' unit is known.
-    """
+    """Write a scene as a GLB file, in the camera's frame (glTF's axes) and, if known, metres."""
     records = [one.record for one in scene.objects]
-    if out.suffix.lower() != ".glb":
-        raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     known, matrices, span = before_camera(scene)
     unit = request.unit or next(
         (found for one in records if (found := unit_of(one, request)) is not None), None
@@ -104,7 +96,8 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> 
     # From the file's world, OpenGL's axes, to the camera's.
     of_camera = replace(records[0], pose=Pose(scene.camera, OPENGL_FROM_OPENCV.inverse()))
     photo = replace(request, photo=request.photo or scene.photo)
-    return _write_view(file, nodes, of_camera, span, scale, out, photo)
+    nodes.append(file.add_camera("photo", of_camera.pose, span, scale))
+    return _write_view(file, nodes, of_camera, span[1], scale, out, photo)
 
 
 def before_camera(
@@ -139,27 +132,21 @@ def _write_view(
     file: _Glb,
     nodes: list[int],
     record: PoseRecord,
-    depths: tuple[float, float],
+    far: float,
     scale: float,
     out: Path,
     request: ConvertOptions,
-    others: Sequence[tuple[str, Pose, tuple[float, float]]] = (),
 ) -> Written:
-    """Add the camera and the photo behind the furthest depth to the models' ``nodes``, and the
-    cameras of ``others``, by name, pose and depths; and write.
-
-    The record's ``camera_from_model`` is that from the file's world, before ``scale``.
-    """
-    pose, (_, far) = record.pose, depths
-    for name, seen, its_depths in (("photo", pose, depths), *others):
-        nodes.append(file.add_camera(name, seen, its_depths, scale))
+    """Add the photo of a pose in the file's world, behind the depth ``far``, and write."""
+    if out.suffix.lower() != ".glb":
+        raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     notes = []
     if request.photo is None:
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
     else:
         photo = load_photo_of(record, request.photo)
         rgb = photo.as_rgb8(photo.width, photo.height)
-        plane = file.add_photo(_plane(pose, PLANE_BEHIND * far) * scale, rgb)
+        plane = file.add_photo(_plane(record.pose, PLANE_BEHIND * far) * scale, rgb)
         nodes.append(file.add("nodes", name="photo plane", mesh=plane))
     return write_new(request, {out: file.as_bytes(nodes)}, *notes)
 
