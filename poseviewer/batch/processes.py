@@ -23,11 +23,7 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[JobResult]:
-    """The results of the jobs as they come, in no order.
-
-    When a process dies (for lack of memory, say), the jobs under way are run again one by one, and
-    only one that dies again fails. To stop, stop asking: processes with jobs under way end.
-    """
+    """Results as they come; jobs under way when a process dies are run again, each alone."""
     waiting = deque(jobs)
     while waiting:
         suspects: list[Job] = []

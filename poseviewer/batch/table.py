@@ -81,16 +81,12 @@ def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
     reading = Reading(path, [], BatchError, "table of jobs (CSV)")
-    with reading.naming_errors():
-        return _rows_in(reading)
-
-
-def _rows_in(reading: Reading) -> list[dict[str, str]]:
     text = reading.load_text()
     head = text.split("\n", 1)[0]
     # Many spreadsheets write semicolons.
     delimiter = ";" if ";" in head and "," not in head else ","
-    lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
+    with reading.naming_errors():
+        lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
     lines = [[cell.strip() for cell in line] for line in lines if line]
     names = [name.lower() for name in lines[0]] if lines else []
     missing = [column for column in COLUMNS if column not in names]

@@ -18,7 +18,7 @@ import yaml
 
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.checks import Reading, checked_camera
-from poseviewer.files.colmap_model import MODELS, SUFFIXES, camera_rows, image_rows
+from poseviewer.files.colmap_model import MODELS, camera_rows, image_rows
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -64,29 +64,22 @@ class FileCamera:
 
 
 def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
-    """All cameras in an OpenCV YAML, XML or JSON, a BOP JSON or a COLMAP ``cameras.txt`` or
-    ``cameras.bin``.
-
-    ``fisheye`` says of an OpenCV file that does not say so that its lens model is the fisheye's.
-    """
+    """All cameras in a file; ``fisheye``: OpenCV's fisheye model where it names no other."""
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, numbers_as_text=True)
     with reading.naming_errors():
-        found = _cameras_in(reading, path.suffix.lower(), fisheye)
-        return [replace(one, camera=checked_camera(reading, one.camera)) for one in found]
-
-
-def _cameras_in(reading: Reading, kind: str, fisheye: bool) -> list[FileCamera]:
-    if kind in SUFFIXES:
-        return _colmap_cameras(reading)
-    if kind in (".yml", ".yaml", ".xml"):
-        return opencv_cameras(reading, opencv_storage(reading), fisheye)
-    if kind == ".json":
-        data = reading.load_object()
-        return bop_cameras(reading, data) or opencv_cameras(reading, data, fisheye)
-    raise reading.error(
-        f"its ending is {kind or 'missing'}", "wanted .yml, .xml, .json, .txt or .bin"
-    )
+        match path.suffix.lower():
+            case ".bin" | ".txt":
+                cameras = _colmap_cameras(reading)
+            case ".yml" | ".yaml" | ".xml":
+                cameras = opencv_cameras(reading, opencv_storage(reading), fisheye)
+            case ".json":
+                data = reading.load_object()
+                cameras = bop_cameras(reading, data) or opencv_cameras(reading, data, fisheye)
+            case kind:
+                wanted = "wanted .yml, .xml, .json, .txt or .bin"
+                raise reading.error(f"its ending is {kind or 'missing'}", wanted)
+        return [replace(one, camera=checked_camera(reading, one.camera)) for one in cameras]
 
 
 def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:

@@ -119,9 +119,7 @@ class Reading:
 
     @contextmanager
     def naming_errors(self) -> Iterator[None]:
-        """Any exception inside the ``with`` block becomes an error that names the file: parsers
-        raise anything on damaged files. Unforeseen ones go to the log with their traceback.
-        """
+        """Turn any exception of a parser into an error that names the file; log unforeseen ones."""
         try:
             yield
         except PoseViewerError:

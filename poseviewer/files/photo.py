@@ -50,26 +50,21 @@ def load_photo(path: str | Path) -> Photo:
     Raises:
         PhotoFileError: there is no such file, or it cannot be used as a photo.
     """
-    reading = _reading(path)
+    reading, notes = _reading(path), ()
     with reading.naming_errors(), quiet_libraries():
-        return _photo_in(reading)
-
-
-def _photo_in(reading: Reading) -> Photo:
-    data = reading.load_bytes()
-    if _is_heic(data):
-        pixels, focal = _decode_heic(reading, data)
-    else:
-        orientation, focal = _inspect(reading, data)
-        pixels = _upright(_decode(reading, data), orientation)
-    if pixels.dtype not in (np.uint8, np.uint16):
-        raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
-    notes = ()
-    if pixels.shape[2] in (2, 4):
-        pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
-    pixels = np.ascontiguousarray(pixels)
-    pixels.flags.writeable = False
-    sha256 = hashlib.sha256(data).hexdigest()
+        data = reading.load_bytes()
+        if _is_heic(data):
+            pixels, focal = _decode_heic(reading, data)
+        else:
+            orientation, focal = _inspect(reading, data)
+            pixels = _upright(_decode(reading, data), orientation)
+        if pixels.dtype not in (np.uint8, np.uint16):
+            raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
+        if pixels.shape[2] in (2, 4):
+            pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
+        pixels = np.ascontiguousarray(pixels)
+        pixels.flags.writeable = False
+        sha256 = hashlib.sha256(data).hexdigest()
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
@@ -193,10 +188,7 @@ def _decode(reading: Reading, data: bytes) -> NDArray:
 
 
 def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
-    """(h, w, 1 to 4), 8 bits, or 10 and 12 bits in the upper part of 16; and 35-mm focal length.
-
-    libheif turns the picture as the file says; EXIF's orientation does not count in HEIC.
-    """
+    """Upright (h, w, 1 to 4) of 8 or, in the upper bits, 16 bits; and 35-mm focal length."""
     try:
         import pillow_heif
     except ImportError:

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
 
 from poseviewer.errors import SettingsError
+from poseviewer.files.checks import Reading
 from poseviewer.files.writing import write_whole
 
 Row = TypeVar("Row")
+LARGEST = 1_000_000_000
+"""Bytes."""
 
 
 class RowTable(Generic[Row]):
@@ -24,7 +27,8 @@ class RowTable(Generic[Row]):
         hints = get_type_hints(row_type)
         self._kinds = {name: truth if kind is bool else kind for name, kind in hints.items()}
         self.columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
-        text = _read(path)
+        reading = Reading(path, error_type=SettingsError, kind="table of trials", largest=LARGEST)
+        text = reading.load_text() if path.exists() and path.stat().st_size else ""
         whole = text[: text.rfind("\n") + 1]
         self.rows: list[Row] = self._parse(whole) if whole else []
         if whole != text or not whole:
@@ -65,10 +69,3 @@ class RowTable(Generic[Row]):
                 f"{self._path}: holds a row that cannot be read ({error}); mend it, or name "
                 "another folder"
             ) from None
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8") if path.exists() else ""
-    except (OSError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: cannot be read ({error}); name another folder") from None

@@ -155,9 +155,7 @@ def save_masks(
     silhouettes: Sequence[NDArray[np.bool_]],
     visible: Sequence[NDArray[np.bool_]],
 ) -> None:
-    """Write ``mask/`` (each object as if it were alone) and ``mask_visib/`` (what is seen of it) of
-    an image, called by its number and by the objects' places in ``scene_gt.json``.
-    """
+    """Write an image's ``mask/`` (objects alone) and ``mask_visib/`` (what is seen of them)."""
     for name, masks in ((MASKS, silhouettes), (VISIBLE_MASKS, visible)):
         make_folder(folder / name)
         for number, mask in enumerate(masks):
@@ -196,10 +194,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
 
 
 def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
-    """Read one pose of a scene folder: of image ``request.image`` and object ``object_id``.
-
-    Either may be left out where there is but one. Lengths are in mm unless ``unit`` says else.
-    """
+    """Read the pose of image ``request.image`` and object ``object_id``, or the only one."""
     image, asked = _chosen_image(path, request), request.object_id
     width, height = size_of(Reading(path / CAMERAS), request)
     reading = Reading(path / POSES)
@@ -279,22 +274,18 @@ def scene_text(content: SceneFile) -> bytes:
 
 
 def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:
-    place = _in_mm(record.pose.camera_from_model, record, request)
-    given = None if request.object_id is None else str(request.object_id)
-    name = record.model.file if record.model else None
-    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
-    return BopObject(number, place).as_json()
-
-
-def _in_mm(place: RigidTransform, record: PoseRecord, request: ConvertOptions) -> RigidTransform:
-    unit = unit_of(record, request)
+    unit, place = unit_of(record, request), record.pose.camera_from_model
     if unit is None:
         raise PoseFileError(
             "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
             "--unit mm."
         )
     factor = metres_per_unit(unit) / metres_per_unit(UNIT)
-    return replace(place, translation=place.translation * factor)
+    place = replace(place, translation=place.translation * factor)
+    given = None if request.object_id is None else str(request.object_id)
+    name = record.model.file if record.model else None
+    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
+    return BopObject(number, place).as_json()
 
 
 def _image_number(request: ConvertOptions, name: str | None) -> int:

@@ -83,9 +83,7 @@ class Format:
     """Where undistorted photos go: beside the file that is written, or in this folder of it."""
 
     def lens_name(self, record: PoseRecord) -> str | None:
-        """The format's name for the lens of a pose's photo; None where it has not that lens, or the
-        pose has another camera than that of the undistorted photo (a focal length that was found).
-        """
+        """The format's name for the lens of a pose's undistorted photo; None where it has none."""
         undistortion, camera = record.undistortion, record.pose.camera
         if undistortion is None or self.lens_as is None or not isinstance(camera, Perspective):
             return None
@@ -94,9 +92,7 @@ class Format:
         return None if known is None else known[0]
 
     def convert(self, record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-        """Write a pose for the photo as taken where the format has its lens, else for the
-        undistorted photo, which is written beside; so with the other photos of a set.
-        """
+        """Write a pose for the photo as taken, or else the undistorted photo as well."""
         views, notes, new, ready = [(record, request), *request.others], [], [], []
         if len(views) > 1 and not self.several:
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")

@@ -115,10 +115,7 @@ def _words(numbers: Any) -> str:
 
 
 def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
-    """Read one raster: ``request.image`` by its label, or the only one.
-
-    The project's world is taken for the model's frame; a mesh that the project moves is refused.
-    """
+    """Read raster ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(path, kind="MeshLab project (.mlp)")
     try:
         root = ElementTree.fromstring(reading.load_bytes())  # expat refuses bombs of entities
