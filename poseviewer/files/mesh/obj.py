@@ -26,6 +26,8 @@ from poseviewer.files.mesh.parts import (
     split_by,
 )
 
+KINDS = ("v", "vt", "vn", "f")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
@@ -40,10 +42,8 @@ class Material:
 class _Lines:
     """The lines of an OBJ file, sorted by what they say."""
 
-    v: list[str] = field(default_factory=list)
-    vt: list[str] = field(default_factory=list)
-    vn: list[str] = field(default_factory=list)
-    f: list[str] = field(default_factory=list)
+    values: dict[str, list[str]] = field(default_factory=lambda: {k: [] for k in KINDS})
+    """Behind ``v``, ``vt``, ``vn`` and ``f``."""
     changes: list[tuple[int, str, str]] = field(default_factory=list)
     """(faces so far, part name, material name)."""
     libraries: list[str] = field(default_factory=list)
@@ -52,11 +52,11 @@ class _Lines:
 def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
-    vertices, colours = _read_vertices(path.name, lines.v)
-    uvs = read_table(path.name, "vt", lines.vt, 2)
-    normals = read_table(path.name, "vn", lines.vn, 3)
+    v, vt, vn, f = (lines.values[kind] for kind in KINDS)
+    vertices, colours = _read_vertices(path.name, v)
+    uvs, normals = read_table(path.name, "vt", vt, 2), read_table(path.name, "vn", vn, 3)
     notes: list[str] = []
-    counts, corners = _read_faces(path.name, lines.f)
+    counts, corners = _read_faces(path.name, f)
     triangles = fan_corners(counts)
     _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
     if len(counts) and counts[-1] < 3:
@@ -83,33 +83,27 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
 
 def _sort_lines(text: str) -> _Lines:
     lines = _Lines()
-    # Bound methods: this loop sees every line of files of a million faces.
-    v, vt, vn, f = lines.v.append, lines.vt.append, lines.vn.append, lines.f.append
+    values = lines.values
     thing = group = material = ""
     for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
         word, _, rest = line.strip().partition(" ")
-        if word == "v":
-            v(rest)
-        elif word == "f":
-            f(_absolute(rest, lines) if "-" in rest else rest)
-        elif word == "vt":
-            vt(rest)
-        elif word == "vn":
-            vn(rest)
+        if word in values:
+            is_relative = word == "f" and "-" in rest
+            values[word].append(_absolute(rest, values) if is_relative else rest)
         elif word in ("o", "g", "usemtl"):
             rest = rest.strip()
             thing, group = (rest, "") if word == "o" else (thing, rest if word == "g" else group)
             material = rest if word == "usemtl" else material
             name = " ".join(dict.fromkeys(n for n in (thing, group) if n))
-            lines.changes.append((len(lines.f), name, material))
+            lines.changes.append((len(values["f"]), name, material))
         elif word == "mtllib":
             lines.libraries.append(rest.strip())
     return lines
 
 
-def _absolute(face: str, lines: _Lines) -> str:
+def _absolute(face: str, values: dict[str, list[str]]) -> str:
     """Indices that count backwards from the line they stand in, made to count from the start."""
-    ends = (len(lines.v), len(lines.vt), len(lines.vn))
+    ends = [len(values[kind]) for kind in KINDS[:3]]
 
     def one(index: str, end: int) -> str:
         return str(end + 1 + int(index)) if index.startswith("-") else index
@@ -218,7 +212,7 @@ def _part_of_face(lines: _Lines) -> tuple[NDArray, list[tuple[str, str]]]:
     changes = [(0, "", ""), *lines.changes]
     keys = list(dict.fromkeys((name, material) for _, name, material in changes))
     number = {key: i for i, key in enumerate(keys)}
-    starts = np.array([start for start, _, _ in changes] + [len(lines.f)])
+    starts = np.array([start for start, _, _ in changes] + [len(lines.values["f"])])
     which = [number[name, material] for _, name, material in changes]
     return np.repeat(which, np.diff(starts)), keys
 
