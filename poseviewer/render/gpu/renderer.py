@@ -317,115 +317,53 @@ class Sums:
 
     def moments(self, raw: NDArray[np.float32], rotations: FloatArray) -> list[Moments]:
         """Moments from the groups' sums (poses, groups, record), turned by ``rotations``."""
-        photo, m, n = self.photo, self.attributes, self.photo.channels.shape[2]
+        photo, m, poses = self.photo, self.attributes, len(raw)
         numbers: FloatArray = np.asarray(raw, np.float64)
         origin, sums = numbers[..., :m], numbers[..., m : m + len(self.terms)]
-        pixels, products = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.pairs.shape[1]]
-        size = 1 + m + n
-        second = np.zeros((len(raw), GROUPS, size, size))
+        products, of_classes = np.split(sums[..., 1:], [self.pairs.shape[1]], axis=-1)
+        size = 1 + m + photo.channels.shape[2]
+        second = np.zeros((poses, GROUPS, size, size))
         second[..., self.pairs[0], self.pairs[1]] = products
         second[..., self.pairs[1], self.pairs[0]] = products
-        # About 1, 0 and 0 in the place of the group's own origin.
-        shift = np.broadcast_to(np.eye(size), second.shape).copy()
+        # From 1, M and F about the group's own origin to those about 0, normals turned.
+        shift = np.tile(np.eye(size), (poses, GROUPS, 1, 1))
         shift[..., 1 : 1 + m, 0] = origin
-        if photo.clipped:
-            return self._clipped(second, origin, pixels, rotations)
+        shift[..., m - 2 : m + 1, :] = rotations[:, None] @ shift[..., m - 2 : m + 1, :]
         total = (shift @ second @ np.swapaxes(shift, -1, -2)).sum(axis=1)
-        turn = self._turn(rotations)
-        of_model = np.r_[1 : 1 + m, 0]  # the last attribute is 1 on the model
-        model = turn @ total[:, of_model[:, None], of_model] @ np.swapaxes(turn, 1, 2)
-        joint = total[:, 1 + m :, of_model]
-        cosines: list[float | None] = [None] * len(raw)
-        if photo.structure is None:
-            whole, mean_of_photo, whitening = photo.photo_sums, photo.origin, None
-            weight = whole.weight
-            share = 1.0 / weight if weight > 0.0 else 0.0
-            first = share * whole.first
-            covariance = share * whole.second - np.outer(first, first)
-            mean_of_photo = photo.origin + first
-        else:
-            fixed = photo.photo_moments
-            first, covariance, whitening = fixed.mean, fixed.covariance, fixed.whitening
-            weight, mean_of_photo = fixed.weight, first
-            share = 1.0 / weight if weight > 0.0 else 0.0
-            by_class = sums[..., 1 + self.pairs.shape[1] :].reshape(len(raw), GROUPS, -1, 1 + m)
+        of_model = np.arange(1, 1 + m) if photo.clipped else np.r_[1 : 1 + m, 0]
+        joint, weight, mean_of_photo = total[:, 1 + m :, of_model], total[:, 0, 0], photo.origin
+        first_of_photo, second_of_photo = total[:, 0, 1 + m :], total[:, 1 + m :, 1 + m :]
+        cosines, whitening = [None] * poses, None
+        if photo.structure is not None:
+            by_class = of_classes.reshape(poses, GROUPS, -1, 1 + m)
             by_class = (by_class @ np.swapaxes(shift[..., : 1 + m, : 1 + m], -1, -2)).sum(axis=1)
-            joint = np.concatenate([joint, by_class[..., np.r_[1 : 1 + m, 0]]], axis=1)
+            joint = np.concatenate([joint, by_class[..., of_model]], axis=1)
+            fixed, mean_of_photo = photo.structure, np.zeros(joint.shape[1])
+            first_of_photo, second_of_photo = fixed.first, fixed.second
+            weight = np.full(poses, fixed.shares.sum())
+            whitening = photo.photo_moments.whitening
             dots, squares = numbers[..., -2:].sum(axis=1).T
             cosines = [d / s**0.5 if s > 0.0 else 0.0 for d, s in zip(dots, squares, strict=True)]
-        joint = joint @ np.swapaxes(turn, 1, 2)
+        elif not photo.clipped:
+            whole = photo.photo_sums
+            first_of_photo, second_of_photo = whole.first, whole.second
+            weight = np.full(poses, whole.weight)
         n = joint.shape[1]
-        means, covariances = _empty(len(raw), n + m + 1)
-        means[:, :n], means[:, n:] = mean_of_photo, share * model[:, -1]
-        covariances[:, :n, :n] = covariance
-        covariances[:, :n, n:] = share * joint - first[:, None] * means[:, None, n:]
-        covariances[:, n:, :n] = np.swapaxes(covariances[:, :n, n:], 1, 2)
-        covariances[:, n:, n:] = share * model - means[:, n:, None] * means[:, None, n:]
-        if weight <= 0.0:
-            means[:], covariances[:] = 0.0, 0.0
-        return _moments(
-            pixels, np.full(len(raw), weight), means, covariances, n, cosines, whitening
-        )
-
-    def _clipped(
-        self, second: FloatArray, origin: FloatArray, pixels: FloatArray, rotations: FloatArray
-    ) -> list[Moments]:
-        """About each group's mean, then about that of all (Chan, Golub and LeVeque, 1983): where
-        attributes hardly vary their digits are kept.
-        """
-        photo, m = self.photo, self.attributes
-        weights = second[..., 0, 0]
-        each = np.divide(1.0, weights, where=weights > 0.0, out=np.zeros_like(weights))
-        offset = each[..., None] * second[..., 0, 1:]
-        centred = each[..., None, None] * second[..., 1:, 1:] - _outer(offset)
-        offset[..., :m] += origin
-        total = weights.sum(axis=1)
-        share = np.divide(1.0, total, where=total > 0.0, out=np.zeros_like(total))
-        shares = share[:, None] * weights
-        mean = np.einsum("pg,pgi->pi", shares, offset)
-        centred += _outer(offset - mean[:, None])
-        covariance = np.einsum("pg,pgij->pij", shares, centred)
-        n = photo.channels.shape[2]
-        order = np.r_[m : m + n, :m]
-        turn = np.tile(np.eye(n + m), (len(mean), 1, 1))
-        turn[:, n:, n:] = self._turn(rotations)[:, :m, :m]
-        means, covariances = _empty(len(mean), n + m)
-        means[:] = (turn @ mean[:, order, None])[..., 0]
-        means[:, :n] += (total > 0.0)[:, None] * photo.origin
-        covariances[:] = turn @ covariance[:, order[:, None], order] @ np.swapaxes(turn, 1, 2)
-        nothing: list[float | None] = [None] * len(mean)
-        return _moments(pixels, total, means, covariances, n, nothing, None)
-
-    def _turn(self, rotations: FloatArray) -> FloatArray:
-        """(poses, m + 1, m + 1): turns the normals among the attributes."""
-        m = self.attributes
-        turn = np.tile(np.eye(m + 1), (len(rotations), 1, 1))
-        turn[:, m - 3 : m, m - 3 : m] = rotations
-        return turn
-
-
-def _outer(vectors: FloatArray) -> FloatArray:
-    return vectors[..., :, None] * vectors[..., None, :]
-
-
-def _empty(poses: int, size: int) -> tuple[FloatArray, FloatArray]:
-    return np.empty((poses, size)), np.empty((poses, size, size))
-
-
-def _moments(
-    pixels: FloatArray,
-    weights: FloatArray,
-    means: FloatArray,
-    covariances: FloatArray,
-    n: int,
-    cosines: Sequence[float | None],
-    whitening: FloatArray | None,
-) -> list[Moments]:
-    covariances = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
-    means.flags.writeable = covariances.flags.writeable = False
-    return [
-        Moments(int(count), float(weight), mean, covariance, n, cosine, whitening)
-        for count, weight, mean, covariance, cosine in zip(
-            pixels, weights, means, covariances, cosines, strict=True
-        )
-    ]
+        mean = np.empty((poses, n + len(of_model)))
+        covariance = np.empty((poses, *[n + len(of_model)] * 2))
+        mean[:, :n], mean[:, n:] = first_of_photo, total[:, 0, of_model]
+        covariance[:, :n, :n], covariance[:, :n, n:] = second_of_photo, joint
+        covariance[:, n:, :n] = np.swapaxes(joint, 1, 2)
+        covariance[:, n:, n:] = total[:, of_model[:, None], of_model]
+        share = np.divide(1.0, weight, where=weight > 0.0, out=np.zeros(poses))
+        mean *= share[:, None]
+        covariance = share[:, None, None] * covariance - mean[:, :, None] * mean[:, None]
+        covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+        mean[:, :n] += (weight > 0.0)[:, None] * mean_of_photo
+        mean.flags.writeable = covariance.flags.writeable = False
+        pixels = sums[..., 0].sum(axis=1).astype(int).tolist()
+        of_poses = zip(pixels, weight.tolist(), mean, covariance, cosines, strict=True)
+        return [
+            Moments(count, total_weight, first, second, n, cosine, whitening)
+            for count, total_weight, first, second, cosine in of_poses
+        ]
