@@ -27,7 +27,9 @@ def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterat
             as_completed,
         )
 
-        submitted = _submit(client, jobs, plan)
+        # A job of a batch has one name, whoever submits it.
+        names = {job: f"poseviewer-{job.key}-{plan.folder}" for job in jobs}
+        submitted = {client.submit(run_job, job, plan, key=key): job for job, key in names.items()}
         try:
             for future in as_completed(list(submitted), loop=client.loop):
                 try:
@@ -70,9 +72,3 @@ def _connected(address: str) -> Any:
             f"{address}: no Dask scheduler answers there ({reason}); start one with "
             "`dask scheduler`, or check the address (tcp://HOST:8786). What is done is kept."
         ) from None
-
-
-def _submit(client: Any, jobs: Sequence[Job], plan: BatchPlan) -> dict[Any, Job]:
-    """The futures of all jobs; a job of a batch has one name, whoever submits it."""
-    names = {job: f"poseviewer-{job.key}-{plan.folder}" for job in jobs}
-    return {client.submit(run_job, job, plan, key=name): job for job, name in names.items()}

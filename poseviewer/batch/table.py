@@ -59,8 +59,7 @@ class Job:
 def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
     """The rows of a CSV file with the columns ``photo``, ``model`` and ``start``, in their order.
 
-    Other columns than these and ``box`` are ignored. The files that a row names are opened, and
-    may turn out to be missing, when the row is fitted.
+    Other columns than these and ``box`` are ignored; files are opened when the row is fitted.
     """
     path = Path(path)
     folder = str(path.resolve().parent)

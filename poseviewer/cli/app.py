@@ -42,10 +42,6 @@ def add_options(parser: ArgumentParser) -> None:
     add_calibration(parser)
 
 
-def _is_set(path: Path) -> bool:
-    return path.is_dir() or path.suffix.lower() == ".zip"
-
-
 def _files_of(path: Path) -> tuple[FileSet, list[Path]]:
     """What a folder or a zip holds, and where its models lie with all that they name."""
     from poseviewer.files.file_set import files_below, sort_set
@@ -72,7 +68,7 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
     if photo is None and views is None:
         files = ("pose", "mask", "without", "calibration")
         refuse(options, files, "without PHOTO and MODEL; name all three")
-    elif photo is not None and _is_set(photo):
+    elif photo is not None and (photo.is_dir() or photo.suffix.lower() == ".zip"):
         folder, (files, models) = photo, _files_of(photo)
         models = models if model is None else [model]
         model, objects = next(iter(models), None), models[1:]

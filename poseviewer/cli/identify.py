@@ -5,7 +5,6 @@ share a frame: the start is meant for each of them.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,11 +47,6 @@ def run(options: Namespace) -> int:
             bar.update()
 
         ranked = identify(opened, settings, watch)
-    _print_ranking(ranked)
-    return 0
-
-
-def _print_ranking(ranked: Sequence[tuple[str, FitProgress]]) -> None:
     width = max(len(name) for name, _ in ranked)
     say(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
     shares_left = [fit.unexplained for _, fit in ranked]
@@ -62,3 +56,4 @@ def _print_ranking(ranked: Sequence[tuple[str, FitProgress]]) -> None:
         say(f"{rank:<3}{name:{width}}  {shares}")
     say("unexplained, of the same pixels: 0, all explained, to 1, nothing")
     say("margin: how much more the next model leaves unexplained")
+    return 0

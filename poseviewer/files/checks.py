@@ -86,10 +86,7 @@ class Reading:
         return self.error_type(f"{name}: {found}; {wanted}.")
 
     def check_size(self) -> int:
-        """The size in bytes of a regular file that is not empty and has ``largest`` bytes at most.
-
-        Files are checked before they are opened: reading a pipe blocks, and a device never ends.
-        """
+        """The size of a regular file (no pipe blocks) of at most ``largest`` bytes, not 0."""
         wanted = f"wanted a {self.kind}"
         try:
             found = self.path.stat()

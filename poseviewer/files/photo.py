@@ -32,8 +32,6 @@ FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
-HEIC_START = 12
-"""Bytes, which say the kind of file."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Of the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
@@ -41,19 +39,14 @@ MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 
 def load_photo(path: str | Path) -> Photo:
-    """The photo in a JPEG, PNG, TIFF, WebP, BMP or, with its extra, HEIC file: grey or RGB, 8 or
-    16 bits, upright.
+    """The photo in a file: grey or RGB without transparency, 8 or 16 bits, upright.
 
-    Transparency is left out. A file that would unpack to more than 100 megapixels is refused before
-    it is decoded.
-
-    Raises:
-        PhotoFileError: there is no such file, or it cannot be used as a photo.
+    What would unpack to more than 100 megapixels is refused before it is decoded.
     """
     reading, notes = _reading(path), ()
     with reading.naming_errors(), quiet_libraries():
         data = reading.load_bytes()
-        if _is_heic(data):
+        if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
             pixels, focal = _decode_heic(reading, data)
         else:
             orientation, focal = _inspect(reading, data)
@@ -111,10 +104,6 @@ def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
 
 
-def _is_heic(data: bytes) -> bool:
-    return data[4:8] == b"ftyp" and data[8:HEIC_START] in HEIC_BRANDS
-
-
 @contextmanager
 def _naming_picture_errors(reading: Reading) -> Iterator[None]:
     """Turn what Pillow raises into errors that name the file; sizes are judged elsewhere."""
@@ -133,17 +122,14 @@ def _naming_picture_errors(reading: Reading) -> Iterator[None]:
 
 
 def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
-    """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file.
-
-    Pillow decodes the file once to find out whether it is whole: OpenCV fills up with grey.
-    """
+    """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file."""
     with _naming_picture_errors(reading), Image.open(BytesIO(data), formats=FORMATS) as image:
         _refuse_size(reading, *image.size)
         exif = image.getexif()
         # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
         turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
         focal = focal_35mm(exif, image.width, image.height)
-        image.load()
+        image.load()  # whether it is whole: OpenCV fills up with grey
     return turned if turned in range(1, 9) else 1, focal
 
 

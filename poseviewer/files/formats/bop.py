@@ -165,9 +165,7 @@ def save_masks(
 
 
 def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
-    """All objects of image ``request.image`` of a scene folder, or of its only one; the models are
-    those of the folder ``request.model``, called ``obj_000005.ply`` and so on.
-    """
+    """All objects of an image of a scene folder; their models lie in ``request.model``."""
     image = _chosen_image(path, request)
     photo = request.photo or path / image.photo
     for file, what in ((photo, "photo"), (request.model, "folder of the models")):

@@ -103,9 +103,8 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> 
 def before_camera(
     scene: SceneRecord,
 ) -> tuple[dict[Path, Mesh], list[FloatArray], tuple[float, float]]:
-    """The models of a scene by their files; for each object a 4x4 matrix that puts its model before
-    the scene's camera (OpenCV's axes), as large as it is in the photo; and the depths that hold
-    them all.
+    """The models of a scene by file; for each object camera from model (4, 4), OpenCV's axes, as
+    large as in the photo; and the depths that hold them all.
     """
     known = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
     pairs = [(one.record.pose, known[one.model]) for one in scene.objects]

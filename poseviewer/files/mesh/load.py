@@ -48,9 +48,6 @@ def load_mesh(path: str | Path) -> Mesh:
     Reflectance comes from textures, vertex colours or material colours, whichever the file has.
     Normals are the file's where they make sense, else computed. What had to be mended or left
     out stands in ``notes``.
-
-    Raises:
-        MeshFileError: there is no such file, or it cannot be used as a surface mesh.
     """
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()

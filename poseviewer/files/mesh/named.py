@@ -21,11 +21,9 @@ def plain_name(written: str) -> str:
 
 
 def find_named(folder: Path, written: str) -> Path | None:
-    """The file that a model (or its material file) in ``folder`` calls ``written``.
+    """The file that a model (or its material file) in ``folder`` calls ``written``, or None.
 
-    Models are often moved without the folders their textures lay in, so beside the path as
-    written, the bare name is looked for next to the model, and in any spelling in the usual
-    folders. None where it is not there.
+    Sought by its path, by its bare name beside the model, and in any spelling in usual folders.
     """
     relative = Path(written.strip().strip('"').replace("\\", "/"))
     try:
