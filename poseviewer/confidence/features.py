@@ -20,8 +20,7 @@ FEWEST_PIXELS = 50
 """Of the model, below which it counts as unseen."""
 WRONG_POSES = 48
 WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = (15.0, 45.0), 0.2, 0.1
-"""Wrong poses are turned by so much; standard deviations of their shift, in radii, and of the
-logarithm of their size."""
+"""Turns of wrong poses; standard deviations of their shift, radii, and of their log size."""
 RETURNS, RETURN_DISTANCE, RETURN_EDGE, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
 """Descents from near by: 8 degrees away, or that share of the radius."""
 MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50

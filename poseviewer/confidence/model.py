@@ -21,8 +21,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.types import Renderer
 
 LEAST_SEEN = 0.35
-"""Share of the model that must be seen for its pose to be told: with less, poses far off look right
-as well, and none of the trials has less."""
+"""Share of the model that must be seen: with less, poses far off look right as well."""
 HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
 """Share of the model below which something hides it, and the probability from which its pose is
 then ``found``: what stood out is left out, and so the rest looks better than it did in the trials.

@@ -30,13 +30,11 @@ MODELS = QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
 """Of the loss about the end, in the free-body chart: from 5 % of the model's size at its rim down
 to where the loss has risen as far as the last models of a search look; always so many rounds."""
 SPREAD = 0.031
-"""Standard deviation of the truth about the end where the curvature, the unexplained share and the
-seen share are 1: calibrated by ``tests.measure.real``."""
+"""Standard deviation at curvature, unexplained and seen share 1, by ``tests.measure.real``."""
 PINV = 1e-12
 """Share of the greatest variance, or inverse of one, below which it stands for none."""
 SEEN_POWER = 2.0
-"""What hides the model is seldom known to the pixel, and draws the fit the farther the more of the
-model it hides."""
+"""The more of the model is hidden, the farther what hides it draws the fit."""
 
 
 def find_covariance(

@@ -1,6 +1,4 @@
-"""The weight of each feature; written by
-``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right.
-"""
+"""Weights by ``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right."""
 
 FEATURES: dict[str, tuple[float, float, float]] = {
     "turn_margin": (1.077, 0.6585, 1.584),

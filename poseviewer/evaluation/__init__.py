@@ -1,4 +1,1 @@
-"""Measure how often fits find the pose, from how far off.
-
-On synthetic and on real photos with known poses.
-"""
+"""Measure how often fits find the pose, on synthetic and on real photos with known poses."""

@@ -45,8 +45,7 @@ class Case:
     visible: float | None = None
     """Share of the model's pixels that nothing hides; None: unknown."""
     is_drawn: bool = False
-    """Whether OpenGL drew the photo: the pose counts as found within 1 px, and else within the
-    truth's accuracy + 1 %."""
+    """Whether OpenGL drew the photo: the pose counts as found within 1 px."""
     bop: BopModel | None = None
     """Diameter and symmetries of the model in a BOP data set."""
 

@@ -47,8 +47,7 @@ Reading = Literal["relative", "absolute"]
 ``absolute``: by up to that share of its scale, which is harder for parameters near 0."""
 QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
 MARGIN_PX, INPAINT_PX = (81, 141), 5
-"""Width and height of the ellipse by which the demo's car is dilated, to include its shadow, before
-the photo is inpainted there; radius of the inpainting."""
+"""Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""
 LARGEST_SHARE = 0.8
 """Largest share of the photo's width and height that a random view of the vehicle fills."""
 TURN_DEG, LEAST_RISE_DEG, MOST_RISE_DEG, ROLL_DEG = 50.0, 4.0, 25.0, 3.0

@@ -96,8 +96,7 @@ class SpeedReport:
     machine: dict[str, str | int | float | None]
     """Processor, cores, system, and mean load over the minute before."""
     versions: dict[str, str | None]
-    """Versions of Python and packages; the adapters ``opengl`` and ``gpu``, None where there are
-    none."""
+    """Versions of packages; adapters ``opengl`` and ``gpu``, None where there are none."""
     workload: str
     rows: tuple[PathTime, ...]
     fits: tuple[dict[str, Any], ...]

@@ -45,10 +45,7 @@ FEATURES = tuple(field.name for field in fields(Features))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """A row of ``trials.csv``: errors as in ``PoseError``, losses on the photo.
-
-    A column that a study does not have is empty, 0 or nan.
-    """
+    """A row of ``trials.csv``: errors as in ``PoseError``, losses on the photo; 0 or nan: none."""
 
     case: str
     set: str

@@ -1,6 +1,4 @@
-"""Pose charts: a vector of comparable numbers for a pose, and back; and what people read for the
-numbers, on the page and in figures.
-"""
+"""Pose charts: a vector of comparable numbers for a pose, and back; and their names."""
 
 from __future__ import annotations
 

@@ -9,8 +9,7 @@ from poseviewer.geometry.arrays import FloatArray
 CONSTANT_VARIANCE = 1e-12
 """A channel whose variance is below this share of its mean square counts as constant."""
 RANK_TOLERANCE = 1e-7
-"""Eigenvalues of a correlation matrix below this share of the greatest count as zero: sums in
-float32 are no more exact."""
+"""Share of the greatest eigenvalue below which one counts as zero: float32 is no more exact."""
 
 
 def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:

@@ -23,9 +23,8 @@ MOST_NAMES = 12
 class Mesh:
     """Triangles whose corners carry a normal and a reflectance; made once, never changed.
 
-    Reflectance at a surface point is the interpolated vertex colour; where the face has a texture,
-    whose corners then have one colour, it is times the texture there. Its encoding is the photo's
-    (display-encoded, 0 to 1). Vertices on a sharp edge, or on a seam of the texture, stand in the
+    Reflectance is the interpolated vertex colour, times the texture where the face has one. Its
+    encoding is the photo's (display-encoded, 0 to 1). Vertices on sharp edges or seams stand in the
     list once for each normal or UV.
     """
 

@@ -22,10 +22,7 @@ CREASE_ANGLE_RAD = math.radians(40.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjacency:
-    """Pairs of half-edges that lie on one another, of edges that have exactly two faces.
-
-    Half-edge ``3 f + i`` runs in face ``f`` from corner ``i`` to corner ``(i + 1) % 3``.
-    """
+    """Pairs of half-edges ``3 f + i``, corner ``i`` to ``(i + 1) % 3``, of edges with two faces."""
 
     first: NDArray[np.int64]
     """(P,) a half-edge."""

@@ -19,11 +19,7 @@ STRIP_PIXELS = 1 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Photo:
-    """A photo as its file has it, upright.
-
-    The file's own 8 or 16 bits are kept, for 100 megapixels as floats would fill the memory;
-    ``as_float`` and ``grey`` convert.
-    """
+    """A photo, upright, in its file's own 8 or 16 bits: as floats it may fill the memory."""
 
     pixels: NDArray[np.uint8] | NDArray[np.uint16]
     """(height, width, channels): grey (1) or RGB (3), display-encoded, read-only."""

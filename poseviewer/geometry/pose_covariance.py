@@ -1,14 +1,12 @@
 """How sure a pose is: its covariance in its tangent space.
 
-A deviation d turns the model about a point of it, its centre, and then shifts it, both along the
-camera's axes (a perturbation from the left, rotation first)::
+A deviation d turns the model about its centre, then shifts it, both along the camera's axes::
 
     x_in_camera = exp(d_rotation) R (x - centre) + R centre + t + d_shift
 
-So turn and shift are told apart, wherever the model's own frame has its origin. Under parallel
-projection, which knows no depth, the logarithm of the scale stands for the third part of the shift;
-a free focal length adds its own logarithm. In a set of photos whose scale is not known, so does the
-model's size: the pose in this photo stays, and the other cameras come nearer.
+Under parallel projection the logarithm of the scale stands for the shift in depth. A free focal
+length adds its logarithm, and so does the model's size in a set of unknown scale, where the pose in
+this photo stays and the other cameras come nearer.
 """
 
 from __future__ import annotations
@@ -33,8 +31,7 @@ from poseviewer.geometry.view_chart import SIZE, ViewChart
 REGION = 0.9
 """Share of the distribution within its region, an ellipsoid."""
 STEP = 1e-5
-"""Of a number, as a share of its scale, for derivatives by differences: far above rounding, far
-below any curvature."""
+"""Share of a number's scale for differences: above rounding, below any curvature."""
 LARGEST_LOGARITHM = 20.0
 """Of scale and focal length; beyond it there is no photo."""
 FOCAL = ("log_focal", "width_per_focal")

@@ -1,9 +1,8 @@
 """Poses under parallel (scaled-orthographic) projection, by least squares.
 
-Minimises ``sum |s R_2 x_i + t - u_i|^2`` over scale s, rotation R (R_2: its first two rows) and
-image shift t. Points in a plane have two exact answers, mirror images in depth; they also start the
-iteration for points that are nearly in one. D. Oberkampf, D. DeMenthon, L. Davis, *Iterative pose
-estimation using coplanar feature points*, 1996.
+Minimises ``sum |s R_2 x_i + t - u_i|^2`` over scale, rotation (R_2: its first two rows) and shift.
+Points in a plane have two answers, mirror images in depth, which start the iteration for others.
+Oberkampf, DeMenthon, Davis, *Iterative pose estimation using coplanar feature points*, 1996.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The turns of a model that leave it as it is, and which of the equal poses is meant.
 
-All rigid motions that map a bounded thing onto itself leave one point of it where it is: they are
-rotations about that. A continuous symmetry is every turn about an axis through it; where there are
-two such axes, every rotation.
+All are rotations about one point. A continuous symmetry is every turn about an axis through it;
+where there are two such axes, every rotation.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 
 STEP = 0.01
-"""Between neighbours among the turns that stand for a continuous symmetry: the share of the model's
-diameter by which none of its points moves farther; BOP's ``max_sym_disc_step``."""
+"""Share of the diameter between turns of a continuous symmetry, BOP's ``max_sym_disc_step``."""
 SAME_COSINE = math.cos(math.radians(2.0))
 """Rotations and axes nearer than that are one: files round."""
 ROUNDING = 1e-12
@@ -34,8 +32,7 @@ MOST_ROTATIONS = 2 * MOST_FOLD
 MOST_NAMED = 3
 """Turns that a message names."""
 APART = 0.01
-"""Share of the model's diameter by which motions may differ on where the point is that they leave
-where it is."""
+"""Share of the model's diameter by which motions may differ on the point that they leave."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
 """Of the equal poses, the one turned least from this is canonical. No pose that people give exactly
 lies half way from it to an equal one, as those along the axes do from the identity."""

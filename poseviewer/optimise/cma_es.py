@@ -1,8 +1,7 @@
 """Covariance matrix adaptation, for landscapes of many side valleys.
 
 Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its default parameters and
-positive weights: a population is drawn from a normal distribution, whose mean and covariance adapt
-to the better half of it.
+positive weights.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ class CmaOptions:
     population: int = 32
     generations: int = 60
     nearness: float = 3.0
-    """Cost of the squared distance from the start, added to the loss: of two places that look alike
-    the nearer one is meant."""
+    """Weight of a quadratic penalty on the distance from the start."""
     least_sigma: float = 3e-3
     """The search ends when the greatest standard deviation is below this."""
 

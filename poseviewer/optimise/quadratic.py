@@ -1,10 +1,8 @@
 """The end of a search: quadratic models of the loss about its minimum.
 
-Near its minimum the loss is quadratic, but for small jumps where edges of triangles cross pixel
-centres. Single values mislead a simplex there; a quadratic function fitted by least squares
-to more points than it has coefficients evens the jumps out, and its points can be evaluated in
-parallel (cf. M. Powell, *The NEWUOA software for unconstrained optimization without derivatives*,
-2006, who interpolates).
+There the loss is quadratic but for small jumps where edges of triangles cross pixel centres, which
+mislead a simplex. Least squares over more points than coefficients evens them out, and its points
+can be evaluated in parallel (cf. M. Powell, *The NEWUOA software*, 2006).
 """
 
 from __future__ import annotations
@@ -18,8 +16,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise.state import Objective, State
 
 OVERSAMPLING = 1.6
-"""Points of the first round for each coefficient; later rounds draw one each, as earlier points
-nearby count too."""
+"""Points of the first round for each coefficient; later rounds draw one each."""
 TRUST_RADIUS = 1.1
 """Points that a model is fitted to, and its step, are no farther away, in reaches."""
 LEAST_SHRINKAGE = 0.3

@@ -19,8 +19,7 @@ class RestartOptions:
     step: float = 0.05
     """Edge of each new simplex."""
     multi_starts: int = 4
-    """Number of short descents from the start, each with another simplex; the search continues from
-    the best of them. One alone often ends in a side valley."""
+    """Short descents from the start, the best of which goes on: one often ends in a side valley."""
     multi_start_x_tolerance: float = 1e-2
     multi_start_f_tolerance: float = 1e-3
     x_tolerance: float = 5e-4

@@ -1,4 +1,1 @@
-"""From mesh and pose to attributes and moments.
-
-The software renderer, OpenGL, the overlay, and the pyramid of levels.
-"""
+"""From mesh and pose to attributes and moments, by three renderers; the overlay; the pyramid."""

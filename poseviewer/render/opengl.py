@@ -1,8 +1,5 @@
-"""Pictures of a model's attributes by OpenGL, off screen: the second renderer, which shares no code
-with the software renderer but the texture pyramid.
-
-pyrender's ``OffscreenRenderer`` brings the process's one context (EGL, or what PYOPENGL_PLATFORM
-names); two shaders draw into a framebuffer of 32-bit floats.
+"""Pictures of a model's attributes by OpenGL, off screen, in pyrender's context (EGL, or what
+PYOPENGL_PLATFORM names). Only the texture pyramid is shared with the software renderer.
 """
 
 from __future__ import annotations
@@ -118,11 +115,7 @@ def opengl_renderer_name() -> str | None:
 
 
 class OpenGLRenderer:
-    """A mesh drawn by OpenGL. To be used by one thread of the process, always the same.
-
-    The graphics card interpolates normals, colours and texture coordinates in float32; textures
-    are sampled here.
-    """
+    """A mesh drawn by OpenGL, with textures sampled here; for one thread of the process alone."""
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
         """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""

@@ -1,7 +1,6 @@
 """Many poses at once: clones of a renderer on a few threads, or a GPU that takes them together.
 
-The kernels let go of the interpreter while they run, so threads are enough: nothing is copied, and
-a pose costs no more than on one thread. Idle threads wait, and cost nothing.
+Threads are enough, as the kernels let go of the interpreter while they run.
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CHUNK = 8
-"""Items handed out at a time: enough that handing out does not count, few enough
-that whoever stops asking waits some ten milliseconds at most."""
+"""Items handed out at a time: few enough that stopping waits some ten milliseconds at most."""
 
 
 @runtime_checkable
@@ -40,11 +38,7 @@ def processors() -> int:
 
 
 class RendererPool:
-    """Renderers of one model, one for each of some threads.
-
-    A renderer that cannot be cloned (OpenGL) is used alone, in the thread that asks: the pool is
-    then of one, and gives the same.
-    """
+    """Renderers of one model, one for each of some threads; one alone where it cannot be cloned."""
 
     def __init__(
         self,

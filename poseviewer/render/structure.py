@@ -36,8 +36,7 @@ CLASSES = 16
 SAMPLES, FEW = 20_000, 200
 """Pixels that the classes are found from, and those of them that are looked at first."""
 SMOOTHING_PX, REACH_PX = 1.0, 2.0
-"""Standard deviations: of the photo before its gradients are taken, and of both fields after. The
-second is how far an edge is felt."""
+"""Standard deviations: of the photo before gradients are taken, and of both fields after."""
 PHOTO_NOISE, MODEL_NOISE = 0.02, 0.1
 """Gradients below this, per px, are no edges: of RGB in [0, 1] lightened by ``LIGHTENING``, and of
 reflectance and unit normals."""
@@ -49,8 +48,7 @@ STEP_PX, PLATEAU_PX = 5, 9
 """Sides of the square whose least and greatest values an edge is made steep between, and of the one
 in which these must be all that it has."""
 STEP_SHARE = 0.8
-"""Share of the larger square's range that the smaller one's must exceed: where light or pigment
-goes on changing beside it, it is no edge."""
+"""Least share of the larger square's range in the smaller one: else it goes on beside the edge."""
 CLEAR_SHARE, CLEAR_STEP = 0.3, 0.05
 """Least and greatest values are clearly apart from that share of their sum on, and that much more:
 of less contrast half way is half way in a lightened photo, too, and noise is left."""

@@ -28,9 +28,7 @@ class PhotoSums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoMoments:
-    """The moments of F alone, and its edges, where there is a ``structure``: P is then the whole
-    region, and they are the same for all poses.
-    """
+    """Moments of F alone and its edges, the same for all poses where there is a ``structure``."""
 
     weight: float
     mean: FloatArray

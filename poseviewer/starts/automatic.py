@@ -1,9 +1,7 @@
-"""Starts without user input: views from all sides, scored on a small picture.
+"""Starts without user input: views from all sides that fill a rectangle about the object.
 
-A rectangle about the object fixes where and how large the model is in each view. Views whose
-outline has another shape than the rectangle need no try. The others are scored by the loss of a fit
-on the coarsest pyramid level; the best that differ are improved by short descents, the best of
-these by longer ones, and a few are proposed.
+Those of its shape are scored by the loss on the coarsest pyramid level; the best that differ are
+improved by short descents, the best of these by longer ones, and a few are proposed.
 """
 
 from __future__ import annotations
@@ -86,15 +84,13 @@ class ViewOptions:
     aspect_threshold: float = 0.35
     """Views are tried whose aspect ratio is off by no more than this factor (as a logarithm)."""
     rectangle_weight: float = 4.0
-    """What it costs, beside the loss, that the outline leaves the rectangle: times the squares of
-    its four sides' distances, as shares of the rectangle's size."""
+    """Weight of the squared distances of the outline's sides from the rectangle's, as shares."""
     side_px: float = 40.0
     """Side of the rectangle, made square, on the coarsest level."""
     rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 80, 0.08, 60.0))
     proposals: int = 5
     distance: float = 0.1
-    """Proposals are no nearer to one another: mean distance of the model's corners in the photo, as
-    a share of the rectangle's diagonal."""
+    """Least mean distance between proposals in the photo, share of the rectangle's diagonal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

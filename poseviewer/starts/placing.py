@@ -22,8 +22,7 @@ FRAMINGS = 12
 FLAT = np.cos(np.radians(3.0))
 """Faces of the hull that are turned by less from each other carry the model together."""
 PREFERENCE = 2.0
-"""How many times more likely than with z upwards a model must rest otherwise: files are mostly made
-that way."""
+"""How many times likelier than z upwards another axis must be: files mostly have z upwards."""
 
 SIDES = {
     "three-quarter": (-1.0, -1.3, 0.55),

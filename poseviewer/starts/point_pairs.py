@@ -1,11 +1,8 @@
 """A pose from point pairs: points of the model, and where each of them is seen in the photo.
 
-*Perspective*: OpenCV's SQPnP (G. Terzakis and M. Lourakis, *A consistently fast and globally
-optimal solution to the perspective-n-point problem*, 2020), then Levenberg-Marquardt. With
-four or five pairs SQPnP now and then ends in a wrong valley: there, AP3P's answers for every three
-of them (T. Ke and S. Roumeliotis, 2017) start the latter, too.
-*Parallel*: ``scaled_orthographic``. Points in a plane, and few points, can have two answers: all
-are given, the best first.
+*Perspective*: OpenCV's SQPnP (Terzakis and Lourakis, 2020), then Levenberg-Marquardt, with few
+pairs also from AP3P's answers for every three (Ke and Roumeliotis, 2017), as SQPnP may then be
+wrong. *Parallel*: ``scaled_orthographic``. Of two answers both are given, the best first.
 """
 
 from __future__ import annotations

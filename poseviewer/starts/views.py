@@ -1,6 +1,4 @@
-"""Views of a model: rotations spread evenly, those of a vehicle that stands on the ground, and for
-each of them the pose whose outline fills a rectangle of the photo.
-"""
+"""Views of a model, spread evenly or on level ground, and poses that fill a rectangle."""
 
 from __future__ import annotations
 

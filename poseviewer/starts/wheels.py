@@ -1,12 +1,9 @@
-"""Starts from a vehicle's wheels: their ellipses as given, or looked for in a rectangle. What is
-looked for is a proposal, not a verdict: it is to be looked at, and other starts are there.
+"""Starts from a vehicle's wheels: their ellipses as given, or looked for in a rectangle.
 
-Matched filters for outlines of ellipses are laid over the picture's edges. At each pixel the edges'
-field is a complex number: its length tells how clear an edge is there, up to 1, and its angle is
-twice the slope's, so that bright on dark and dark on bright are one. The support of an ellipse is
-the mean, along its outline, of how well the field agrees with twice the outline's normal: 1 for a
-clear edge all around, about 0 for texture. All sizes, shapes and tilts are tried at all places of a
-small picture, a convolution each; the best are made better on a larger one.
+Matched filters for outlines of ellipses are laid over the picture's edges, complex numbers whose
+length tells how clear an edge is, up to 1, and whose angle is twice its slope's: bright on dark and
+dark on bright are one. The support of an ellipse is the mean agreement along its outline. All
+shapes are tried at all places of a small picture; the best are made better on a larger one.
 """
 
 from __future__ import annotations
@@ -34,8 +31,7 @@ from poseviewer.vehicle.keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels
 
 COARSE_WIDTH, FINE_WIDTH = 256, 640
-"""px: so long is the longer side of the picture where all are tried, and so wide at most the one
-where they are made better, in which textures are no edges any more."""
+"""px: longer side of the picture where all are tried; most width where they are made better."""
 SIZES = np.geomspace(0.05, 0.2, 16)
 """Longer half axes, as shares of the picture's width."""
 ASPECTS = (0.25, 0.33, 0.42, 0.53, 0.65, 0.78, 0.92)

@@ -35,8 +35,7 @@ PARALLEL_BELOW = 1e-5
 """``width / focal length`` below this is parallel projection: 64 m of lens for 640 px of 1 um."""
 
 Vector = tuple[float, float, float]
-"""Single directions and points are plain numbers here: a search makes a pose some 1,000 times a
-second, and NumPy takes longer to be called than to calculate with three numbers."""
+"""Single directions and points are plain numbers: quicker than NumPy with three numbers."""
 
 _NUMBERS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 

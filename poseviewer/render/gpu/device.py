@@ -19,8 +19,7 @@ from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.structure import BLUR_TAPS
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
-"""The environment variable by whose value ``software`` an adapter will do that is the processor
-itself, for tests, where there is no GPU."""
+"""Environment variable whose value ``software`` allows the processor as adapter, for tests."""
 KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
 """Of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")

@@ -1,8 +1,7 @@
-"""The loss's moments on the GPU, as a ``Renderer``: the software renderer's, many poses at once.
+"""The software renderer's moments on the GPU, many poses at once.
 
-Many calls become one: each caller waits in a greenlet of its own until all have asked. So whatever
-asks for one pose after the other, a descent or the loss over several photos, is judged in batches
-beside others of its kind, without a thread for each.
+Each caller waits in a greenlet of its own until all have asked: so descents and losses over several
+photos are judged in batches, without a thread for each.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The model's silhouette as line segments in the photo: crisp at any zoom, and quick to send. The
-sketch needs nothing compiled: OpenCV fills a coarse model's faces.
-"""
+"""The model's silhouette as line segments in the photo; a sketch of it needs nothing compiled."""
 
 from __future__ import annotations
 

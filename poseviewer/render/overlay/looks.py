@@ -45,9 +45,8 @@ class ModelInPhoto:
     pose: Pose
     """Its camera has the photo's size."""
     relight: Relight | None = None
-    """From the model's attributes to the relit model ``A M + b`` (h, w, n), in [0, 1] from black to
-    white, n = 1 (grey) or 3 (RGB), pixel by pixel: it gets the part of the picture that the model
-    is in. The looks ``relit`` and ``residual`` need it."""
+    """From attributes in a part of the photo to the relit model (h, w, 1 or 3) in [0, 1], pixel by
+    pixel. The looks ``relit`` and ``residual`` need it."""
     opacity: float = SOLID_OPACITY
     """Of the look ``solid``, in [0, 1]."""
 

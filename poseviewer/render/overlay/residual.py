@@ -12,8 +12,7 @@ from poseviewer.geometry.arrays import FloatArray
 
 _HEX = "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f"
 STOPS = np.array([list(bytes.fromhex(colour)) for colour in _HEX.split()], float)
-"""RGB from the most negative to the most positive: ColorBrewer's RdBu, 11 classes, reversed
-(C. Brewer, colorbrewer2.org); told apart by the colour-blind as well."""
+"""RGB from negative to positive: ColorBrewer's RdBu, 11 classes, reversed (colorbrewer2.org)."""
 PERCENTILE = 95.0
 """Share of the residuals that the colour map spans; the strongest few must not set its range."""
 ROUND_RANGES = (2, 5, 10, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 255)

@@ -1,9 +1,7 @@
 """Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles.
 
 ``replace(problem, photo=level.photo)`` with ``level.renderer`` is the same search over the same
-chart, at a fraction of the time. Level f has pixels of f x f px of the photo, exactly, so that a
-pose of the photo is one of the level: coordinates are divided by f. Its model has no more
-triangles than the level's pixels can show.
+chart, at a fraction of the time. Coordinates are divided by the level's factor, exactly.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""A model of fewer triangles for coarse pictures: the surface decimated, its attributes averaged.
-
-It lives here and not in ``geometry`` because it samples textures: what the photo's coarse pixels
-show of them is carried over into vertex colours.
-"""
+"""Decimated models for coarse pictures, their attributes, textures included, averaged."""
 
 from __future__ import annotations
 
