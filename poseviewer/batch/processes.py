@@ -73,13 +73,14 @@ def _run_together(
 
 
 def _begin(reader: Connection) -> None:
-    """Prepare a worker process."""
+    """Prepare a worker process, which ends when the pipe's other end is closed: the batch stops, or
+    its process has ended, even if it was killed. What a job had not written whole is left out.
+    """
+
+    def end() -> None:
+        reader.poll(None)
+        os._exit(1)
+
     # Ctrl-C goes to all processes of a terminal; the first one tells the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_after, args=(reader,), name="end with parent", daemon=True).start()
-
-
-def _end_after(reader: Connection) -> None:
-    """End this process when the pipe's other end is closed, by the batch or by the system."""
-    reader.poll(None)
-    os._exit(1)
+    threading.Thread(target=end, name="end with parent", daemon=True).start()

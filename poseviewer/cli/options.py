@@ -126,8 +126,7 @@ def add_fields(
 ) -> None:
     """An option for each of these fields of a dataclass: usage, text and kind as of ``option``.
 
-    ``{}`` in the text is the field's default, and its choices are those of ``CHOICES``. An option
-    that was not typed is None, and a flag False.
+    ``{}`` in the text is the field's default; what was not typed is None, and a flag False.
     """
     defaults = {field.name: field.default for field in fields(of)}
     for name, (usage, *rest) in options.items():

@@ -83,11 +83,7 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
 
 
 def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
-    """The camera of BOP's ``camera.json``, or those of a ``scene_camera.json``, which say no size,
-    named by their photos' numbers; none where it is neither.
-
-    https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md
-    """
+    """The camera of BOP's ``camera.json``; those of a ``scene_camera.json``, by image; or none."""
     if data and all(isinstance(entry, dict) and "cam_K" in entry for entry in data.values()):
         return [
             FileCamera(key, camera_of_matrix(reading, entry["cam_K"], f"cam_K of {key}"))

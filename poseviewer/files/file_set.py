@@ -107,10 +107,8 @@ def sort_set(
     """Sort ``files`` by what they are.
 
     A picture is a texture where a model names it, else the photo; but beside a model that names
-    pictures, only one that a camera has taken is the photo. ``kind``: what the user called the
-    files. Of a photo, any picture that no model names is the photo; of a model or a pose, none is;
-    of a pose, every JSON file is one. ``at_hand``: the model that is open already, which is one of
-    the models where it misses what is here.
+    pictures, only one that a camera has taken, or whose ``kind`` the user called a photo, is. Of
+    the ``kind`` pose every JSON file is one. ``at_hand``: an open model that may miss what is here.
     """
     of_kind: dict[str, list[Path]] = defaultdict(list)
     for path in files:

@@ -99,11 +99,10 @@ def read_colmap(path: Path, request: ConvertOptions) -> PoseRecord:
     images = list(image_rows(reading))
     names = [" ".join(words[9:]) for words in images]
     words = the_one(reading, request, "images", names, images)
-    place = _place(reading, words)
     of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
-    camera, lens = _camera_of(of_cameras, list(camera_rows(of_cameras)), words)
+    name, place, camera, lens = _taken(reading, words, of_cameras, list(camera_rows(of_cameras)))
     size_of(of_cameras, request, camera.width, camera.height)
-    return make_record(reading, Pose(camera, place), " ".join(words[9:]), request.unit, lens)
+    return make_record(reading, Pose(camera, place), name, request.unit, lens)
 
 
 Taken = tuple[str, RigidTransform, Perspective, Lens | None]
@@ -114,13 +113,10 @@ def colmap_images(path: Path) -> list[Taken]:
     """All images of the model in a folder."""
     reading, of_cameras = (Reading(model_file(path, stem)) for stem in ("images", "cameras"))
     rows = list(camera_rows(of_cameras))
-    return [
-        (" ".join(words[9:]), _place(reading, words), *_camera_of(of_cameras, rows, words))
-        for words in image_rows(reading)
-    ]
+    return [_taken(reading, words, of_cameras, rows) for words in image_rows(reading)]
 
 
-def _place(reading: Reading, words: list[str]) -> RigidTransform:
+def _taken(reading: Reading, words: list[str], of_cameras: Reading, rows: list[list[str]]) -> Taken:
     if len(words) < 10:
         raise reading.error(f"an image has {len(words)} entries", "wanted 10")
     numbers = reading.flat_numbers(" ".join(words[1:8]), "the image's pose")
@@ -128,17 +124,12 @@ def _place(reading: Reading, words: list[str]) -> RigidTransform:
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
         raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return RigidTransform(rotation, np.array(numbers[4:]))
-
-
-def _camera_of(
-    reading: Reading, rows: list[list[str]], words: list[str]
-) -> tuple[Perspective, Lens | None]:
-    """The camera that an image names, among the rows of a ``cameras`` file."""
+    place = RigidTransform(rotation, np.array(numbers[4:]))
     row = next((row for row in rows if row[:1] == [words[8]]), None)
     if row is None:
-        raise reading.error(f"it has no camera {words[8]}", "wanted the one that the image names")
-    return colmap_camera(reading, row)
+        wanted = "wanted the one that the image names"
+        raise of_cameras.error(f"it has no camera {words[8]}", wanted)
+    return " ".join(words[9:]), place, *colmap_camera(of_cameras, row)
 
 
 def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:

@@ -14,10 +14,7 @@ VARIABLE = "POSEVIEWER_STATE"
 
 
 def state_folder() -> Path:
-    """The user's own folder for poseviewer's state, made where it is missing, closed to others.
-
-    The environment variable POSEVIEWER_STATE names another one.
-    """
+    """The user's own folder of state, or POSEVIEWER_STATE, made where it is missing."""
     named = os.environ.get(VARIABLE)
     folder = Path(named) if named else platformdirs.user_state_path("poseviewer", appauthor=False)
     try:

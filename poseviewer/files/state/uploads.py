@@ -56,12 +56,10 @@ def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
 
 
 def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Path] = ()) -> Path:
-    """Keep a set of files that a page sent (see ``pack``) in a folder of its own, whose path is
-    given; zips among them are unpacked beside them.
+    """Keep files that a page sent (see ``pack``), with zips unpacked, in a folder of their own.
 
-    The files keep their names, as far as any system can have them, and never lie outside. The same
-    bytes go to the same place. All but the ``kept`` newest sets and those ``in_use`` (files in
-    them) are removed.
+    The same bytes go to the same folder, under safe names. All but the ``kept`` newest sets and
+    those with files ``in_use`` are removed.
     """
     files = _unpacked(data)
     fingerprint = hashlib.sha256(data).hexdigest()[:16]
