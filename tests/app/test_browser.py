@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -152,36 +150,6 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     assert after[1] > before[1]  # upwards on the map is more
     page.page.keyboard.press("z")
     assert page.saved_pose(path)["chart"]["numbers"] == before
-
-
-def same_pose(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two pose files have the same pose, to the last digit."""
-    return all(one[key] == other[key] for key in ("camera_from_model", "camera"))
-
-
-DROP = """(files) => {
-    const held = new DataTransfer();
-    for (const [name, text] of files) held.items.add(new File([text], name));
-    const event = { dataTransfer: held, bubbles: true, cancelable: true };
-    const canvas = window.__viserMutable.canvas;
-    const over = canvas.dispatchEvent(new DragEvent("dragover", event));
-    return [over, canvas.dispatchEvent(new DragEvent("drop", event))];
-}"""
-
-
-def test_files_can_be_dropped_on_the_page(page: AppPage, demo: AppProcess):
-    path = demo.folder / "demo_photo.pose.json"
-    saved = page.saved_pose(path)
-    page.page.keyboard.press("ArrowDown")
-    page.open_step(5)
-    page.wait_for_text("● unsaved changes")
-    # "false": the browser is kept from opening the files itself.
-    dropped = [["kept.JSON", json.dumps(saved)], ["notes.txt", "no pose"]]
-    assert page.page.evaluate(DROP, dropped) == [False, False]
-    page.wait_for_text("Not used: notes.txt.")
-    page.until(lambda: same_pose(page.saved_pose(path), saved))
-    assert page.page.evaluate(DROP, [["notes.txt", "no pose"]]) == [False, False]
-    page.wait_for_text("notes.txt: not the name of a photo, a model or a pose file")
 
 
 def is_registered(page: AppPage) -> bool:

@@ -163,15 +163,6 @@ def test_what_fits_nothing_is_named_and_nothing_is_guessed(page: AppPage, tmp_pa
     back_to_the_scene(page)
 
 
-def test_of_two_photos_none_is_opened(page: AppPage, scene: Scene, tmp_path: Path):
-    for name in ("a.jpg", "b.jpg"):
-        Image.new("RGB", (90, 60), (90, 90, 90)).save(tmp_path / name)
-    page.drop_files([tmp_path / "a.jpg", tmp_path / "b.jpg", scene.model])
-    page.wait_for_text("2 photos: a.jpg, b.jpg; wanted one")
-    keep_picture(page, "two_photos")
-    page.wait_for_text("160 x 120 px")
-
-
 def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, tmp_path: Path):
     bad = tmp_path / "bad.zip"
     bad.write_bytes(b"PK")

@@ -342,7 +342,7 @@ def _pose_in_set(now: Document, views: PhotoSet, path: Path) -> Opened:
 
 def restore(kept: AutosavedSession) -> Iterator[Opened]:
     """Open the session that an earlier run left behind; models of further objects that are gone are
-    named, and those that version 0.1.0 kept to compare with the photo.
+    named.
     """
     model = _require_there(kept.model, kept.model_name)
     if kept.views is not None:
@@ -365,13 +365,6 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
             continue
         one = _restored(SceneObject(own, own.start, model_path=path), other, photo)
         document = replace(document, others=(*document.others, one))
-    compared = [path.name for path in kept.candidates if path != kept.model]
-    if compared:
-        warnings = (
-            *warnings,
-            f"The session also compared {', '.join(compared)} with the photo: `poseviewer "
-            "identify` does that now; these models are not opened.",
-        )
     yield replace(opened, document=document, restored=True, warnings=warnings)
 
 

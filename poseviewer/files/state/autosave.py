@@ -70,8 +70,6 @@ class AutosavedSession:
     """What JSON can hold."""
     saved_at: float
     """Seconds since 1970."""
-    candidates: tuple[Path, ...] = ()
-    """Models that version 0.1.0 compared with the photo; no longer written."""
     mask: Mask | None = None
     """What of the photo counts."""
     number: int = 1
@@ -208,7 +206,6 @@ def _as_json(value: Any) -> Any:
     if isinstance(value, KeptSet):
         return named | _as_json(named.pop("choice"))
     if isinstance(value, AutosavedSession):
-        del named["candidates"]
         return {"format": FORMAT, "version": VERSION, **named}
     return named
 
@@ -227,10 +224,6 @@ def _path(reading: Reading, value: Any, what: str) -> Path | None:
 
 def _name(reading: Reading, value: Any, what: str) -> str:
     return reading.text(value, what) or ""
-
-
-def _paths(reading: Reading, value: Any, what: str) -> tuple[Path, ...]:
-    return () if value is None else tuple(map(Path, reading.texts(value, what)))
 
 
 def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
@@ -320,7 +313,6 @@ _CHECKS = {
     "start": _pose_from_json,
     "settings": Reading.object,
     "saved_at": Reading.number,
-    "candidates": _paths,
     "mask": _mask,
     "number": _whole,
     "name": _name,

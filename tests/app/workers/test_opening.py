@@ -113,20 +113,6 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     assert any("as taken" in warning for warning in opened.warnings)
 
 
-def test_models_that_an_earlier_version_compared_are_named(scene: Scene, tmp_path: Path) -> None:
-    session = Session(open_files(scene.photo, scene.model, scene.start).document)
-    Autosaver(tmp_path / "state").close(session)
-    (path,) = (tmp_path / "state" / "sessions").iterdir()
-    data = json.loads(path.read_text(encoding="utf-8"))
-    data["candidates"] = [str(scene.model.resolve()), "/models/bus.glb"]
-    path.write_text(json.dumps(data), encoding="utf-8")
-    (opened,) = restore(load_autosave(path))
-    assert opened.document.registration.mesh_name == scene.model.name
-    (note,) = [text for text in opened.warnings if "poseviewer identify" in text]
-    assert "bus.glb" in note
-    assert scene.model.name not in note
-
-
 def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
     other = write_obj(tmp_path, "wood.png")
     save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
