@@ -14,13 +14,12 @@ if (window.poseviewer) { location.reload(); return; }
 const CONFIG = /*CONFIG*/ {};
 const state = {
   photo: [1, 1], // width, height in px
-  plane: CONFIG.plane, // {depth, side}: distance of the photo's plane, length of its longer side
   zoom: 1, // canvas px per px of the fitted view
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
   covered: 0, // CSS px at the canvas's lower end that the strip of photos lies over
   pointer: null, // "drag", "draw" or "pan" while a button is down
-  last: [0, 0],
+  anchor: [0, 0], // the photo's point that is panned with the pointer, px
   pending: null,
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   hint: "",
@@ -45,13 +44,16 @@ function fitted() {
   return Math.min(state.size[0] / w, (state.size[1] - state.covered) / h);
 }
 
+const scale = () => fitted() * state.zoom; // CSS px per photo px
+const unit = () => CONFIG.plane.side / Math.max(...state.photo); // world units per photo px
+
 function middle() {
   // The middle of what the photo has of the canvas.
   return [state.size[0] / 2, (state.size[1] - state.covered) / 2];
 }
 
 function photoFromCanvas(x, y) {
-  const k = fitted() * state.zoom;
+  const k = scale();
   const [mx, my] = middle();
   return [
     state.centre[0] * state.photo[0] + (x - mx) / k,
@@ -60,7 +62,7 @@ function photoFromCanvas(x, y) {
 }
 
 function canvasFromPhoto(x, y) {
-  const k = fitted() * state.zoom;
+  const k = scale();
   const [mx, my] = middle();
   return [
     (x - state.centre[0] * state.photo[0]) * k + mx,
@@ -76,24 +78,20 @@ function applyView() {
   if (!w || !h) return;
   state.size = [w, h];
   const camera = viewer.camera;
-  const unit = state.plane.side / Math.max(...state.photo);
-  const seen = (h / fitted()) * unit; // height of the plane that the whole view shows
-  camera.fov = (2 * Math.atan(seen / 2 / state.plane.depth) * 180) / Math.PI;
-  camera.aspect = w / h;
   const k = fitted();
-  const [vw, vh] = [w / state.zoom, h / state.zoom];
-  const seenAt = [
-    w / 2 + (state.centre[0] - 0.5) * state.photo[0] * k,
-    h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k,
-  ];
+  const seen = (h / k) * unit(); // height of the plane that the whole view shows
+  camera.fov = (2 * Math.atan(seen / 2 / CONFIG.plane.depth) * 180) / Math.PI;
+  camera.aspect = w / h;
   const [mx, my] = middle();
-  camera.setViewOffset(w, h, seenAt[0] - mx / state.zoom, seenAt[1] - my / state.zoom, vw, vh);
+  const left = w / 2 + (state.centre[0] - 0.5) * state.photo[0] * k - mx / state.zoom;
+  const top = h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k - my / state.zoom;
+  camera.setViewOffset(w, h, left, top, w / state.zoom, h / state.zoom);
   camera.updateProjectionMatrix();
   sizeHandles();
   drawSheet();
   viewer.requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
-    zoom: state.zoom, centre: state.centre, scale: k * state.zoom, covered: state.covered,
+    zoom: state.zoom, centre: state.centre, scale: scale(), covered: state.covered,
   });
 }
 
@@ -101,8 +99,7 @@ function sizeHandles() {
   // Handles are drawn in screen px: their nodes are scaled to it, whatever the zoom.
   const viewer = vm();
   if (!viewer) return;
-  const unit = state.plane.side / Math.max(...state.photo);
-  const perPixel = unit / (fitted() * state.zoom);
+  const perPixel = unit() / scale();
   let changed = false;
   for (const name in viewer.nodeRefFromName) {
     const node = viewer.nodeRefFromName[name];
@@ -115,23 +112,19 @@ function sizeHandles() {
   if (changed) viewer.requestRender();
 }
 
-function clampView() {
-  state.zoom = Math.min(Math.max(state.zoom, 0.25), 64);
-  state.centre = state.centre.map((v) => Math.min(Math.max(v, -0.5), 1.5));
+// Show a point of the photo at a place of the canvas.
+function showAt(point, x, y) {
+  const k = scale();
+  const [mx, my] = middle();
+  const centre = [point[0] - (x - mx) / k, point[1] - (y - my) / k];
+  state.centre = centre.map((v, i) => Math.min(Math.max(v / state.photo[i], -0.5), 1.5));
+  applyView();
 }
 
 function zoomAt(x, y, factor) {
   const anchor = photoFromCanvas(x, y);
-  state.zoom *= factor;
-  clampView();
-  const k = fitted() * state.zoom;
-  const [mx, my] = middle();
-  state.centre = [
-    (anchor[0] - (x - mx) / k) / state.photo[0],
-    (anchor[1] - (y - my) / k) / state.photo[1],
-  ];
-  clampView();
-  applyView();
+  state.zoom = Math.min(Math.max(state.zoom * factor, 0.25), 64);
+  showAt(anchor, x, y);
 }
 
 function showAll() {
@@ -161,7 +154,7 @@ function at(event) {
   const [x, y] = place(event);
   const [u, v] = photoFromCanvas(x, y);
   return {
-    x: u, y: v, zoom: fitted() * state.zoom,
+    x: u, y: v, zoom: scale(),
     shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
   };
 }
@@ -172,7 +165,7 @@ addEventListener("pointerdown", (event) => {
   if (document.activeElement) document.activeElement.blur();
   const canvas = vm().canvas;
   try { canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
-  state.last = [event.clientX, event.clientY];
+  state.anchor = photoFromCanvas(...place(event));
   if (event.button === 0 && pen.shape) {
     state.pointer = "draw";
     beginStroke(event);
@@ -200,17 +193,7 @@ addEventListener("pointermove", (event) => {
   }
   taken(event);
   if (state.pointer === "draw") { goOn(event); return; }
-  if (state.pointer === "pan") {
-    const k = fitted() * state.zoom;
-    state.centre = [
-      state.centre[0] - (event.clientX - state.last[0]) / k / state.photo[0],
-      state.centre[1] - (event.clientY - state.last[1]) / k / state.photo[1],
-    ];
-    state.last = [event.clientX, event.clientY];
-    clampView();
-    applyView();
-    return;
-  }
+  if (state.pointer === "pan") { showAt(state.anchor, ...place(event)); return; }
   const first = !state.pending;
   state.pending = { kind: "drag", ...at(event) };
   if (first) requestAnimationFrame(flush); // one message a frame
@@ -286,7 +269,7 @@ function sizePen(factor) {
 
 const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
 const apart = (one, other) =>
-  Math.hypot(one[0] - other[0], one[1] - other[1]) * fitted() * state.zoom;
+  Math.hypot(one[0] - other[0], one[1] - other[1]) * scale();
 
 function hover(event) {
   if (!pen.shape) return;
@@ -304,7 +287,7 @@ function beginStroke(event) {
     if (pen.now) pen.now.before = pen.now.points.length;
   } else {
     const half = pen.shape === "scribble" ? SCRIBBLE : pen.radius;
-    const radius = half / (fitted() * state.zoom);
+    const radius = half / scale();
     pen.now = { shape: pen.shape, points: [point], radius, erase: erasing(event), before: 1 };
   }
   drawSheet();
@@ -390,7 +373,7 @@ function drawStroke(ink, stroke) {
   const line = stroke.erase ? "#fff" : "#ff4040";
   if (stroke.shape !== "polygon") {
     ink.strokeStyle = stroke.shape === "scribble" ? line : tint;
-    ink.lineWidth = 2 * stroke.radius * fitted() * state.zoom;
+    ink.lineWidth = 2 * stroke.radius * scale();
     ink.stroke();
     return;
   }
