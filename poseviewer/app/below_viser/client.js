@@ -9,8 +9,14 @@
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
 // Pointer and key events over the photo are taken before viser sees them, so that its own camera
 // controls cannot move.
-// The script comes again after a lost connection: a page loaded anew knows nothing of the old one.
-if (window.poseviewer) { location.reload(); return; }
+// The script comes again after a lost connection: the page is loaded anew, and says what it was
+// sending.
+if (window.poseviewer) {
+  const sending = document.querySelector(".mantine-Notification-root[id^='upload-']");
+  if (sending) window.name = `cut off ${window.poseviewer.sent()}`;
+  location.reload();
+  return;
+}
 const CONFIG = /*CONFIG*/ {};
 const state = {
   photo: [1, 1], // width, height in px
@@ -24,6 +30,7 @@ const state = {
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   hint: "",
   modifiers: "",
+  sent: "", // the name of the set that was sent last
 };
 const vm = () => window.__viserMutable;
 
@@ -483,6 +490,7 @@ function pack(files) {
   const more = files.length > 1 && !folder ? ` and ${files.length - 1} more` : "";
   const set = new File([head, ...files.map(([, file]) => file)], name + more);
   packed.add(set);
+  state.sent = set.name;
   return set;
 }
 
@@ -689,7 +697,7 @@ window.poseviewer = {
   setHint(text) { state.hint = text; showHint(); },
   setPen, forgetStrokes, setStrip, setStripRows,
   canvasFromPhoto, photoFromCanvas,
-  zoomAt, showAll, openStep,
+  zoomAt, showAll, openStep, sent: () => state.sent,
 };
 document.title = CONFIG.title;
 const style = document.createElement("style");
@@ -697,4 +705,8 @@ style.textContent = CONFIG.style;
 document.head.appendChild(style);
 document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
+if (window.name.startsWith("cut off ")) {
+  send({ kind: "cut off", name: window.name.slice(8) });
+  window.name = "";
+}
 watch();

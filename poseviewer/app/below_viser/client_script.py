@@ -5,7 +5,8 @@ which one is open.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
 ``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``), the headers of folders
-(Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open).
+(Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open), and the notice of
+an upload (``upload-...``).
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ def _request_of(report: Report, session: Session) -> Request | None:
         case "unfit":
             size, count = int(content["size"]), int(content["count"])
             return Unfit(report.client, why_unfit(str(content["name"]), size, count))
-        case "unreadable" | "empty" as trouble:
+        case "unreadable" | "empty" | "cut off" as trouble:
             return Unfit(report.client, why_not_sent(str(content["name"]), trouble))
     return None
 

@@ -131,9 +131,10 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
     )
 
 
-def why_not_sent(name: str, trouble: Literal["unreadable", "empty"]) -> str:
-    """Why a page sends nothing of a folder or a file that was dropped on it."""
+def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
+    """Why a page sends nothing, or not all, of a folder or a file that was dropped on it."""
     found = {
+        "cut off": "the upload was cut off; nothing was changed, drop it again",
         "empty": "an empty folder; drop one that holds a photo, a model or a pose",
         "unreadable": "cannot be read any more; is it still there? Drop it again",
     }

@@ -182,6 +182,7 @@ def test_why_a_page_sends_nothing() -> None:
     assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
     assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert why_not_sent("b.ply", "cut off").startswith("b.ply: the upload was cut off; nothing")
     assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
 
 
