@@ -271,34 +271,23 @@ def completed(now: Document, path: Path) -> Opened:
 
 def open_model(now: Document, path: Path) -> Opened:
     """Another model on the photo at hand, seen from a corner."""
-    registration = _without_pose(now.registration.photo, path, now.pose)
-    if now.views is not None:
-        return _model_in_set(now, now.views, registration, path)
-    registration = replace(registration, mask=now.registration.mask)
-    settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
+    own = _without_pose(now.registration.photo, path, now.pose)
+    own, views = replace(own, mask=now.registration.mask), now.views
+    if views is not None:
+        scale = known_scale(views.views, own.mesh) or views.scale
+        kept = tuple(replace(one, marks=Marks(), end=None) for one in now.own_of_photos)
+        views = replace(views, own=kept, scale=scale, poses=(), starts=())
     document = Document(
-        registration,
-        registration.start,
-        settings,
+        own,
+        own.start,
+        FitSettings(region=now.settings.region, seed=now.settings.seed),
         model_path=path,
         number=now.number,
         photo_path=now.photo_path,
         others=now.others,
+        views=views,
     )
-    return Opened(document, registration.warnings)
-
-
-def _model_in_set(now: Document, views: PhotoSet, own: Registration, path: Path) -> Opened:
-    """Another model on the set at hand."""
-    scale = known_scale(views.views, own.mesh) or views.scale
-    kept = tuple(replace(one, marks=Marks(), end=None) for one in now.own_of_photos)
-    views = replace(views, own=kept, scale=scale, poses=(), starts=())
-    own = replace(own, mask=now.registration.mask)
-    settings = FitSettings(region=now.settings.region, seed=now.settings.seed)
-    document = Document(
-        own, own.start, settings, model_path=path, photo_path=now.photo_path, views=views
-    )
-    return Opened(put(document, own.start), own.warnings)
+    return Opened(document if views is None else put(document, own.start), own.warnings)
 
 
 def open_pose(now: Document, path: Path) -> Iterator[Opened]:

@@ -305,7 +305,7 @@ class OverlayWorkers:
             worker.close()
 
     def _find_loss(self, request: OverlayRequest) -> None:
-        """Of what is drawn, apart from the drawing: it takes longer."""
+        """Compute the loss of what is drawn in its own thread: it takes longer."""
         self._loss_asked = True
         draw = self._drawers[1].draw
         self._loss.start(lambda: _last(draw(replace(request, moving=True))))
