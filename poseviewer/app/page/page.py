@@ -37,7 +37,7 @@ from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
-PANEL_PX, MAPS_PX = 280, 400
+PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
 PANELS = StatusPanel, ObjectsPanel, OpenPanel, PlacePanel, FitPanel, JudgePanel
 PANELS_S = 0.1
