@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.workers.opening import Opened
 
 M_MMAP_THRESHOLD, LARGE_BYTES = -3, 262_144
-"""Of ``mallopt(3)``: bytes from which a block is the system's own; half a part of an upload."""
+"""Parameter of ``mallopt(3)``, and its bytes: larger blocks are the system's own."""
 
 
 def serve_app(

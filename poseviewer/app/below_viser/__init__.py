@@ -1,4 +1,4 @@
-"""What reaches below viser and websockets, and nothing else of the app does.
+"""All code that reaches below viser and websockets.
 
 Each file says what it replaces, why, and the version it was written for: viser 1.1.1 (pinned in
 ``pyproject.toml``), websockets 16.1. ``tests/app/below_viser/test_viser_inside.py`` fails when a

@@ -25,7 +25,7 @@ FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
 
 @dataclass(frozen=True, slots=True)
 class PageRequest:
-    """What a request says of itself; each header as often as it was sent."""
+    """Headers of a request, each as often as it was sent."""
 
     target: str
     """Path and query."""
@@ -63,7 +63,7 @@ class AccessPolicy:
         return f"poseviewer_{self.port}"
 
     def refusal(self, asked: PageRequest) -> str | None:
-        """Why a request is refused, in one sentence, or None where it may pass."""
+        """Say in one sentence why a request is refused; None where it may pass."""
         return (
             self._wrong_host(asked)
             or self._wrong_origin(asked)

@@ -92,7 +92,7 @@ def _run_on(client: viser.ClientHandle, source: str) -> None:
 
 
 def _parsed(text: object) -> Report | None:
-    """What a page reported; None for what is no report (any page of ours may send anything)."""
+    """Parse a report; None for what is none (a page may send anything)."""
     try:
         report = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):

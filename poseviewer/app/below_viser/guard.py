@@ -48,8 +48,8 @@ _log = logging.getLogger(__name__)
 
 
 def _in_a_line(record: logging.LogRecord) -> bool:
-    """Nothing of a connection that was closed before its first line; of one that sent what viser
-    cannot read, a line in place of a traceback.
+    """Drop the record of a connection closed before its first line; shorten that of an unreadable
+    message to a line.
     """
     if record.msg == "connection handler failed" and record.exc_info:
         record.msg = f"a page sent what is no message, and was cut off ({_found(record)})"

@@ -46,7 +46,7 @@ def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> None:
 
 
 def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
-    """What was uploaded last, which the button would keep in memory until the next upload."""
+    """Take the last upload, which the button would keep in memory until the next one."""
     file = handle.value
     handle._impl.value = viser.UploadedFile("", b"")
     return file
@@ -83,7 +83,7 @@ class _Bounds:
         self._gui._handle_file_transfer_part(client, message)
 
     def _problem(self, message: _messages.FileTransferStartUpload) -> str:
-        """Why an upload is not taken; "" where it is."""
+        """Say why an upload is not taken; "" where it is."""
         name, size, parts = display_name(message.filename), message.size_bytes, message.part_count
         if not 0 <= parts <= 1 + size // SMALLEST_PART:
             return f"{name}: announced as {size} bytes in {parts} parts; try again."
@@ -102,7 +102,7 @@ class _Bounds:
         self._refuse(client, problem)
 
     def _tell(self, message: _messages.Message) -> None:
-        """What viser has for all pages; of an upload its own page alone is told."""
+        """Send a message of viser to all pages; that of an upload to its own page alone."""
         if not isinstance(message, _messages.FileTransferPartAck):
             self._tell_all(message)
         elif message.transfer_uuid in self._running:

@@ -18,7 +18,7 @@ from viser import _messages
 from viser.infra import ClientId
 
 LARGEST_WHOLE = 2.0**53
-"""Of whole numbers: what a page's script counts exactly."""
+"""Largest whole number that a page's script counts exactly."""
 
 
 def check_values(server: viser.ViserServer) -> None:

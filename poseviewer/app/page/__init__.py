@@ -1,1 +1,1 @@
-"""What a person sees: panels, the scene over the photo, maps."""
+"""Panels, the scene over the photo, and maps: all that a person sees."""

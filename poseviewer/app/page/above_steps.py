@@ -1,6 +1,4 @@
-"""Above the steps: what is still made ready, the bar of the loss, the list of the photo's objects,
-and what makes them more.
-"""
+"""Panels above the steps: preparation, bar of the loss, list of objects; and further objects."""
 
 from __future__ import annotations
 
@@ -53,7 +51,7 @@ class ObjectsPanel:
 
 
 class MoreObjects:
-    """In the step "Open": a further object, and the picked one's name."""
+    """Controls in the step "Open": a further object, and the name of the picked one."""
 
     def __init__(self, controls: Controls) -> None:
         self._number = 1

@@ -65,7 +65,7 @@ def ends_table(ends: Sequence[MethodEnd]) -> str:
 
 
 def apart_text(ends: Sequence[MethodEnd]) -> str:
-    """How far the first two ends are from each other, in a sentence."""
+    """Say in a sentence how far the first two ends are from each other."""
     one, other = ends[:2]
     apart = pose_error(
         one.update.case.registration.mesh, other.update.progress.pose, one.update.progress.pose

@@ -27,7 +27,7 @@ SEARCH_STEP = STEPS[2]
 
 
 MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
-"""What markdown takes for more than a letter; pictures among it, whose files viser would read."""
+"""Characters that mean more in markdown; a picture there would make viser read its file."""
 
 
 def plain(text: str) -> str:

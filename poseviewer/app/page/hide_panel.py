@@ -1,4 +1,4 @@
-"""In the step "Fit": what does not count, painted over on the photo or taken off the model."""
+"""Tools in the step "Fit" that hide parts of the photo and leave out parts of the model."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class HidePanel:
 
 
 def hidden_text(session: Session) -> str:
-    """How much of the photo is hidden (markdown); "" where nothing is."""
+    """Say how much of the photo is hidden (markdown); "" where nothing is."""
     mask, found = session.document.registration.mask, h.found_hidden(session)
     lines = []
     if mask is not None:

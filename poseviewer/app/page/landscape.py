@@ -58,7 +58,7 @@ _CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Markers:
-    """What is drawn on the maps, in the space of the chart's d parameters."""
+    """Marks on the maps, in the space of the chart's d parameters."""
 
     pose: FloatArray
     """(d,): the current pose."""
@@ -72,7 +72,7 @@ class Markers:
 
 @dataclass(frozen=True, slots=True)
 class GridOptions:
-    """How the maps are shown."""
+    """Options of the grid of maps."""
 
     parameters: tuple[int, ...] | None = None
     """Indices of the parameters whose pairs have a place, ascending; None for all."""
@@ -81,13 +81,13 @@ class GridOptions:
     dimmed: bool = False
     """The maps are about an older pose, while new ones are computed."""
     half_width: float = 0.2
-    """How far the maps reach from their centre, as a share of each parameter's scale."""
+    """Reach of the maps from their centre, as a share of each parameter's scale."""
     what: str = "loss"
-    """What the values are called."""
+    """Name of the values."""
     whose: str = ""
     """Whose loss it is; "" says nothing."""
     error: float | None = None
-    """How good the values are, as ``Slice.error``; None says nothing."""
+    """Error of the values, as ``Slice.error``; None says nothing."""
     large: Pair | None = None
     """The pair whose map is shown large as well."""
 

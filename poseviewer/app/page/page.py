@@ -53,7 +53,7 @@ PAGE_CONFIG = {
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
-"""What the client's script is told."""
+"""Settings of the client's script."""
 
 
 class Page:
@@ -170,7 +170,7 @@ class Page:
         self._script.forget_strokes()
 
     def maps_note(self, text: str) -> None:
-        """Why there are no maps."""
+        """Say why there are no maps."""
         self._landscape.note(text)
 
     def send(self, exported: Exported) -> None:

@@ -38,7 +38,7 @@ from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
 
 MOST_PARAMETERS = 7
-"""Of all charts: as many fields are made, and those that the chart does not need are hidden."""
+"""Most parameters of any chart; fields that a chart does not need are hidden."""
 SHOWN_DIGITS = 5
 """Decimals of a parameter's field."""
 CURVE_POINTS = 300
@@ -75,7 +75,7 @@ MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nb
 
 
 class StatusPanel:
-    """Above the steps, whichever is open: the loss at the pose, or how the search stands."""
+    """Text above the steps: the loss at the pose, or how the search stands."""
 
     def __init__(self, controls: Controls) -> None:
         self._text = controls.gui.add_markdown("")
@@ -471,7 +471,7 @@ def within(handle: Any, value: Any) -> Any:
 
 
 def reflectance_text(mesh: Mesh) -> str:
-    """Where a model's colours come from: a grey one may miss files."""
+    """Say where a model's colours come from: a grey model may miss files."""
     if mesh.textures:
         return f"{len(mesh.textures)} texture{'s' if len(mesh.textures) > 1 else ''}"
     return "coloured" if mesh.has_reflectance else "no colours"
@@ -508,7 +508,7 @@ def hint_of(session: Session) -> str:
 
 
 def marks_text(session: Session) -> str:
-    """What is marked, and how well the pose shows it (markdown)."""
+    """Say what is marked, and how well the pose shows it (markdown)."""
     document = session.document
     marks = document.marks
     fewest = fewest_pairs(document.pose.camera)
@@ -528,7 +528,7 @@ def marks_text(session: Session) -> str:
 
 
 def proposals_text(session: Session) -> str:
-    """How far the proposals are (markdown)."""
+    """Say how far the proposals are (markdown)."""
     asked = session.proposals
     if asked is not None and asked.running and session.preparation is not None:
         return "Waiting to begin."
@@ -562,14 +562,14 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def focal_note(session: Session) -> str:
-    """What is to be known of a focal length that is a guess (markdown); "" where it is none."""
+    """Warn of a focal length that is a guess (markdown); "" where it is none."""
     document = session.document
     note = document.registration.photo.focal_note(document.pose.camera)
     return note and f"⚠ {note}"
 
 
 def search_text(session: Session) -> str:
-    """How the search stands and the verdict's word, or the loss at the pose (markdown)."""
+    """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
     search, overlay = session.search, session.overlay
     if session.preparation is not None:
         if session.preparation.trouble:
@@ -622,7 +622,7 @@ def verdict_text(session: Session) -> str:
 
 
 def sure_text(session: Session) -> str:
-    """How sure the pose is (markdown), a paragraph; "" where that is not known."""
+    """Say in a paragraph how sure the pose is (markdown); "" where that is not known."""
     sure = session.covariance
     if sure is None:
         return ""

@@ -1,4 +1,4 @@
-"""What mouse and keys do: from a report of the page's script to the request it stands for."""
+"""Requests that mouse and keys stand for, from the reports of the page's script."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ REVIEW: Mapping[str, Request] = {
     "KeyA": Decide("accepted"),
     "KeyX": Decide("rejected"),
 }
-"""In a review."""
+"""Keys of a review."""
 PLAIN: Mapping[str, Request] = {
     "KeyY": c.Redo(),
     "KeyR": c.ResetToStart(),
@@ -74,13 +74,13 @@ OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "lock": lambda number: o.AlterObject(number, locked=True),
     "unlock": lambda number: o.AlterObject(number, locked=False),
 }
-"""What is wanted of an object in the list."""
+"""Wishes about an object in the list."""
 PHOTOS: Mapping[str, Callable[[int], Request]] = {
     "look": LookAt,
     "compare": lambda index: ComparePhoto(index, True),
     "leave": lambda index: ComparePhoto(index, False),
 }
-"""What is wanted of a photo in the strip."""
+"""Wishes about a photo in the strip."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", "Digit0", "Digit1", *REVIEW]

@@ -35,23 +35,23 @@ PICTURE, TINT, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9973, 0.9971
 HALO, OUTLINE, HANDLES = 0.997, 0.996, 0.995
 """Depths of what lies over the photo, in shares of the photo's."""
 MARKS, MARK_LINES = 0.994, 0.9945
-"""And of a quick start's marks: nearer than all else that is drawn."""
+"""Depths of a quick start's marks: nearer than all else that is drawn."""
 PIN_COLOURS = ((255, 176, 59), (120, 230, 110), (255, 110, 200))
 PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
     ("rear wheel", "bottom-left"),
     ("front wheel", "bottom-left"),
     ("axle", "top-left"),
 )
-"""And where they lie: the axle's tip may be close to the rear wheel."""
+"""Text of each pin's label and where it lies: the axle's tip may be close to the rear wheel."""
 LINK_COLOUR = (230, 230, 230)
 REGION_COLOUR = (255, 226, 120)
 BOX_COLOUR = (150, 255, 160)
 MARK_COLOUR, MODEL_MARK_COLOUR = (255, 226, 70), (255, 120, 220)
-"""Of a mark on the photo, and of the model's point that belongs to it."""
+"""RGB of a mark on the photo, and of the model's point that belongs to it."""
 HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
-"""Of a tint over what was painted, and over what a search took for something in front."""
+"""RGB of the tint over what was painted, and over what a search took for an occluder."""
 HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
-"""Of these tints."""
+"""Opacities of these tints."""
 LARGEST_TINT = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
 _NO_LINES = np.zeros((1, 2, 3))

@@ -19,9 +19,9 @@ from poseviewer.geometry.view_set import View
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""
 UNITS = 1000
-"""Of the drawing over it, along each side."""
+"""Units of the outline over a small picture, along each side."""
 QUALITY = 80
-"""Of the JPEG."""
+"""JPEG quality of the small pictures."""
 
 
 class PhotoStrip:
@@ -76,7 +76,7 @@ def outline_path(lines: FloatArray) -> str:
 
 
 def said_of(session: Session, views: PhotoSet, index: int) -> str:
-    """What a photo leaves unexplained at the pose at hand, or why that is not known."""
+    """Say what a photo leaves unexplained at the pose at hand, or why that is not known."""
     if not views.compared[index]:
         return "not compared"
     overlay = session.overlay

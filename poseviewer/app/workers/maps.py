@@ -31,7 +31,7 @@ class MapJob:
     """Maps about a pose, by one loss or several."""
 
     document: Document
-    """What is at hand: its pose is the maps' centre."""
+    """Document at hand: its pose is the maps' centre."""
     anchor: Pose
     """The pose that the compared pixels and the chart are about."""
     case: Case | None

@@ -193,7 +193,7 @@ def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
 
 
 def by_method(opened: Opened, method: Method) -> Opened:
-    """The same to be searched by a method."""
+    """Set the method of the search."""
     document = opened.document
     settings = document.settings.of_method(method)
     return replace(opened, document=replace(document, settings=settings))

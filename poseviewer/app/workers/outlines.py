@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.renderer import SoftwareRenderer
 
 MOST_SAMPLES = 400_000
-"""Of the picture in which it is found what hides what."""
+"""Most samples of the picture that tells which object hides which."""
 DRAWN_PX = 320
 """Pixels of the longer side of the picture that an outline in a set's photo is found on: twice a
 thumbnail's."""
@@ -43,7 +43,7 @@ class OutlineWorker(Generic[Command]):
         self._renderers: dict[Mesh, SoftwareRenderer] = {}
 
     def take(self) -> Iterator[Command]:
-        """What is new since the last time."""
+        """Give what is new since the last call."""
         update = self._worker.take()
         if update is not None and update.item is not None:
             yield update.item
@@ -63,7 +63,7 @@ class OutlineWorker(Generic[Command]):
         self._worker.start(lambda: (draw() for _ in range(1)))
 
     def _renderers_of(self, meshes: set[Mesh]) -> dict[Mesh, SoftwareRenderer]:
-        """Of this thread's own; kept from one drawing to the next."""
+        """Renderers of this thread, kept from one drawing to the next."""
         kept = {mesh: made for mesh, made in self._renderers.items() if mesh in meshes}
         new = {mesh: renderer_of(mesh).clone() for mesh in meshes - kept.keys()}
         self._renderers = kept | new

@@ -193,8 +193,8 @@ class OverlayDrawer:
         return self._overlay(request, None, picture, place)
 
     def _depth_of(self, others: tuple[PlacedModel, ...], factor: float) -> DepthImage:
-        """Of what is nearest, where the photo is drawn ``factor`` as large; kept while the others
-        stay as they are.
+        """Depth of the nearest object in a photo drawn ``factor`` as large; kept while the others
+        stay.
         """
         if self._others != (others, factor):
             placed = [PlacedModel(one.mesh, one.pose.scaled(factor)) for one in others]
@@ -204,7 +204,7 @@ class OverlayDrawer:
 
 
 class SketchDrawer:
-    """In place of the others as long as a model has no renderer: its outline, nothing else."""
+    """Sketches the outline alone, as long as a model has no renderer."""
 
     def __init__(self) -> None:
         self._of: Mesh | None = None
@@ -288,7 +288,7 @@ class OverlayWorkers:
     def take(
         self, session: Session, show_error: Callable[[str], None]
     ) -> Iterator[OverlayDrawn | LossComputed]:
-        """What is new since the last time, of the photo and the model at hand."""
+        """Give what is new since the last call, of the photo and the model at hand."""
         for worker in (self._quick, self._fine, self._loss):
             update = worker.take()
             if update is None:
