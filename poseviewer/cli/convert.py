@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from poseviewer.files.pose import PoseRecord
 
 SCENE = "scene"
-"""A scene file of several objects: it is read from BOP, and written as BOP, as any of ``OF_SCENES``
-or, one object of it, as any other format.
-"""
+"""A scene file: read from BOP; written as BOP, any of ``OF_SCENES`` or, an object of it, all."""
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
 

@@ -139,7 +139,9 @@ def _print_pose(path: Path) -> None:
     if record.undistortion is not None:
         model = record.undistortion.lens.model
         distortion = f"{model}, undone: the camera is that of the undistorted photo"
-    frame, sure = set_frame(record), record.covariance
+    frame, sure, unexplained = set_frame(record), record.covariance, "not said"
+    if record.unexplained is not None:
+        unexplained = f"{record.unexplained:.3f} (0: all explained, 1: nothing)"
     _print(
         pose=path.name,
         photo=photo,
@@ -149,7 +151,7 @@ def _print_pose(path: Path) -> None:
         distortion=distortion,
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
-        unexplained=_number(record.unexplained, "{:.3f} (0: all explained, 1: nothing)"),
+        unexplained=unexplained,
         verdict="not said" if record.verdict is None else record.verdict.word,
         sure=() if sure is None else sure.words(record.model and record.model.unit),
         mask=record.mask or (),
@@ -158,10 +160,6 @@ def _print_pose(path: Path) -> None:
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )
-
-
-def _number(value: float | None, form: str) -> str:
-    return "not said" if value is None else form.format(value)
 
 
 def _vector(values: Iterable[float]) -> str:

@@ -241,11 +241,13 @@ def save_bop_images(
 
 
 def _save_scene(folder: Path, cameras: SceneFile, poses: SceneFile) -> tuple[Path, Path]:
-    """Write a scene's two files; where they are."""
+    """Write a scene's two files, an image a line, in order, as the toolkit does; their paths."""
     make_folder(folder)
     paths = folder / CAMERAS, folder / POSES
     for path, content in zip(paths, (cameras, poses), strict=True):
-        write_whole(path, scene_text(content), PoseFileError)
+        images = sorted(content, key=lambda name: (len(name), name))
+        lines = (f"  {json.dumps(image)}: {json.dumps(content[image])}" for image in images)
+        write_whole(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode(), PoseFileError)
     return paths
 
 
@@ -260,15 +262,6 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     """Whether two cameras are one, up to the rounding of files."""
     numbers = [[c.fx, c.fy, c.cx, c.cy] for c in (one, other)]
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
-
-
-def scene_text(content: SceneFile) -> bytes:
-    """A scene's file: one image a line, in order, as the toolkit writes it."""
-    lines = (
-        f"  {json.dumps(image)}: {json.dumps(content[image])}"
-        for image in sorted(content, key=lambda name: (len(name), name))
-    )
-    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
 
 def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:

@@ -29,13 +29,8 @@ from poseviewer.files.mesh.parts import (
 KINDS = ("v", "vt", "vn", "f")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Material:
-    """What a material of an MTL file says about reflectance."""
-
-    diffuse: NDArray | None = None
-    """(3,) RGB in [0, 1]."""
-    texture: NDArray[np.uint8] | None = None
+Material = tuple[NDArray | None, NDArray[np.uint8] | None]
+"""An MTL file's diffuse RGB (3,) in [0, 1], and texture."""
 
 
 @dataclass
@@ -76,7 +71,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     for (name, material), own in zip(keys, of_part, strict=True):
         used = corners[triangles[own]]
         if len(used):
-            found = materials.get(material, Material())
+            found = materials.get(material, (None, None))
             parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
     return parts or no_faces(vertices), notes
 
@@ -227,7 +222,8 @@ def _as_part(
     material: Material,
 ) -> Part:
     """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
-    texture = material.texture if np.all(used[:, :, 1] >= 0) and len(uvs) else None
+    diffuse, texture = material
+    texture = texture if np.all(used[:, :, 1] >= 0) and len(uvs) else None
     has_normals = bool(np.all(used[:, :, 2] >= 0)) and len(normals) > 0
     flat = used.reshape(-1, 3)
     columns = [0, *([1] if texture is not None else []), *([2] if has_normals else [])]
@@ -237,7 +233,7 @@ def _as_part(
         key += flat[:, column]
     _, first, faces = np.unique(key, return_index=True, return_inverse=True)
     v, vt, vn = flat[first].T
-    tint = material.diffuse if texture is None else None
+    tint = diffuse if texture is None else None
     return Part(
         name,
         vertices[v],
@@ -280,7 +276,7 @@ def _parse_mtl(path: Path, notes: list[str]) -> dict[str, Material]:
         elif word == "map_kd":
             files[name] = without_options(rest)
     textures = load_textures(path.parent, files.values(), notes)
-    return {n: Material(colour, textures.get(files.get(n, ""))) for n, colour in colours.items()}
+    return {n: (colour, textures.get(files.get(n, ""))) for n, colour in colours.items()}
 
 
 def _diffuse(text: str) -> NDArray | None:
