@@ -19,7 +19,7 @@ from poseviewer.geometry.camera import Perspective, Pose, level_pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
+from poseviewer.render.texture import TexturePyramid, doubled_areas, flatten_textures, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
 
 ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
@@ -123,7 +123,7 @@ class OpenGLRenderer:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
         self.two_sided = two_sided
-        self._textures = TexturePyramid.from_textures(mesh.textures)
+        self._textures = TexturePyramid(*flatten_textures(mesh.textures))
         self._texel_areas = self._textures.texel_areas(mesh)
         # Texture coordinates are read back only where they are needed.
         self._targets = 3 if mesh.textures else 2

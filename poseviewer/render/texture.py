@@ -96,11 +96,6 @@ class TexturePyramid:
     table: NDArray[np.int64]
     """(T, L, 3), from ``flatten_textures``."""
 
-    @classmethod
-    def from_textures(cls, textures: Sequence[NDArray[np.uint8]]) -> TexturePyramid:
-        """From pictures (h, w, 3), RGB."""
-        return cls(*flatten_textures(textures))
-
     def texel_areas(self, mesh: Mesh) -> FloatArray:
         """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""
         areas = np.zeros(len(mesh.faces))

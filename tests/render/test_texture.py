@@ -43,7 +43,7 @@ def test_large_textures_are_reduced_first():
 
 def test_texel_centres_give_the_texel_with_v_upwards():
     (texture,) = make_textures((6, 4))
-    pyramid = TexturePyramid.from_textures([texture])
+    pyramid = TexturePyramid(*flatten_textures([texture]))
     rows, columns = np.mgrid[:4, :6]
     uv = np.stack([(columns + 0.5) / 6, 1.0 - (rows + 0.5) / 4], axis=-1).reshape(-1, 2)
     zero = np.zeros(24, int)
@@ -56,7 +56,7 @@ def test_between_texels_is_bilinear_also_across_the_border():
     texture = np.zeros((1, 4, 3), np.uint8)
     texture[0, 0] = 100
     texture[0, 3] = 200
-    pyramid = TexturePyramid.from_textures([texture])
+    pyramid = TexturePyramid(*flatten_textures([texture]))
     value = pyramid.sample([0, 0], [0, 0], [[0.0, 0.3], [0.25, 0.7]])
     assert value[:, 0] * 255 == pytest.approx([150.0, 50.0], abs=1e-4)
 
@@ -82,5 +82,5 @@ def test_texel_areas_count_texels():
         face_texture=[0],
         textures=tuple(make_textures((8, 16))),
     )
-    areas = TexturePyramid.from_textures(mesh.textures).texel_areas(mesh)
+    areas = TexturePyramid(*flatten_textures(mesh.textures)).texel_areas(mesh)
     assert areas == pytest.approx([4 * 16])

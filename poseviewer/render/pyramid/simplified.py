@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, weld
-from poseviewer.render.texture import TexturePyramid, mip_levels
+from poseviewer.render.texture import TexturePyramid, flatten_textures, mip_levels
 
 FEWEST = 200
 """Triangles that a reduced model has at least."""
@@ -134,7 +134,7 @@ def _blend(shares: FloatArray, corners: NDArray) -> FloatArray:
 
 def _textures(mesh: Mesh, new_faces: FloatArray, faces: NDArray, uv: FloatArray) -> FloatArray:
     """RGB (N, 3) at ``uv`` (N, 2), averaged over two texels along the side of a new face."""
-    pyramid = TexturePyramid.from_textures(mesh.textures)
+    pyramid = TexturePyramid(*flatten_textures(mesh.textures))
     levels = mip_levels(pyramid.texel_areas(mesh), 4.0 * new_faces, pyramid.table.shape[1])
     return pyramid.sample(mesh.face_texture[faces], levels[faces], uv)
 
