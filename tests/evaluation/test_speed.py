@@ -49,6 +49,7 @@ def test_a_report_has_each_path_both_methods_and_the_maps(report):
         assert words in text, words
 
 
+@pytest.mark.slow
 def test_a_gpu_is_timed(work, monkeypatch):
     require_gpu(monkeypatch)
     assert [row.path for row in time_paths(work, "f", 1)] == ["f"]

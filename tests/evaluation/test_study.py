@@ -54,7 +54,9 @@ def test_there_is_a_row_for_every_trial_and_a_report(study):
 
 
 @pytest.mark.slow
-def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(model, study, tmp_path):
+def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
+    model, study, tmp_path, capsys
+):
     for name in ("trials.csv", "study.json"):
         shutil.copy(study / name, tmp_path)
     first, rest = (tmp_path / "trials.csv").read_bytes().splitlines(keepends=True)[:2], b"default,"
@@ -69,6 +71,8 @@ def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(model, 
     assert known(rows_of(tmp_path)) == known(rows_of(study)[:4])
     before = (tmp_path / "trials.csv").read_bytes()
     assert run(model, tmp_path) == 0
+    assert run(model, tmp_path, "--size", "96x60") == 2
+    assert "another study" in capsys.readouterr().err
     assert (tmp_path / "trials.csv").read_bytes() == before
 
 
@@ -86,7 +90,6 @@ def test_real_backgrounds_and_photos_of_cars(tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--size", "96x60"], "another study"),
         (["--kinds", "plain,snow"], "snow"),
         (["--readings", "both"], "both"),
         (["--deviations", "1,150"], "150"),
@@ -98,10 +101,9 @@ def test_real_backgrounds_and_photos_of_cars(tmp_path):
         (["--method", "paper", "--pixels", "near"], "--pixels"),
     ],
 )
-def test_what_cannot_work_is_said_in_a_line(model, study, capsys, more, said):
-    before = (study / "trials.csv").read_bytes()
-    assert run(model, study, *more) == 2
+def test_what_cannot_work_is_said_in_a_line(model, tmp_path, capsys, more, said):
+    assert run(model, tmp_path, *more) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert said in message
-    assert (study / "trials.csv").read_bytes() == before
+    assert not (tmp_path / "trials.csv").exists()

@@ -50,7 +50,7 @@ def test_outline_of_a_sphere_is_its_circle(centre):
     scale = 80.0
     camera = Parallel(scale, centre[0], centre[1], SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
-    drawn = cyan(draw_look("outline", make_view(make_sphere(6), pose)))
+    drawn = cyan(draw_look("outline", make_view(make_sphere(5), pose)))
     rows, columns = np.nonzero(drawn > 0.5)
     radii = np.hypot(columns + 0.5 - centre[0], rows + 0.5 - centre[1])
     assert np.abs(radii - scale).max() < 1.3
@@ -85,7 +85,7 @@ def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
 
 def test_smooth_surfaces_have_no_feature_edges():
     pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
-    mesh = make_sphere(6)
+    mesh = make_sphere(5)
     lines = find_lines(mesh, SoftwareRenderer(mesh), pose, 1.0)
     assert lines is not None
     assert lines.edges(1.0).max() == 0.0
@@ -94,7 +94,7 @@ def test_smooth_surfaces_have_no_feature_edges():
 
 @pytest.mark.slow
 def test_parts_and_materials_have_borders():
-    mesh = make_sphere(6)
+    mesh = make_sphere(5)
     half = (mesh.vertices[mesh.faces].mean(axis=1)[:, 1] > 0).astype(np.int32)
     pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
     parted = replace(mesh, face_part=half, part_names=("", "upper"))
@@ -114,7 +114,7 @@ def test_parts_and_materials_have_borders():
 
 
 def test_a_ball_before_a_ball_has_an_outline_of_its_own():
-    ball = make_sphere(6)
+    ball = make_sphere(4)
     small = ball.vertices * 0.4 - [0.0, 0.0, 2.0]
     mesh = make_mesh(
         np.concatenate([ball.vertices, small]),
