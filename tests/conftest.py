@@ -19,7 +19,8 @@ from tests.scene import Scene, make_scene
 settings.register_profile("seeded", derandomize=True, deadline=None)
 settings.load_profile("seeded")
 
-# Workers inherit this: BLAS threads of several processes on the same cores only wait for each other.
+# Workers inherit this: BLAS threads of several processes on the same cores only hinder
+# each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 REPOSITORY = Path(__file__).resolve().parent.parent

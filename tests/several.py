@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -58,6 +59,7 @@ STARTS = tuple(
 )
 
 
+@cache
 def make_photo() -> Photo:
     """All three, lit, on a dark ground; smoothed and noisy."""
     large = [replace(one, pose=one.pose.scaled(3.0)) for one in TRUTH]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ TRUTH = tuple(Pose(CAMERA, place @ SET_FROM_MODEL) for place in CAMERAS_FROM_SET
 START = FreeBodyChart.near(MESH, TRUTH[0]).to_pose(OFF)
 
 
+@cache
 def make_pixels(index: int, light: tuple[float, float, float]) -> NDArray[np.uint8]:
     """A photo of the shape on a dark ground with a blob beside it; smoothed and noisy."""
     pose = TRUTH[index].scaled(3.0)

@@ -119,16 +119,6 @@ def test_a_folder_and_a_zip_are_their_files(page: AppPage, tmp_path: Path):
     back_to_the_scene(page)
 
 
-def test_files_chosen_together_are_a_set(page: AppPage, tmp_path: Path):
-    files = written(tmp_path / "quad", write_obj)
-    with page.page.expect_file_chooser() as chooser:
-        page.page.get_by_role("button", name="Model ...", exact=True).click()
-    assert chooser.value.is_multiple()
-    chooser.value.set_files([str(path) for path in files])
-    assert_textured(page, "quad.obj")
-    back_to_the_scene(page)
-
-
 def test_what_is_missed_may_be_dropped_later_and_the_pose_stays(page: AppPage, tmp_path: Path):
     files = written(tmp_path / "quad", write_obj)
     mtl, obj, wood = files
@@ -146,20 +136,6 @@ def test_what_is_missed_may_be_dropped_later_and_the_pose_stays(page: AppPage, t
     assert moved.any()
     page.page.keyboard.press("z")
     page.page.keyboard.press("z")
-    back_to_the_scene(page)
-
-
-def test_what_fits_nothing_is_named_and_nothing_is_guessed(page: AppPage, tmp_path: Path):
-    written(tmp_path / "quad", write_obj)
-    Image.new("RGB", (90, 60), (90, 90, 90)).save(tmp_path / "quad" / "street.png")
-    (tmp_path / "quad" / "notes.txt").write_text("of a quad")
-    page.drop_files([tmp_path / "quad"])
-    page.wait_for_text("Not used: notes.txt, street.png. A picture alone is opened as the photo.")
-    keep_picture(page, "not_used")
-    assert_textured(page, "quad.obj")
-    back_to_the_scene(page)
-    page.drop_files([tmp_path / "quad" / "street.png"])
-    page.wait_for_text("90 x 60 px")
     back_to_the_scene(page)
 
 

@@ -10,10 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from poseviewer.batch.results import (
@@ -25,10 +23,9 @@ from poseviewer.batch.table import load_jobs
 from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.transform import RigidTransform
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.view_sets import write_views
 
@@ -63,29 +60,6 @@ def read_results(out: Path) -> list[dict[str, str]]:
 def kept(out: Path) -> dict[str, bytes]:
     """What each finished row left; the seconds in it differ from fit to fit."""
     return {path.name: path.read_bytes() for path in (out / "rows").glob("[!.]*.json")}
-
-
-@pytest.mark.usefixtures("one_process")
-def test_an_estimate_that_is_kept_is_told_of(scene, tmp_path):
-    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
-    beside = load_pose(scene.start, 160, 120).pose
-    place = beside.camera_from_model
-    turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
-    beside = replace(beside, camera_from_model=place @ turn)
-    save_pose(tmp_path / "beside.json", PoseRecord(beside))
-    table.write_text(table.read_text().replace(str(scene.start), "beside.json"))
-    assert run("batch", table, "--out", out, *QUICK, "--keep-start", "--quiet") == 0
-    (row,) = read_results(out)
-    assert row["status"].startswith("Kept the start")
-    assert row["reasons"].startswith("The start was kept: the search ended ")
-    assert row["unexplained"] == row["start_unexplained"]
-    record = load_pose(out / row["pose"], 160, 120)
-    np.testing.assert_allclose(
-        record.pose.camera_from_model.rotation, beside.camera_from_model.rotation, atol=1e-9
-    )
-    assert record.verdict is not None
-    assert record.verdict.reasons[0] == row["reasons"].split("\n")[0]
-    assert "Kept the start" in (out / "report.html").read_text()
 
 
 def wait_until(true, seconds: float = 120.0) -> None:

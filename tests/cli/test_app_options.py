@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from poseviewer.app.workers.opening import Opened
 from poseviewer.cli.main import main
@@ -72,16 +71,6 @@ def test_a_folder_with_a_set_of_photos_opens_it(tmp_path: Path, served: list[Ope
     assert served[0].document.settings.method == "paper"
     model.unlink()
     assert main(["app", str(tmp_path)]) == 2
-
-
-def test_a_folder_of_two_photos_opens_nothing(
-    scene: Scene, served: list[Opened], capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = scene.photo.parent
-    Image.new("RGB", (30, 20)).save(folder / "q.png")
-    assert main(["app", str(folder)]) == 2
-    assert "2 photos: p.png, q.png; wanted one" in capsys.readouterr().err
-    assert not served
 
 
 def test_a_folder_without_a_model_takes_one_by_name(

@@ -41,20 +41,6 @@ def test_there_and_back(pose, tmp_path, capsys):
     assert found.tolist() == pytest.approx([0.15, -0.1, 6.0], abs=1e-12)
 
 
-def test_from_one_tool_to_another(pose, tmp_path):
-    assert run("convert", pose, "--to", "bop", tmp_path / "scene") == 0
-    assert run("convert", tmp_path / "scene", "--from", "bop", "--photo-size", "200x150",
-               "--to", "opencv", tmp_path / "cv.yml") == 0  # fmt: skip
-    assert "camera_matrix" in (tmp_path / "cv.yml").read_text()
-
-
-@pytest.mark.parametrize("name", ["gltf out.glb", "meshlab out.mlp"])
-def test_photo_and_model_are_found_beside_the_pose(pose, tmp_path, capsys, name):
-    kind, out = name.split()
-    assert run("convert", pose, "--to", kind, tmp_path / out) == 0
-    assert "note" not in capsys.readouterr().out
-
-
 def test_a_photo_that_is_stored_turned_is_told(pose, tmp_path, capsys):
     """poseviewer shows photos upright, by EXIF; other tools show what is stored."""
     exif = Image.Exif()

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.cli import info
 from poseviewer.cli import main as cli
 from tests.scene import Scene
 
@@ -159,24 +158,6 @@ def test_half_a_character_in_a_pose_file_does_no_harm(scene: Scene, tmp_path: Pa
                "--evaluations", 40) == 0  # fmt: skip
     printed = capsys.readouterr()
     assert all(line.isprintable() for line in (printed.out + printed.err).splitlines())
-
-
-@pytest.mark.parametrize(
-    ("error", "code", "words"),
-    [
-        (RuntimeError("boom " * 1000), 1, "Something went wrong inside (RuntimeError: boom"),
-        (OSError(28, "No space left on device", "out.json"), 2, "out.json: No space left"),
-        (MemoryError(), 2, "not enough memory"),
-    ],
-)
-def test_what_nobody_foresaw_is_a_sentence_too(error, code, words, capsys, monkeypatch) -> None:
-    def fails(_: object) -> int:
-        raise error
-
-    monkeypatch.setattr(info, "run", fails)
-    assert run("info", "p.png") == code
-    line = one_line(capsys.readouterr().err)
-    assert words in line
 
 
 def test_the_log_says_where_it_happened() -> None:

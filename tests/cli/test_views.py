@@ -25,8 +25,6 @@ from tests.view_sets import (
     START,
     TRUTH,
     make_views,
-    write_bop,
-    write_colmap,
     write_views,
 )
 
@@ -113,23 +111,6 @@ def test_a_set_is_drawn_and_mapped(files):
     assert (folder / "maps" / "landscape.png").is_file()
     case = poseviewer.load_views(views, model, start)
     assert case.start.whole.loss == pytest.approx(case.start.loss, rel=1e-9)
-
-
-@pytest.mark.parametrize("form", ["COLMAP", "BOP by an object"])
-def test_a_set_of_another_tool_is_taken(files, form):
-    _, model, start = files
-    folder, more = Path(start).parent, []
-    if form == "COLMAP":
-        views = write_colmap(folder / "sparse" / "0")
-    else:
-        views = write_bop(folder, with_world=False)
-        more = ["--view", "000000.png", "--rig-object", "5"]
-    out = folder / "pose.json"
-    command = ["fit", "--views", str(views), model, "--pose", start, *more, "--out", str(out)]
-    assert main([*command, "--evaluations", "20", "--quiet"]) == 0
-    in_set = json.loads(out.read_text())["set"]
-    assert len(in_set["views"]) == 3
-    assert in_set["set_from_model"]["size_was_free"] == (form == "COLMAP")
 
 
 @pytest.mark.parametrize(

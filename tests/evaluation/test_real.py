@@ -5,12 +5,10 @@ from __future__ import annotations
 import csv
 import json
 
-import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.confidence.model import judge_end
-from poseviewer.evaluation.cases import load_cases
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.together import ModelToPlace, search_together
@@ -99,18 +97,6 @@ def test_a_folder_without_cases_or_starts_is_said(folder, tmp_path, capsys, name
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert name in message
-
-
-@pytest.mark.slow
-def test_every_real_model_can_be_fitted(shared_data):
-    settings = FitSettings(chart="free-body", limits=Limits(evaluations=40))
-    tasks = real_tasks(shared_data, (5,), 1, "", settings)
-    assert [task.case.name for task in tasks] == [case.name for case in load_cases(shared_data)]
-    for task in {task.case.mesh: task for task in tasks}.values():
-        trial = task.run()
-        assert np.isfinite([trial.error_percent_end, trial.loss_end]).all(), trial
-        assert 0.0 < trial.loss_end <= trial.loss_start, trial
-        assert trial.status == "EVALUATIONS_SPENT", trial
 
 
 def test_the_other_cases_of_the_photo_can_be_given(folder):

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from poseviewer.cli import main as cli
@@ -60,20 +54,3 @@ def test_rows_go_to_a_file_that_can_be_written_alone(tmp_path, capsys):
     printed = capsys.readouterr()
     assert "is a folder" in printed.err
     assert printed.err.count("\n") == 1  # nothing about the work
-
-
-@pytest.mark.slow
-def test_without_opengl_path_a_is_left_out(tmp_path):
-    """EGL without any driver, as on a machine without Mesa."""
-    blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
-    rows = tmp_path / "rows.json"
-    done = subprocess.run(
-        [sys.executable, "-m", "poseviewer.cli.main", "bench", "--quick", "--json", str(rows)],
-        env=blind,
-        cwd=Path(__file__).parents[2],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert {row["path"] for row in json.loads(rows.read_bytes())["rows"]} == {"d", "e"}

@@ -51,14 +51,6 @@ def test_a_file_is_what_a_download_is(tmp_path, kind):
         assert kept[:5] == data[:5] == {"pdf": b"%PDF-", "svg": b"<?xml"}[kind]
 
 
-def test_the_old_file_is_replaced_and_nothing_else_stays(tmp_path):
-    for shift in (0.0, 1.0):
-        make_maps(shift).save(tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
-        assert np.array_equal(archive["centre"], make_maps(1.0).centre)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
-
-
 def test_a_kind_that_there_is_none_of_is_said(tmp_path):
     with pytest.raises(SettingsError, match=r"a\.xlsx: .*\.npz for the"):
         make_maps().save(Path(tmp_path / "a.xlsx"))

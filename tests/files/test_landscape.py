@@ -61,8 +61,3 @@ def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
         1,
         1,
     )
-
-
-def test_files_hold_no_pickles():
-    arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), make_slices()))
-    assert all(array.dtype.kind in "Ufi" for array in arrays.values())

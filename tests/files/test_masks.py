@@ -16,7 +16,6 @@ from poseviewer.files.masks import (
     load_mask,
     mask_as_png,
     mask_beside,
-    mask_path,
     save_pose_and_mask,
 )
 from poseviewer.files.photo import save_image
@@ -67,14 +66,6 @@ def test_shades_of_a_mask_are_kept(tmp_path: Path) -> None:
     (tmp_path / "mask.png").write_bytes(mask_as_png(Mask.of(weights)))
     found = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
     np.testing.assert_allclose(found, weights, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("pose", "mask"),
-    [("a/car.pose.json", "a/car.mask.png"), ("fit.json", "fit.mask.png"), ("x", "x.mask.png")],
-)
-def test_a_mask_is_named_like_its_pose(pose, mask):
-    assert mask_path(pose) == Path(mask)
 
 
 def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:

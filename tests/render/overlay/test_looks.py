@@ -202,20 +202,20 @@ def test_the_photo_s_border_is_not_an_outline():
     assert drawn[top - 2 : top + 2, 0].max() > 0.5
 
 
-@pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize(
     "position",
     [(40, 0, 5), (0, -40, 5), (0, 0, -5), (0, 0, 0.2), (2.0, 1.5, 5), (0, 0, 4000), (0, 0, 1e9)],
     ids=["beside", "above", "behind", "inside", "cut", "far", "a-point"],
 )
-@pytest.mark.parametrize("size", [(1, 1), (20, 20), (3, 200)], ids=str)
-def test_any_pose_and_any_small_photo_can_be_drawn(look, position, size):
+@pytest.mark.parametrize("size", [(1, 1), (3, 100)], ids=str)
+def test_any_pose_and_any_small_photo_can_be_drawn(position, size):
     camera = Perspective.from_field_of_view(50.0, size[0], size[1])
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.3, 0.4, 0.0], position))
     view = make_view(
         make_box((2.0, 2.0, 2.0)), pose, lambda image: np.zeros((*image.mask.shape, 1))
     )
-    assert draw_look(look, view).shape == (size[1], size[0], 3)
+    for look in LOOKS:
+        assert draw_look(look, view).shape == (size[1], size[0], 3)
 
 
 def test_without_a_model_in_sight_the_photo_stays():

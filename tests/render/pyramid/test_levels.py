@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.files.demo import demo_case
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
@@ -16,13 +13,11 @@ from poseviewer.optimise import nelder_mead
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import (
     Level,
-    coarsest_factor,
     make_level,
     smaller,
 )
 from poseviewer.render.software.renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
-from poseviewer.starts.registration import load_registration
 from tests.meshes import make_bumpy
 
 MESH = make_bumpy(4)
@@ -94,17 +89,6 @@ def test_levels_with_simplified_models_have_the_minimum_of_the_full_photo(parall
     assert_same_minimum(MESH, chart, chart.from_pose(pose), photo, renderer, (2, 4))
 
 
-@pytest.mark.slow
-def test_levels_of_the_demo_have_its_minimum():
-    case = demo_case()
-    registration = load_registration(case.photo, case.model, case.truth)
-    problem, _ = make_problem(registration, FitSettings())
-    mesh, renderer = registration.mesh, SoftwareRenderer(registration.mesh)
-    assert_same_minimum(
-        mesh, problem.chart, problem.start, problem.photo, renderer, (4, 8), step=0.005
-    )
-
-
 def test_models_have_no_more_triangles_than_the_level_shows():
     pose = make_pose(False)
     photo, renderer = make_photo(pose), SoftwareRenderer(MESH)
@@ -115,15 +99,6 @@ def test_models_have_no_more_triangles_than_the_level_shows():
         area = pixels / factor**2
         assert 0.1 * area < len(shown) < area
     assert make_level(photo, renderer, 1, pixels).renderer is renderer
-
-
-def test_the_coarsest_level_still_shows_enough():
-    assert coarsest_factor(100_000, 1500) == 8
-    assert coarsest_factor(1500 * 64, 1500) == 8
-    assert coarsest_factor(1500 * 64 - 1, 1500) == 4
-    assert coarsest_factor(5000, 1500) == 1
-    assert coarsest_factor(0, 1500) == 1
-    assert coarsest_factor(1e12, 1500) == 16
 
 
 def test_a_level_judges_the_pose_that_its_smaller_picture_shows():
