@@ -101,6 +101,7 @@ def test_what_a_search_may_not_turn_is_not_turned():
     assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
 
 
+@pytest.mark.slow
 def test_what_is_held_stays_to_the_last_digit():
     start = turned(TRUTH, 25.0)
     problem = replace(fitted_from(start), free=(False,) + (True,) * 5)

@@ -21,6 +21,7 @@ print(sum(_span.stats.cache_hits.values()), sum(_span.stats.cache_misses.values(
 COMPILED, LOADED = "0 1", "1 0"
 
 
+@pytest.mark.slow
 def test_kernels_run_where_nothing_can_be_kept(tmp_path: Path):
     """A file stands where the folder would be: another one is made, and goes with the process."""
     home, temporary = tmp_path / "home", tmp_path / "temporary"
