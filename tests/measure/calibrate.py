@@ -172,9 +172,8 @@ def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
         f'    "{name}": ({mean:.4g}, {deviation:.4g}, {weight:.4g}),'
         for name, mean, deviation, weight in zip(*columns, strict=True)
     )
-    return f'''"""The weight of each feature; written by
-``python -m tests.measure.calibrate --write`` from {trials} trials, {right} of them right.
-"""
+    written_by = "``python -m tests.measure.calibrate --write``"
+    return f'''"""Weights by {written_by} from {trials} trials, {right} of them right."""
 
 FEATURES: dict[str, tuple[float, float, float]] = {{
 {features}
