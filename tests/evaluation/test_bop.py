@@ -69,8 +69,8 @@ def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
     assert recall == pytest.approx(expected)
 
 
-def write_data_set(folder: Path, scene: Scene) -> Path:
-    """One photo of one object; of the second there is no estimate."""
+def write_data_set(folder: Path, scene: Scene, is_second_turned: bool = False) -> Path:
+    """One photo of one object; of the second there is no estimate, or one that is far off."""
     objects = 1, 2
     info = write_models(folder / "models/models_info.json")
     models = json.loads(info.read_text())
@@ -101,6 +101,10 @@ def write_data_set(folder: Path, scene: Scene) -> Path:
     table.parent.mkdir()
     worse = [2, 3, 1, 0.1, "1 0 0 0 1 0 0 0 1", "9 9 9", -1]
     rows = [RESULTS, worse, [2, 3, 1, 0.9, *numbers, -1]]
+    if is_second_turned:
+        turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
+        numbers[0] = " ".join(map(str, (own @ turn).rotation.ravel()))
+        rows.append([2, 3, 2, 0.9, *numbers, -1])
     with table.open("w", newline="") as file:
         csv.writer(file).writerows(rows)
     return table
@@ -124,3 +128,19 @@ def test_estimates_are_fitted_and_scored(scene: Scene, tmp_path: Path, capsys) -
     assert overall[4].strip() == "0.500"  # MSSD after: of the other target there is no estimate
     assert own[4].strip() == "1.000"
     capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_an_estimate_is_kept_where_the_fit_is_not_sure(scene: Scene, tmp_path: Path) -> None:
+    table = write_data_set(tmp_path / "set", scene, is_second_turned=True)
+    command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    assert cli.main([*command, "--evaluations", "600", "--quiet"]) == 0
+    with (tmp_path / "out/trials.csv").open(newline="") as file:
+        right, turned = csv.DictReader(file)
+    assert (right["status"], turned["status"]) == ("EVALUATIONS_SPENT", "KEPT")
+    assert float(turned["mspd_start"]) > 10.0
+    for name in ("mspd", "mssd", "loss"):
+        assert turned[f"{name}_end"] == turned[f"{name}_start"]
+    text = (tmp_path / "out/study.md").read_text()
+    shares = [line.split("|")[8].strip() for line in text.splitlines() if "|" in line]
+    assert shares == ["estimate kept", "---:", "50%", "0%", "100%"]

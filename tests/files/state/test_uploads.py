@@ -14,12 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.errors import FileSetError
+from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.state.uploads import (
+    LARGEST_UPLOAD,
     display_name,
     keep_set,
     pack,
     safe_path,
+    why_not_sent,
+    why_unfit,
 )
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -170,6 +174,16 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: float) ->
     with pytest.raises(FileSetError, match=r"^b\.zip: not a zip that can be read .*Make it again"):
         keep(tmp_path, {"b.zip": part})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_why_a_page_sends_nothing() -> None:
+    assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
+    assert why_unfit("trip", 10**9, 1000).startswith("trip (1,000 files): 1,000,000,000 bytes; up")
+    assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
+    assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
+    assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert why_not_sent("b.ply", "cut off").startswith("b.ply: the upload was cut off; nothing")
+    assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
