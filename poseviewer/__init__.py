@@ -17,33 +17,21 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from poseviewer.api import (
-        Case,
-        FitResult,
         FitSettings,
         LossMaps,
         PoseViewerError,
-        SceneCase,
-        SetCase,
+        Scene,
         SetChoice,
-        SetResult,
         load,
-        load_scene,
-        load_views,
     )
 
 __all__ = [
-    "Case",
-    "FitResult",
     "FitSettings",
     "LossMaps",
     "PoseViewerError",
-    "SceneCase",
-    "SetCase",
+    "Scene",
     "SetChoice",
-    "SetResult",
     "load",
-    "load_scene",
-    "load_views",
 ]
 
 

@@ -15,7 +15,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_bumpy
 
 LIGHT = np.array([0.4, -0.7, -0.6])  # unit length and never a shadow: the lit part stays positive

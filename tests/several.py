@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,20 +10,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
 from poseviewer.files.photo import save_image
-from poseviewer.files.pose import PhotoReference, PoseRecord
-from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
-from poseviewer.fit.registration import PlacedModel
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_box, make_bumpy
 
 CAMERA = Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
@@ -62,18 +64,25 @@ STARTS = tuple(
 @cache
 def make_photo() -> Photo:
     """All three, lit, on a dark ground; smoothed and noisy."""
-    large = [replace(one, pose=one.pose.scaled(3.0)) for one in TRUTH]
+    return Photo(lit_models(TRUTH, LIGHT, np.random.default_rng(0)), "three.png", "0" * 64)
+
+
+def lit_models(
+    models: Sequence[PlacedModel], light: NDArray[np.float64], random: np.random.Generator
+) -> NDArray[np.uint8]:
+    """A photo of models, those in front hiding others, on a dark ground; smoothed and noisy."""
+    large = [replace(one, pose=one.pose.scaled(3.0)) for one in models]
     seen = visibility(large)
     lit = np.full((*seen.nearest.shape, 3), 0.08)
     for index, one in enumerate(large):
         image = SoftwareRenderer(one.mesh).render(one.pose)
-        light = np.clip(0.5 + 0.45 * image.normals @ LIGHT, 0.03, 1.0)
-        shown = image.reflectance * light[..., None]
+        shade = np.clip(0.5 + 0.45 * image.normals @ light, 0.03, 1.0)
+        shown = image.reflectance * shade[..., None]
         lit = np.where(seen.seen(index)[..., None], shown, lit)
-    small = cv2.resize(lit, (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
-    noisy = small + np.random.default_rng(0).normal(0.0, 0.01, small.shape)
-    pixels = np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
-    return Photo(pixels, "three.png", "0" * 64)
+    size = (models[0].pose.camera.width, models[0].pose.camera.height)
+    small = cv2.resize(lit, size, interpolation=cv2.INTER_AREA)
+    noisy = small + random.normal(0.0, 0.01, small.shape)
+    return np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def save_model(path: Path, mesh: Mesh) -> None:
@@ -87,17 +96,16 @@ def save_model(path: Path, mesh: Mesh) -> None:
     shape.export(str(path))
 
 
-def make_three(folder: Path) -> Path:
-    """Write photo, models and a scene file of the starts; returns the scene file."""
+def make_three(folder: Path, placed: Sequence[PlacedModel] = STARTS) -> Path:
+    """Write photo, models and a scene file of the starts, or of others; returns the scene file."""
     photo = make_photo()
     save_image(folder / "three.png", photo.pixels)
-    objects = []
-    for name, one in zip(IDS, STARTS, strict=True):
+    view, objects = ViewRecord.of(folder / "three.png", CAMERA), []
+    for name, one in zip(IDS, placed, strict=True):
         path = folder / f"{name}.ply"
         save_model(path, one.mesh)
-        objects.append(ObjectRecord(name, path, PoseRecord(one.pose)))
-    reference = PhotoReference("three.png", photo.width, photo.height)
-    scene = SceneRecord(folder / "three.png", reference, CAMERA, tuple(objects))
+        objects.append(ObjectRecord.of(name, path, PoseRecord(one.pose), view))
+    scene = SceneRecord(views=(view,), objects=tuple(objects))
     save_scene(folder / "three.scene.json", scene)
     return folder / "three.scene.json"
 

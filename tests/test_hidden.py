@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import poseviewer
-from poseviewer.api import SceneCase, load_scene
+from poseviewer.api import load
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.opening import (
@@ -23,17 +23,17 @@ from poseviewer.cli.main import main
 from poseviewer.errors import SettingsError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import (
-    PhotoReference,
     PoseRecord,
     RecordedVerdict,
     load_pose,
 )
-from poseviewer.files.scene import ObjectRecord, SceneRecord, save_scene
+from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
+from poseviewer.fit import search as searching
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_model
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.loading import load_model
 from tests.scene import Scene
 from tests.several import make_three
 
@@ -69,24 +69,24 @@ def mask(tmp_path: Path) -> Path:
 def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
     by_file = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=mask)
     by_array = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=half_hidden())
-    by_array.start.save(tmp_path / "a.pose.json")
+    by_array.save(tmp_path / "a.pose.json")
     by_pose = poseviewer.load(scene.photo, scene.model, tmp_path / "a.pose.json", QUICK)
     everything = poseviewer.load(scene.photo, scene.model, scene.start, QUICK)
     for case in (by_file, by_pose):
         assert np.array_equal(case.problem.photo.weights, by_array.problem.photo.weights)
-        assert case.start.loss == by_array.start.loss
+        assert case.loss == by_array.loss
     assert by_file.problem.photo.weights.sum() < 0.8 * everything.problem.photo.weights.sum()
-    assert by_file.start.record.settings is not None
-    assert by_file.start.record.settings["mask"] == "hidden.png"
+    assert by_file.record.settings is not None
+    assert by_file.record.settings["mask"] == "hidden.png"
 
 
 def test_parts_are_left_out_by_name_and_by_the_pose_file(scene, halves, tmp_path):
     case = poseviewer.load(scene.photo, halves, scene.start, QUICK, without=("left",))
-    assert case.registration.mesh.part_names == ("right",)
-    case.start.save(tmp_path / "a.json")
+    assert case.mesh.part_names == ("right",)
+    case.save(tmp_path / "a.json")
     again = poseviewer.load(scene.photo, halves, tmp_path / "a.json", QUICK)
-    assert again.registration.mesh.left_out == ("left",)
-    assert again.start.loss == case.start.loss
+    assert again.mesh.left_out == ("left",)
+    assert again.loss == case.loss
     # A model that has no such part is read all the same, and it is said.
     other = poseviewer.load(scene.photo, scene.model, tmp_path / "a.json", QUICK)
     assert any("leaves out the part 'left', which m.ply has not" in note for note in other.notes)
@@ -98,7 +98,7 @@ def test_a_renderer_of_the_whole_model_does_not_draw_what_is_left_out(scene, hal
     case = poseviewer.load(
         scene.photo, model, scene.start, QUICK, without=("left",), renderer=renderer
     )
-    pose = case.start.pose
+    pose = case.pose
     assert case.renderer.covers(pose).sum() < 0.8 * renderer.covers(pose).sum()
 
 
@@ -128,77 +128,63 @@ def opened(scene: Scene, model: Path | None = None) -> Session:
 
 def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     session = opened(scene, halves)
-    document = session.document.compared_by(mask=half_hidden())
-    own = replace(document.registration, mesh=document.registration.mesh.without(["right"]))
+    document = session.document.with_mask(half_hidden())
+    document = document.with_mesh(document.mesh.without(["right"]))
     # An end with unsaved changes leaves what a crash leaves.
-    Autosaver(tmp_path / "state").close(
-        replace(session, document=replace(document, registration=own))
-    )
+    Autosaver(tmp_path / "state").close(replace(session, document=document))
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     (back,) = restore(load_autosave(path))
-    found = back.document.registration
+    found = back.document
     assert found.mesh.left_out == ("right",)
     assert found.mask is not None
     assert np.array_equal(found.mask.weights, half_hidden().weights)
 
 
 def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):
-    scene = load_scene(make_three(tmp_path), limits=Limits(30))
-    hidden = np.zeros(scene.case("apart").problem.photo.weights.shape, bool)
+    scene = load(make_three(tmp_path))
+    index, apart = scene.data.index("apart"), scene["apart"]
+    hidden = np.zeros(apart.problem.photo.weights.shape, bool)
     hidden[:, : hidden[0].size // 5] = True
-    search = SceneCase.search
-
-    def found(self, object_id=None, *, threads=1):
-        for now in search(self, object_id, threads=threads):
-            placing = now.placings[0]
-            assert placing is not None
-            seen = replace(placing, progress=replace(placing.progress, hidden=hidden))
-            yield replace(now, placings=(seen,))
-
-    monkeypatch.setattr(SceneCase, "search", found)
-    fitted = scene.fit("apart")
-    index = scene.scene.index("apart")
-    result = fitted.results[index]
-    assert result is not None
-    mask = fitted.registrations[index].mask
+    monkeypatch.setattr(searching, "find_hidden", lambda *_: hidden)
+    fitted = apart.fit()
+    mask = fitted.data.mask(index)
+    assert fitted.hidden is not None
     assert mask is not None
-    covered = fitted.renderers[index].covers(fitted.registrations[index].start)
-    assert result.record.seen == pytest.approx(np.mean(mask.weights[covered] > 0.0), abs=0.03)
-    assert (result.record.seen or 1.0) < 0.9
-    fitted.save(tmp_path / "fitted.json")
-    again = load_scene(tmp_path / "fitted.json")
-    assert again.scene.objects[index].record.seen == pytest.approx(result.record.seen)
-    for number, (one, other) in enumerate(
-        zip(again.registrations, fitted.registrations, strict=True)
-    ):
-        assert (one.mask is not None) == (number == index)
-        if one.mask is not None and other.mask is not None:
-            assert np.array_equal(one.mask.weights, other.mask.weights)
+    covered = fitted.renderer.covers(fitted.pose)
+    assert fitted.record.seen == pytest.approx(np.mean(mask.weights[covered] > 0.0), abs=0.03)
+    assert (fitted.record.seen or 1.0) < 0.9
+    fitted.whole.save(tmp_path / "fitted.json")
+    again = load(tmp_path / "fitted.json").data
+    for number in range(len(again.objects)):
+        kept = again.mask(number)
+        assert (kept is not None) == (number == index)
+        if kept is not None:
+            assert np.array_equal(kept.weights, mask.weights)
 
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
     aside = replace(start.pose.camera_from_model, translation=np.array([0.9, 0.1, 8.0]))
     poses = start.pose, replace(start.pose, camera_from_model=aside)
-    found = PoseRecord(start.pose, verdict=RecordedVerdict("found", 0.99))
+    verdict = RecordedVerdict("found", 0.99)
+    found = PoseRecord(start.pose, loss=0.2, unexplained=0.2, verdict=verdict)
+    view = ViewRecord.of(scene.photo, start.pose.camera)
     objects = [
-        ObjectRecord(name, halves, replace(found, pose=pose))
+        ObjectRecord.of(name, halves, replace(found, pose=pose), view)
         for name, pose in zip(("a", "a:b"), poses, strict=True)
     ]
     path, out = tmp_path / "two.scene.json", tmp_path / "out.json"
-    reference = PhotoReference(scene.photo.name, 160, 120)
-    save_scene(path, SceneRecord(scene.photo, reference, start.pose.camera, tuple(objects)))
-    words = ["fit", "--scene", path, "--object", "a", "--out", out, "--evaluations", 20, "--quiet"]
+    save_scene(path, SceneRecord(views=(view,), objects=tuple(objects)))
+    words = ["fit", path, "--object", "a", "--out", out, "--evaluations", 20, "--quiet"]
     assert main([*map(str, words), "--without", "a:b:left"]) == 0
-    first, second = load_scene(out).registrations
-    assert first.mesh.left_out == ()
-    assert second.mesh.left_out == ("left",)
-    kept = load_scene(out).scene.objects[1].record
-    assert kept.verdict is None  # it was found with all of its parts
+    first, second = load(out).objects
+    assert first.model.mesh.left_out == ()
+    assert second.model.mesh.left_out == ("left",)
+    assert second.result is None  # it was found with all of its parts
     opened = open_scene(path, ("a:b:left",)).document
-    assert [one.registration.mesh.left_out for one in opened.objects] == [(), ("left",)]
-    assert [one.verdict for one in opened.objects] == ["found", "not searched"]
+    assert [one.model.mesh.left_out for one in opened.scene.objects] == [(), ("left",)]
+    assert [one.result is None for one in opened.scene.objects] == [False, True]
     with pytest.raises(SettingsError, match="say of which object, as ID:PART"):
-        load_scene(path, without=("left",))
+        load(path, without=("left",))
     with pytest.raises(SettingsError, match="no part 'mirror'"):
-        load_scene(path, without=("a:mirror",))
+        load(path, without=("a:mirror",))

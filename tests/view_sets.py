@@ -16,16 +16,19 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.files.formats.bop import BopObject, save_bop_images
 from poseviewer.files.photo import save_image
+from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose, transform_as_json
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view_set import View, ViewSet
-from poseviewer.render.software.renderer import SoftwareRenderer
-from tests.meshes import make_bumpy
-from tests.several import coloured, save_model
+from poseviewer.geometry.view import View
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.meshes import make_box, make_bumpy
+from tests.several import coloured, lit_models, save_model
 
 CAMERA = Perspective(600.0, 600.0, 160.5, 120.5, 320, 240)
 MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
@@ -70,19 +73,46 @@ def make_pixels(index: int, light: tuple[float, float, float]) -> NDArray[np.uin
     return np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
+BOX = coloured(make_box((1.3, 2.2, 0.9)), (0.5, 0.7, 1.0))
+BOX_SYMMETRY = Symmetry.from_turns(BOX.centre, [Turn(axis, 2) for axis in np.eye(3)])
+SET_FROM_BOX = RigidTransform.from_rotation_vector(
+    [0.5, 0.5, 0.1], SET_FROM_MODEL.apply(MESH.centre) + np.array([2.1, 0.2, 0.3])
+)
+BOX_TRUTH = tuple(Pose(CAMERA, place @ SET_FROM_BOX) for place in CAMERAS_FROM_SET)
+
+
+def write_two(folder: Path) -> tuple[Path, Path, Path]:
+    """Photos of the shape and a box beside it, the cameras' file, which knows their scale, and both
+    models; returns the cameras' file and the models'.
+    """
+    entries: list[dict[str, Any]] = []
+    for index, place in enumerate(CAMERAS_FROM_SET):
+        placed = [PlacedModel(MESH, TRUTH[index]), PlacedModel(BOX, BOX_TRUTH[index])]
+        lit = lit_models(placed, np.array(LIGHTS[index]), np.random.default_rng(index))
+        save_image(folder / NAMES[index], lit)
+        camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
+        view = {"photo": NAMES[index], "camera": camera}
+        entries.append({**view, "camera_from_set": transform_as_json(place)})
+    data = {"format": "poseviewer-views", "version": 1, "scale": 1.0, "views": entries}
+    (folder / "set.json").write_text(json.dumps(data))
+    save_model(folder / "ball.ply", MESH)
+    save_model(folder / "box.ply", BOX)
+    return folder / "set.json", folder / "ball.ply", folder / "box.ply"
+
+
 LIGHTS = ((0.4, -0.7, -0.6), (-0.5, -0.5, -0.7), (0.1, -0.9, -0.4))
 """Unit: each photo has its own."""
 
 
-def make_views(unit: float = 1.0, scale: float | None = 1.0) -> ViewSet:
+def make_views(unit: float = 1.0, scale: float | None = 1.0) -> LoadedViews:
     """The set in memory; its lengths are ``unit`` of the model's."""
     views = []
     for index, place in enumerate(CAMERAS_FROM_SET):
         pixels = make_pixels(index, LIGHTS[index])
         photo = Photo(pixels, NAMES[index], f"{index}" * 64, camera=CAMERA)
         moved = RigidTransform(place.rotation, place.translation / unit)
-        views.append(View(NAMES[index], photo, moved))
-    return ViewSet("set", tuple(views), None, scale)
+        views.append(View(NAMES[index], photo, CAMERA, moved))
+    return LoadedViews("set", tuple(views), None, scale)
 
 
 def write_views(folder: Path) -> tuple[Path, Path, Path]:

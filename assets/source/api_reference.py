@@ -15,12 +15,13 @@ from types import ModuleType
 from typing import Any
 
 from poseviewer import api, errors
+from poseviewer.files import photo_sets
 from poseviewer.files import pose as pose_file
-from poseviewer.files import scene as scene_file
-from poseviewer.files import view_set as view_set_file
-from poseviewer.fit import landscape, progress, registration, settings, together, visibility
-from poseviewer.geometry import camera, transform, view_set
-from poseviewer.starts import registration as opening
+from poseviewer.files import scene_file as scene_file
+from poseviewer.fit import progress, search, settings, slices, visibility
+from poseviewer.fit import scene as scene_data
+from poseviewer.geometry import camera, transform, view
+from poseviewer.starts import loading as opening
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
 HEAD = """# API reference
@@ -33,23 +34,20 @@ the program pixel centres are at i + 0.5; in files they are at integers. Lengths
 unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[ModuleType, str], ...] = (
-    (
-        api,
-        "load make_case Case FitResult LossMaps load_scene SceneCase load_views SetCase SetResult",
-    ),
+    (api, "load make_scene Scene ViewResult LossMaps"),
     (opening, "load_model"),
-    (registration, "Registration PlacedModel"),
+    (view, "View"),
+    (scene_data, "Scene SceneObject InView LoadedModel SearchResult"),
+    (search, "Search SearchProgress"),
     (visibility, "Visibility visibility"),
-    (together, "TogetherProgress"),
     (settings, "FitSettings Limits"),
     (progress, "FitProgress Status"),
-    (landscape, "Slice"),
+    (slices, "Slice"),
     (camera, "Pose Perspective Parallel"),
-    (transform, "RigidTransform"),
+    (transform, "RigidTransform Similarity"),
     (pose_file, "PoseRecord load_pose save_pose"),
     (scene_file, "SceneRecord ObjectRecord"),
-    (view_set_file, "SetChoice load_view_set"),
-    (view_set, "ViewSet View"),
+    (photo_sets, "SetChoice LoadedViews load_views"),
     (errors, "PoseViewerError"),
 )
 """Modules and their public names, in the page's order."""

@@ -27,14 +27,14 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.starts.loading import StartCamera, load_model
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
-from poseviewer.starts.registration import StartCamera, load_model
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.lenses import from_taken
 from tests.several import make_three
-from tests.view_sets import write_views
+from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
 ASSETS = Path(__file__).resolve().parent.parent
 README, DOCS = ASSETS / "readme", ASSETS / "docs" / "pictures"
@@ -324,6 +324,21 @@ def make_objects(folder: Path) -> None:
         save_page(DOCS / "objects.jpg", tab)
 
 
+def make_two(folder: Path) -> None:
+    """Two things in three photos, each placed in the first and fitted in all."""
+    cameras, ball, box = write_two(folder)
+    size = CAMERA.width, CAMERA.height
+    with open_app(folder, "--views", cameras, ball, size=LARGE) as tab:
+        tab.fit_to_box(TRUTH[0].project(MESH.vertices), size)
+        tab.add_object(box)
+        tab.wait_for_text("not placed")
+        tab.fit_to_box(BOX_TRUTH[0].project(BOX.vertices), size)
+        tab.open_step(3)
+        press(tab, "Search all")
+        press(tab, "Keep it")
+        save_page(DOCS / "two.jpg", tab)
+
+
 PICTURES = {
     "search": make_search,
     "demo": make_demo,
@@ -339,6 +354,7 @@ PICTURES = {
     "views": partial(make_searched, "views"),
     "hide": make_hide,
     "objects": make_objects,
+    "two": make_two,
 }
 
 

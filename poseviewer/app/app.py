@@ -22,7 +22,6 @@ from poseviewer.app.state.hiding import Grow
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import record_of, scene_of
 from poseviewer.app.workers.jobs import (
     has_renderer,
     prepare,
@@ -32,7 +31,7 @@ from poseviewer.app.workers.jobs import (
 )
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import Opened, restore
-from poseviewer.app.workers.outlines import OthersWorker, StripWorker
+from poseviewer.app.workers.outlines import OutlineWorker
 from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
     Exported,
@@ -76,11 +75,10 @@ class App:
         self._mailbox: Mailbox[r.Request] = Mailbox()
         document = opened.document
         saved = None if opened.restored else document
-        self.session = Session(document, anchor=document.pose, saved=saved)
+        self.session = Session(document, anchor=document.scene, saved=saved)
         notify = self._mailbox.notify
         self._overlay = OverlayWorkers(notify)
-        self._others = OthersWorker("others", notify)
-        self._strip = StripWorker("strip", notify)
+        self._outlines = OutlineWorker(notify)
         self._searcher: NumberedWorker[SearchUpdate] = NumberedWorker("search")
         self._proposer: NumberedWorker[tuple[Pose, ...]] = NumberedWorker("proposals", notify)
         self._preparer: Worker[Preparation] = Worker("preparation", notify)
@@ -93,8 +91,6 @@ class App:
         self._page = Page(server, self._mailbox.post, review)
         self._running = True
         self._use_model()
-        for command in opened.objects:
-            self._command(command)
         self._page.tell_all(opened.warnings)
         notify()  # the page is shown at once
 
@@ -108,7 +104,7 @@ class App:
             if self._review is not None:
                 self._review.close()
             workers = self._searcher, self._mapper, self._proposer, self._preparer
-            for worker in (self._overlay, self._others, self._strip, *workers, self._tasks):
+            for worker in (self._overlay, self._outlines, *workers, self._tasks):
                 worker.close()
 
     def stop(self) -> None:
@@ -186,7 +182,7 @@ class App:
             self._page.show_error(self.session.error_message)
         if isinstance(command, c.CancelDrag) and self._tasks.drop():
             self._page.working("")
-        if self.session.document.registration.mesh is not before.document.registration.mesh:
+        if self.session.document.mesh is not before.document.mesh:
             self._use_model()
 
     def _where(self) -> str:
@@ -195,13 +191,9 @@ class App:
         return row or self._autosaver.where(self.session)
 
     def _save(self) -> None:
-        document, record = self.session.document, record_of(self.session)
-        path = self._autosaver.save_pose(self.session, record)
+        path = self._autosaver.save(self.session)
         self._page.tell(f"Saved {path.name}", str(path))
-        if document.others:
-            path = self._autosaver.save_scene(self.session, *scene_of(self.session))
-            self._page.tell(f"Saved {path.name}", str(path))
-        self._command(c.Saved(document))
+        self._command(c.Saved(self.session.document))
 
     # --- workers ---------------------------------------------------------------------------------
 
@@ -209,7 +201,7 @@ class App:
         """Tell the session what the workers have found out since the last time."""
         for command in self._overlay.take(self.session, self._page.show_error):
             self._command(command)
-        for command in (*self._others.take(), *self._strip.take()):
+        for command in self._outlines.take():
             self._command(command)
         prepared = self._preparer.take()
         if prepared is not None:
@@ -246,12 +238,7 @@ class App:
                 self._page.send(result)
 
     def _open(self, opened: Opened) -> None:
-        if opened.pose_alone:
-            self._command(c.SetPose(opened.document.pose, as_start=True))
-        else:
-            self._command(c.Open(opened.document, unsaved=opened.restored))
-        for command in opened.objects:
-            self._command(command)
+        self._command(c.Open(opened.document, unsaved=opened.restored))
         if opened.restored:
             self._autosaver.adopt(self.session)
 
@@ -259,8 +246,7 @@ class App:
         """Let the workers begin what the session asks for by now, and stop what it does not."""
         session = self.session
         self._overlay.start(session, self._is_moving())
-        self._others.start(session, self._is_moving())
-        self._strip.start(session)
+        self._outlines.start(session, self._is_moving())
         ready = session.preparation is None
         self._searcher.follow(session.search, run_search, ready)
         self._proposer.follow(session.proposals, propose_starts, ready)
@@ -283,7 +269,7 @@ class App:
         """Every worker draws the model at hand with buffers of its own; until there is a renderer
         of it, the overlay alone.
         """
-        mesh = self.session.document.registration.mesh
+        mesh = self.session.document.mesh
         self._map_job = None
         if not has_renderer(mesh):
             self._overlay.use(None)

@@ -12,13 +12,14 @@ from poseviewer.app.state import requests as q
 from poseviewer.app.state.commands import Open, Saved
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import picture_of, record_of
+from poseviewer.app.workers.exporting import picture_of, saved_scene
 from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Found, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
-from poseviewer.batch.results import ACCEPTED
+from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.starts.loading import pose_record
 
 MOST_SAID = 3
 """Rows that could not be opened and are named; the list marks all that failed."""
@@ -33,7 +34,7 @@ class Reviewer:
 
     def row_at(self, document: Document) -> int | None:
         """The index of the row whose photo and object are at hand; None: they are no row's."""
-        here = [path and path.resolve() for path in (document.photo_path, document.model_path)]
+        here = [path and path.resolve() for path in (document.view.path, document.model.path)]
         for index, row in enumerate(self.queue.rows):
             job = row.job
             if document.number == job.row:
@@ -108,8 +109,9 @@ class Reviewer:
         """Keep a person's verdict; a pose that is changed and accepted is the row's from now on."""
         queue, row, document = self.queue, self.queue.rows[index], now.document
         if review == ACCEPTED and now.unsaved:
-            picture, mask = picture_of(document), document.registration.mask
-            result = r.save_corrected(queue, row, record_of(now), picture, mask)
+            mask = document.scene.mask(document.active, document.at)
+            record = pose_record(saved_scene(now), document.active, document.at)
+            result = r.save_corrected(queue, row, record, picture_of(document), mask)
             return Saved(document), q.RowSaved(index, result)
         _require_saved(now)
         return (q.RowSaved(index, r.decide(queue, row, review)),)
@@ -136,11 +138,11 @@ class Reviewer:
         end = f"This is the {'last' if by > 0 else 'first'} of {len(rows)} rows."
         raise BatchError(" ".join(skipped[:MOST_SAID]) or end)
 
-    def _open(self, row: r.ReviewRow) -> Opened:
+    def _open(self, row: Row) -> Opened:
         """Photo, model and pose of a row."""
         job, queue = row.job, self.queue
         photo, model = job.path(job.photo), job.path(job.model)
-        pose = queue.folder / row.result.pose if row.result.pose else job.path(job.start)
+        pose = queue.batch.folder / row.result.pose if row.result.pose else job.path(job.start)
         try:
             opened = open_files(photo, model, pose)
         except PoseViewerError:
@@ -149,9 +151,11 @@ class Reviewer:
             # It failed for want of a start, maybe: a person can place the model.
             opened = open_files(photo, model, None)
         # Whether to keep to a start is here for a person to say.
-        settings = replace(queue.manifest.settings, keep_start=False)
-        document = replace(opened.document, settings=settings, number=job.row)
-        draft, notes = queue.folder / r.DRAFTS / f"{job.key}.json", opened.warnings
+        settings = replace(queue.batch.settings, keep_start=False)
+        document = opened.document.with_own(region=settings.region)
+        changes = {"settings": replace(settings, region=None), "id": str(job.row)}
+        document = document.with_object(**changes)
+        draft, notes = queue.batch.folder / r.DRAFTS / f"{job.key}.json", opened.warnings
         if draft.is_file():
             note = f"{draft} has a correction that was not accepted: drop it on the page to go on."
             notes = (*notes, note)

@@ -10,15 +10,15 @@ import logging
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from poseviewer.batch.job import BatchPlan, run_job
-from poseviewer.batch.results import JobResult, failed_result
-from poseviewer.batch.table import Job
+from poseviewer.batch.job import run_job
+from poseviewer.batch.job_table import Job
+from poseviewer.batch.results import Batch, JobResult, save_failure
 from poseviewer.errors import BatchError
 
 CONNECT_SECONDS = 10.0
 
 
-def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterator[JobResult]:
+def run_on_cluster(jobs: Sequence[Job], plan: Batch, address: str) -> Iterator[JobResult]:
     """Yield the results of the jobs as they come, in no order."""
     with _connected(address) as client:
         from distributed import (  # pyright: ignore[reportMissingImports] - an extra
@@ -35,7 +35,8 @@ def run_on_cluster(jobs: Sequence[Job], plan: BatchPlan, address: str) -> Iterat
                 try:
                     yield future.result()
                 except KilledWorker:
-                    yield failed_result(
+                    yield save_failure(
+                        plan.folder,
                         submitted[future],
                         "every worker that fitted it died; is there memory enough for the photo "
                         "and the model?",

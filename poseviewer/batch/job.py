@@ -3,35 +3,34 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from poseviewer.api import FitResult, SetResult, load, load_views
+from poseviewer.api import Scene, load
+from poseviewer.batch.job_table import COLUMNS, Job, file_stamp
 from poseviewer.batch.results import (
     PICTURES,
     POSES,
+    Batch,
     JobResult,
-    as_row_of,
-    failed_result,
     load_result,
+    save_failure,
     save_result,
     standard_deviations,
 )
-from poseviewer.batch.table import COLUMNS, Job, file_stamp
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
-from poseviewer.fit.registration import LoadedModel
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.looks import Picture
-from poseviewer.render.pool import Cloneable
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.loading import load_model
 
 _log = logging.getLogger(__name__)
 
@@ -41,38 +40,28 @@ PICTURE_SIDE = 480
 """Longer side of the pictures of the poses, px."""
 
 
-@dataclass(frozen=True, slots=True)
-class BatchPlan:
-    """What all jobs of a batch share."""
-
-    folder: Path
-    """Of the results, absolute."""
-    settings: FitSettings
-    mask: Path | None = None
-
-
-def run_job(job: Job, plan: BatchPlan) -> JobResult:
+def run_job(job: Job, plan: Batch) -> JobResult:
     """Fit a row and keep its result, unless there is one; BatchError where none can be kept."""
     known = load_result(plan.folder, job.key)
-    if known is not None:
-        return as_row_of(job, known)
+    if known is not None and not known.failed:
+        return known
     try:
         fitted = _fit(job, plan)
-        drawn = fitted.views[0] if isinstance(fitted, SetResult) else fitted
-        picture = smaller(drawn.picture())
+        picture = smaller(fitted.picture())
     except PoseViewerError as error:
-        return failed_result(job, str(error))
+        return save_failure(plan.folder, job, str(error))
     except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
         _log.debug("row %d", job.row, exc_info=error)
-        return failed_result(job, f"{type(error).__name__}: {error}")
+        return save_failure(plan.folder, job, f"{type(error).__name__}: {error}")
     return _keep(job, plan, fitted, picture)
 
 
-def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
+def _fit(job: Job, plan: Batch) -> Scene:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
-    model, renderer = open_model(job.path(job.model), plan.settings)
+    path = job.path(job.model)
+    model, renderer = _open_model(path, file_stamp(path), plan.settings)
     photo, start = job.path(job.photo), job.start if job.start == AUTOMATIC else job.path(job.start)
     if photo.is_dir() or photo.suffix.lower() == ".json":
         if start == AUTOMATIC or plan.mask is not None:
@@ -80,7 +69,7 @@ def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
             raise SettingsError(
                 f"{photo.name}: {what} with a set of photos; name a pose file; masks are the set's."
             )
-        return load_views(photo, model, start, plan.settings).fit()
+        return load(views=photo, model=model, start=start, settings=plan.settings).fit()
     case = load(
         photo,
         model,
@@ -89,14 +78,9 @@ def _fit(job: Job, plan: BatchPlan) -> FitResult | SetResult:
         box=job.rectangle(),
         mask=plan.mask,
         # A renderer is for one thread at a time, and a cluster's worker may have several.
-        renderer=renderer.clone() if isinstance(renderer, Cloneable) else None,
+        renderer=None if renderer is None else renderer.clone(),
     )
     return case.fit()
-
-
-def open_model(path: Path, settings: FitSettings) -> tuple[LoadedModel, Renderer | None]:
-    """A model and, where it can be cloned, its renderer; kept for further rows."""
-    return _open_model(path, file_stamp(path), settings)
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -113,15 +97,12 @@ def _open_model(
     return model, make_renderer(model.mesh, settings.renderer)
 
 
-def _keep(job: Job, plan: BatchPlan, fitted: FitResult | SetResult, picture: Picture) -> JobResult:
+def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:
     """Write the pose, the picture and, last, the result."""
-    progress, files = fitted.progress, result_files(job)
+    progress, verdict = fitted.progress, fitted.verdict
     assert progress is not None  # it was searched for
+    pose, drawn = result_files(job)
     result = JobResult(
-        job.row,
-        job.photo,
-        job.model,
-        job.start,
         progress.status.value,
         loss=progress.loss,
         start_loss=progress.start_loss,
@@ -129,19 +110,19 @@ def _keep(job: Job, plan: BatchPlan, fitted: FitResult | SetResult, picture: Pic
         start_unexplained=progress.start_unexplained,
         evaluations=progress.evaluations,
         seconds=round(progress.seconds, 3),
+        pose=pose,
+        picture=drawn,
         **standard_deviations(fitted.covariance),
     )
-    if (verdict := progress.verdict) is not None:
+    if verdict is not None:
         certain, reasons = round(verdict.probability, 4), "\n".join(verdict.reasons)
         result = replace(result, verdict=verdict.word, probability=certain, reasons=reasons)
-    result = replace(result, pose=files[0], picture=files[1])
     try:
-        fitted.save(plan.folder / result.pose)
-        save_image(plan.folder / result.picture, picture)
-        save_result(plan.folder, job, result)
+        fitted.save(plan.folder / pose)
+        save_image(plan.folder / drawn, picture)
+        return save_result(plan.folder, job, result)
     except PoseViewerError as error:
         raise BatchError(f"{error} What is finished is kept: run it again to go on.") from error
-    return result
 
 
 def result_files(job: Job) -> tuple[str, str]:

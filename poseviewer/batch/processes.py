@@ -14,15 +14,15 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
 
-from poseviewer.batch.job import BatchPlan, run_job
-from poseviewer.batch.results import JobResult, failed_result
-from poseviewer.batch.table import Job
+from poseviewer.batch.job import run_job
+from poseviewer.batch.job_table import Job
+from poseviewer.batch.results import Batch, JobResult, save_failure
 
 _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy the locks of other threads as they happen to be."""
 
 
-def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[JobResult]:
+def run_here(jobs: Sequence[Job], plan: Batch, processes: int) -> Iterator[JobResult]:
     """Results as they come; jobs under way when a process dies are run again, each alone."""
     waiting = deque(jobs)
     while waiting:
@@ -32,7 +32,8 @@ def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[J
             died_again: list[Job] = []
             yield from _run_together(deque([job]), plan, 1, died_again)
             if died_again:
-                yield failed_result(
+                yield save_failure(
+                    plan.folder,
                     job,
                     "the process that fitted it died, twice; is there memory enough for the photo "
                     "and the model?",
@@ -40,7 +41,7 @@ def run_here(jobs: Sequence[Job], plan: BatchPlan, processes: int) -> Iterator[J
 
 
 def _run_together(
-    waiting: deque[Job], plan: BatchPlan, processes: int, suspects: list[Job]
+    waiting: deque[Job], plan: Batch, processes: int, suspects: list[Job]
 ) -> Iterator[JobResult]:
     """Run jobs until none waits, or a process dies: ``suspects`` gets those under way then."""
     reader, writer = _SPAWN.Pipe(duplex=False)

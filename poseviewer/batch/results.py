@@ -1,22 +1,22 @@
 """The folder of results: what came of each row, and the batch that it belongs to.
 
 A row's result is a JSON file in ``rows/`` named by the job's key. It is written whole or not at
-all, after the pose and the picture that it names: where it is, the row is done, and where it is
-not, the row is still to be done, however the batch ended. ``batch.json`` says what the batch is.
+all, after the pose and the picture that it names: a row without one, or whose fit failed, is still
+to be done, however the batch ended. ``batch.json`` says what the batch is.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from poseviewer.batch.table import Job
+from poseviewer.batch.job_table import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import lock_file, make_folder, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
@@ -25,34 +25,16 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 LOCK = ".at-work"
+ABOUT_JOB = ("row", "photo", "model", "start")
+"""Columns of the table from the job; the others are those of ``JobResult``."""
 ACCEPTED, MENDED, REJECTED = "accepted", "mended", "rejected"
-STDS = (
-    *("depth_std", "sideways_std", "degrees_std", "px_std"),
-    *("scale_percent_std", "focal_px_std", "size_percent_std"),
-)
-"""Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
 FORMAT, VERSION = "poseviewer-batch", 1
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
-    """The rows of a batch, and how they are fitted."""
-
-    jobs: tuple[Job, ...]
-    """In the order of their rows."""
-    settings: FitSettings = field(default_factory=FitSettings)
-    scene: str | None = None
-    """The BOP scene that the rows are from, absolute; None for those of a table."""
-
-
-@dataclass(frozen=True, slots=True)
 class JobResult:
-    """A row that was fitted, or why it was not."""
+    """What came of a row: the fit, or why there is none; and what a person says of it."""
 
-    row: int
-    photo: str
-    model: str
-    start: str
     status: str
     """How the search ended, in a sentence; ``Failed.``"""
     reason: str = ""
@@ -96,24 +78,63 @@ class JobResult:
         return bool(self.reason)
 
 
+STDS = tuple(one.name for one in fields(JobResult) if one.name.endswith("_std"))
+"""Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row, and what came of it so far."""
+
+    job: Job
+    result: JobResult
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """The rows of a table or a BOP scene, how they are fitted, and where their results are."""
+
+    folder: Path
+    """Of the results, absolute."""
+    jobs: tuple[Job, ...]
+    """In the order of their rows."""
+    settings: FitSettings = field(default_factory=FitSettings)
+    scene: str | None = None
+    """The BOP scene that the rows are from, absolute; None for those of a table."""
+    mask: Path | None = None
+    """What of every photo counts; not in the file."""
+
+    @property
+    def plan(self) -> Batch:
+        """The batch without its rows, as each job takes it along."""
+        return replace(self, jobs=())
+
+    def rows(self) -> list[Row]:
+        """Read the rows that have a result, in their order."""
+        results = [(job, load_result(self.folder, job.key)) for job in self.jobs]
+        return [Row(job, result) for job, result in results if result is not None]
+
+    def to_do(self) -> list[Job]:
+        """The first job of each key that is not fitted yet: equal rows are fitted once."""
+        done = {row.job.key for row in self.rows() if not row.result.failed}
+        first = {job.key: job for job in reversed(self.jobs) if job.key not in done}
+        return sorted(first.values(), key=lambda job: job.row)
+
+
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
     """The columns of ``STDS``; None each where there is no covariance."""
     return {name: covariance and getattr(covariance, name.removesuffix("_std")) for name in STDS}
 
 
-def failed_result(job: Job, reason: str) -> JobResult:
-    """A row that could not be fitted."""
-    return JobResult(job.row, job.photo, job.model, job.start, "Failed.", reason)
-
-
-def worst_first(results: Sequence[JobResult]) -> list[JobResult]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Those that failed, then by the probability of the verdict; reviewed ones are last."""
 
-    def order(result: JobResult) -> tuple[bool, float, int]:
+    def order(row: Row) -> tuple[bool, float, int]:
+        result = row.result
         unknown = result.failed or result.probability is None
-        return bool(result.review), -1.0 if unknown else result.probability or 0.0, result.row
+        return bool(result.review), -1.0 if unknown else result.probability or 0.0, row.job.row
 
-    return sorted(results, key=order)
+    return sorted(rows, key=order)
 
 
 def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -> None:
@@ -140,74 +161,59 @@ def alone_in(folder: Path) -> Iterator[None]:
 def load_result(folder: Path, key: str) -> JobResult | None:
     """The result of the job with this key; None where it or one of its files is not there."""
     try:
-        found = JobResult(**json.loads((folder / ROWS / f"{key}.json").read_bytes()))
+        data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
+        names = [one.name for one in fields(JobResult) if one.name in data]
+        result = JobResult(**{name: data[name] for name in names})
     except (OSError, ValueError, TypeError):
         return None
-    return found if all((folder / n).is_file() for n in (found.pose, found.picture)) else None
+    files = () if result.failed else (result.pose, result.picture)
+    return result if all((folder / name).is_file() for name in files) else None
 
 
-def as_row_of(job: Job, result: JobResult) -> JobResult:
-    """The same result under the job's row: rows move when a table is edited."""
-    return replace(result, row=job.row, photo=job.photo, model=job.model, start=job.start)
-
-
-def save_result(folder: Path, job: Job, result: JobResult) -> None:
-    """Keep a result: from here on the job is done."""
+def save_result(folder: Path, job: Job, result: JobResult) -> JobResult:
+    """Keep a result, and return it: from here on the job is done, if it is of a fit."""
     write_json(folder / ROWS / f"{job.key}.json", asdict(result), BatchError)
+    return result
 
 
-def known_results(
-    folder: Path, manifest: Manifest, failed: Mapping[str, JobResult]
-) -> list[JobResult]:
-    """Results in the order of the rows: those on disk, else the ``failed`` ones, by key."""
-    found = ((job, load_result(folder, job.key) or failed.get(job.key)) for job in manifest.jobs)
-    return [as_row_of(job, result) for job, result in found if result is not None]
+def save_failure(folder: Path, job: Job, reason: str) -> JobResult:
+    """Keep why a row could not be fitted."""
+    return save_result(folder, job, JobResult("Failed.", reason))
 
 
-def save_table(folder: Path, results: Sequence[JobResult]) -> None:
+def save_table(folder: Path, rows: Sequence[Row]) -> None:
     """Write ``results.csv``: a line for each row, in their order."""
     text = StringIO()
-    table = csv.DictWriter(text, [f.name for f in fields(JobResult)], lineterminator="\n")
+    names = [*ABOUT_JOB, *(one.name for one in fields(JobResult))]
+    table = csv.DictWriter(text, names, lineterminator="\n")
     table.writeheader()
-    table.writerows(asdict(result) for result in sorted(results, key=lambda r: r.row))
+    for row in rows:
+        about = {name: getattr(row.job, name) for name in ABOUT_JOB}
+        table.writerow(about | asdict(row.result))
     write_whole(folder / TABLE, text.getvalue().encode(), BatchError)
 
 
-def load_failures(folder: Path, manifest: Manifest) -> dict[str, JobResult]:
-    """The rows that failed, by their jobs' keys, as the table of results has them."""
-    try:
-        with (folder / TABLE).open(encoding="utf-8", newline="") as file:
-            rows = {row["row"]: row for row in csv.DictReader(file) if row["reason"]}
-    except (OSError, ValueError, KeyError, csv.Error):
-        return {}
-    return {
-        job.key: replace(failed_result(job, row["reason"]), note=row.get("note") or "")
-        for job in manifest.jobs
-        if (row := rows.get(str(job.row))) is not None and row["photo"] == job.photo
-    }
-
-
-def save_manifest(folder: Path, manifest: Manifest) -> None:
+def save_batch(batch: Batch) -> None:
     """Write ``batch.json``."""
     data = {
         "format": FORMAT,
         "version": VERSION,
-        "scene": manifest.scene,
-        "settings": settings_as_json(manifest.settings),
-        "jobs": [asdict(job) for job in manifest.jobs],
+        "scene": batch.scene,
+        "settings": settings_as_json(batch.settings),
+        "jobs": [asdict(job) for job in batch.jobs],
     }
-    write_json(folder / MANIFEST, data, BatchError, indent=1)
+    write_json(batch.folder / MANIFEST, data, BatchError, indent=1)
 
 
-def load_manifest(folder: Path) -> Manifest:
-    """What ``save_manifest`` wrote."""
+def load_batch(folder: Path) -> Batch:
+    """Read what ``save_batch`` wrote."""
     try:
         data = json.loads((folder / MANIFEST).read_bytes())
         if (data["format"], data["version"]) != (FORMAT, VERSION):
             raise ValueError(f"{data['format']} {data['version']}")
         names = [one.name for one in fields(Job)]
         jobs = tuple(Job(**{name: job[name] for name in names}) for job in data["jobs"])
-        return Manifest(jobs, settings_from_json(data["settings"]), data["scene"])
+        return Batch(folder, jobs, settings_from_json(data["settings"]), data["scene"])
     except FileNotFoundError:
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from poseviewer.batch.bop_rows import require_scene_camera
 from poseviewer.batch.job import result_files, smaller
 from poseviewer.batch.results import (
     ACCEPTED,
@@ -15,19 +16,16 @@ from poseviewer.batch.results import (
     PICTURES,
     POSES,
     ROWS,
+    Batch,
     JobResult,
-    Manifest,
-    known_results,
-    load_failures,
-    load_manifest,
+    Row,
+    load_batch,
     make_folders,
     save_result,
     standard_deviations,
     worst_first,
 )
 from poseviewer.batch.run import save_summaries
-from poseviewer.batch.scene import require_scene_camera
-from poseviewer.batch.table import Job
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import save_image
@@ -42,20 +40,11 @@ BY_HAND = "Set by hand."
 
 
 @dataclass(frozen=True, slots=True)
-class ReviewRow:
-    """A row, and what came of it so far."""
-
-    job: Job
-    result: JobResult
-
-
-@dataclass(frozen=True, slots=True)
 class ReviewQueue:
     """The rows in the order in which they are shown: the worst first, those reviewed last."""
 
-    folder: Path
-    manifest: Manifest
-    rows: tuple[ReviewRow, ...]
+    batch: Batch
+    rows: tuple[Row, ...]
 
     def renewed(self, index: int, result: JobResult) -> ReviewQueue:
         """The queue with another result of a row, in the same order."""
@@ -65,19 +54,17 @@ class ReviewQueue:
 
 def load_queue(folder: Path) -> ReviewQueue:
     """The rows of a batch that were fitted, or failed."""
-    folder = folder.resolve()
-    manifest = load_manifest(folder)
-    jobs = {job.row: job for job in manifest.jobs}
-    results = worst_first(known_results(folder, manifest, load_failures(folder, manifest)))
-    first = {jobs[result.row].key: result for result in reversed(results)}
-    rows = [ReviewRow(jobs[r.row], r) for r in results if first[jobs[r.row].key] is r]
+    batch = load_batch(folder.resolve())
+    rows = worst_first(batch.rows())
+    first = {row.job.key: row for row in reversed(rows)}
+    rows = [row for row in rows if first[row.job.key] is row]
     if not rows:
         raise BatchError(f"{folder}: no row of the batch is done yet; nothing to review.")
-    make_folders(folder, (ROWS, POSES, PICTURES))
-    return ReviewQueue(folder, manifest, tuple(rows))
+    make_folders(batch.folder, (ROWS, POSES, PICTURES))
+    return ReviewQueue(batch, tuple(rows))
 
 
-def decide(queue: ReviewQueue, row: ReviewRow, review: str) -> JobResult:
+def decide(queue: ReviewQueue, row: Row, review: str) -> JobResult:
     """Accept the pose in the row's file, reject it, or ("") take either back."""
     if row.result.failed and review == ACCEPTED:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
@@ -87,19 +74,22 @@ def decide(queue: ReviewQueue, row: ReviewRow, review: str) -> JobResult:
 
 def save_corrected(
     queue: ReviewQueue,
-    row: ReviewRow,
+    row: Row,
     record: PoseRecord,
     picture: Picture,
     mask: Mask | None = None,
 ) -> JobResult:
     """Save a person's pose, and mask, as the row's; the fitted one is kept as ``.fitted.json``."""
-    require_scene_camera(queue.manifest, row.job.photo, record.pose.camera)
+    require_scene_camera(queue.batch, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)
-    path, fitted = queue.folder / pose, queue.folder / pose.replace(".json", ".fitted.json")
+    path, fitted = (
+        queue.batch.folder / pose,
+        queue.batch.folder / pose.replace(".json", ".fitted.json"),
+    )
     if path.is_file() and not fitted.exists():
         write_whole(fitted, path.read_bytes(), BatchError)
     save_pose_and_mask(path, record, mask)
-    save_image(queue.folder / drawn, smaller(picture))
+    save_image(queue.batch.folder / drawn, smaller(picture))
     return _save(
         queue,
         row,
@@ -114,22 +104,15 @@ def save_corrected(
     )
 
 
-def annotate(queue: ReviewQueue, row: ReviewRow, note: str) -> JobResult:
-    """Save a note on a row; one on a row that failed stands in the table alone."""
+def annotate(queue: ReviewQueue, row: Row, note: str) -> JobResult:
+    """Save a note on a row."""
     return _save(queue, row, note=" ".join(note.split()))
 
 
-def _save(queue: ReviewQueue, row: ReviewRow, **changes: Any) -> JobResult:
-    """The row's result with changes; one that failed has no file to be kept in."""
-    result = replace(row.result, **changes)
-    if not result.failed:
-        save_result(queue.folder, row.job, result)
-    return result
+def _save(queue: ReviewQueue, row: Row, **changes: Any) -> JobResult:
+    return save_result(queue.batch.folder, row.job, replace(row.result, **changes))
 
 
 def save_reviewed(queue: ReviewQueue) -> None:
     """Write table, report and BOP scene anew from the rows' own files."""
-    failed = {row.job.key: row.result for row in queue.rows if row.result.failed}
-    save_summaries(
-        queue.folder, queue.manifest, known_results(queue.folder, queue.manifest, failed)
-    )
+    save_summaries(queue.batch)

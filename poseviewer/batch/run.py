@@ -2,51 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
-from poseviewer.batch.job import BatchPlan
+from poseviewer.batch.bop_rows import load_scene_jobs, save_scene
+from poseviewer.batch.html_report import save_report
+from poseviewer.batch.job_table import Job, load_jobs
 from poseviewer.batch.processes import run_here
-from poseviewer.batch.report import save_report
 from poseviewer.batch.results import (
+    Batch,
     JobResult,
-    Manifest,
+    Row,
     alone_in,
-    known_results,
     make_folders,
-    save_manifest,
+    save_batch,
     save_table,
 )
-from poseviewer.batch.scene import SceneOptions, load_scene_jobs, save_scene
-from poseviewer.batch.table import Job, load_jobs
+from poseviewer.errors import BatchError
 from poseviewer.fit.settings import FitSettings
 from poseviewer.render.pool import processors
-
-
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """The rows of a table or a scene, and which of them are done."""
-
-    manifest: Manifest
-    plan: BatchPlan
-    done: tuple[JobResult, ...]
-    """What came of rows in an earlier run."""
-
-    @property
-    def jobs(self) -> tuple[Job, ...]:
-        """In the order of their rows."""
-        return self.manifest.jobs
-
-    @property
-    def to_do(self) -> tuple[Job, ...]:
-        """The first job of each key that is not done: equal rows are fitted once."""
-        rows = {result.row for result in self.done}
-        first: dict[str, Job] = {}
-        for job in self.jobs:
-            if job.row not in rows:
-                first.setdefault(job.key, job)
-        return tuple(first.values())
 
 
 def open_batch(
@@ -54,50 +28,49 @@ def open_batch(
     folder: str | Path,
     settings: FitSettings,
     mask: Path | None = None,
-    scene_options: SceneOptions | None = None,
+    models: Path | None = None,
+    objects: Sequence[int] = (),
 ) -> Batch:
-    """Read the table, or the BOP scene; make the folder of results, and read what is there."""
-    table, folder = Path(table), Path(folder).resolve()
+    """Read the table, or the BOP scene; and make the folder of results."""
+    table, folder, scene = Path(table), Path(folder).resolve(), None
     if table.is_dir():
-        scene = table.resolve()
-        jobs = load_scene_jobs(scene, folder, settings, scene_options or SceneOptions())
-        manifest = Manifest(jobs, settings, str(scene))
+        scene = str(table.resolve())
+        jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
+    elif models is not None or objects:
+        raise BatchError(
+            f"--models or --objects with {table.name}, which is a table: they are for the folder "
+            "of a BOP scene; leave them out, or name such a folder."
+        )
     else:
-        manifest = Manifest(load_jobs(table, settings), settings)
+        jobs = load_jobs(table, settings)
+    batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
     make_folders(folder)
     with alone_in(folder):
-        save_manifest(folder, manifest)
-    plan = BatchPlan(folder, settings, mask.resolve() if mask else None)
-    return Batch(manifest, plan, tuple(known_results(folder, manifest, {})))
+        save_batch(batch)
+    return batch
 
 
 def run_batch(
-    batch: Batch, *, scheduler: str | None = None, processes: int | None = None
+    batch: Batch, jobs: Sequence[Job], *, scheduler: str | None = None, processes: int | None = None
 ) -> Generator[JobResult, None, None]:
-    """Results of the jobs to be done as they come, from this machine or a Dask ``scheduler``."""
-    if not batch.to_do:
+    """Results of jobs as they come, from this machine or a Dask ``scheduler``."""
+    if not jobs:
         return
-    with alone_in(batch.plan.folder):
+    with alone_in(batch.folder):
         if scheduler is None:
-            yield from run_here(batch.to_do, batch.plan, processes or processors())
+            yield from run_here(jobs, batch.plan, processes or processors())
             return
         from poseviewer.batch.cluster import run_on_cluster
 
-        yield from run_on_cluster(batch.to_do, batch.plan, scheduler)
+        yield from run_on_cluster(jobs, batch.plan, scheduler)
 
 
-def save_outcome(batch: Batch, fresh: Iterable[JobResult]) -> list[JobResult]:
-    """Write table, report and scene of all rows on disk, some reviewed since; returns the rows."""
-    folder, manifest = batch.plan.folder, batch.manifest
-    key_of = {job.row: job.key for job in batch.jobs}
-    failed = {key_of[result.row]: result for result in fresh if result.failed}
-    results = known_results(folder, manifest, failed)
-    save_summaries(folder, manifest, results)
-    return results
-
-
-def save_summaries(folder: Path, manifest: Manifest, results: Sequence[JobResult]) -> None:
-    """Write the table and the report, and for rows of a BOP scene its files."""
-    save_table(folder, results)
-    save_report(folder, results)
-    save_scene(folder, manifest, results)
+def save_summaries(batch: Batch) -> list[Row]:
+    """Write table and report of all rows that have a result, and for those of a BOP scene its
+    files; returns the rows.
+    """
+    rows = batch.rows()
+    save_table(batch.folder, rows)
+    save_report(batch.folder, rows)
+    save_scene(batch, rows)
+    return rows

@@ -1,67 +1,161 @@
-"""From options to a photo, a model and a start; and the fit of them."""
+"""From options to what they name: settings, a calibrated camera, files, a scene."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from poseviewer.api import (
-    Case,
-    FitResult,
-    FitSettings,
-    SceneCase,
-    SetCase,
-    SetResult,
-    load,
-    load_scene,
-    load_views,
-)
-from poseviewer.cli.options import (
-    calibration_of,
-    choice_of,
-    refuse_beside,
-    refuse_views,
-    settings_of,
-)
-from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
+from poseviewer.cli.options import OF_VIEWS, made
+from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
-from poseviewer.files.marks import load_pairs, wheels_from_text
-from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.verdict import Verdict
-from poseviewer.render.pool import processors
-from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.point_pairs import start_from_pairs
-from poseviewer.starts.registration import Start, StartCamera, StartInputs
-from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
+from poseviewer.fit.settings import FitSettings, Limits
 
-AnyCase = TypeVar("AnyCase", Case, SceneCase, SetCase)
+if TYPE_CHECKING:  # help texts come before all that
+    from poseviewer.api import Scene
+    from poseviewer.files.cameras import Calibration
+    from poseviewer.files.file_set import FileSet
+    from poseviewer.files.photo_sets import SetChoice
+    from poseviewer.starts.loading import Start, StartCamera, StartInputs
+
+STARTS = ("pose", "pairs", "wheels", "find_wheels", "start")
+"""Options that say where the model starts."""
+OF_A_PHOTO = ("mask", "calibration", "box", "focal")
+"""Options that a set of photos, or a scene, says itself."""
 
 
-def open_case(options: Namespace) -> Case:
-    """Photo, model and start: from a pose file, from marks on the photo, or found.
+def refuse(options: Namespace, names: Sequence[str], why: str) -> None:
+    """Refuse the options of these names, where they are given."""
+    for name in names:
+        if getattr(options, name, None) not in (None, False):
+            raise SettingsError(f"--{name.replace('_', '-')} {why}")
+
+
+def refuse_beside(options: Namespace, flag: str, names: Sequence[str]) -> None:
+    """Refuse options that say what the ``flag`` says itself."""
+    refuse(options, names, f"with {flag}, which says it itself; leave it out")
+
+
+def refuse_with_paper(options: Namespace) -> None:
+    """Refuse the paper's method with what it does not have."""
+    if getattr(options, "method", None) != "paper":
+        return
+    if options.pixels == "near":
+        raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
+    compares_grey = "with --method paper, which compares grey; leave one of them out"
+    refuse(options, ["colour_reflectance"], compares_grey)
+
+
+def settings_of(options: Namespace) -> FitSettings:
+    """How a fit is made."""
+    refuse_with_paper(options)
+    return made(
+        FitSettings,
+        options,
+        mask=options.mask.name if options.mask else None,
+        without=tuple(options.without) if options.without else None,
+        limits=made(Limits, options),
+    )
+
+
+def calibration_of(options: Namespace) -> Calibration | None:
+    """The calibration that the options name; None where they name none."""
+    camera, fisheye = options.calibration_camera, options.calibration_fisheye
+    if options.calibration is None:
+        more = ("calibration_camera", "calibration_fisheye")
+        refuse(options, more, "without --calibration; name its file")
+        return None
+    from poseviewer.files.cameras import Calibration
+
+    return Calibration(options.calibration, camera, fisheye)
+
+
+def choice_of(options: Namespace) -> SetChoice:
+    """What of the set of photos is wanted."""
+    from poseviewer.files.photo_sets import SetChoice
+
+    return SetChoice(options.photos or (), options.photo_folder, options.rig_object)
+
+
+def named_files(options: Namespace) -> FileSet:
+    """The files that the options name, by what they are.
+
+    Raises:
+        SettingsError: they do not go together.
+    """
+    from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
+
+    photo, model, views = options.photo, options.model, options.views
+    if views is not None:
+        refuse_beside(options, "--views", ("object", *OF_A_PHOTO))
+        if model is not None or photo is None:
+            raise SettingsError("--views SET wants MODEL alone: the set says the photos")
+        return FileSet(models=(ModelFiles(photo),), pose=options.pose, views=views)
+    refuse(options, OF_VIEWS, "without --views; leave it out, or name a set of photos")
+    if photo is not None and is_scene_file(photo):
+        refuse_beside(options, photo.name, (*STARTS, *OF_A_PHOTO))
+        if model is not None:
+            raise SettingsError(f"{photo}: a scene file says its models; leave out MODEL")
+        return FileSet(scene=photo)
+    refuse(options, ["object"], "without a scene; leave it out, or name a scene file")
+    return FileSet(photo, models=(ModelFiles(model),) if model else (), pose=options.pose)
+
+
+def open_scene(options: Namespace) -> Scene:
+    """A photo, several objects in one, or one in several, as the options have it; about one object
+    where they name one.
 
     Raises:
         PoseViewerError: a file cannot be used, or the options do not go together.
     """
-    settings, given = settings_of(options), vars(options)
+    settings, files = settings_of(options), named_files(options)
+    if settings.renderer != "opengl":
+        tell_of_compiling()
+    from poseviewer.api import load
+
+    if files.views is not None:
+        if options.pose is None:
+            raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
+        scene = load(
+            views=files.views,
+            model=files.models[0].path,
+            start=options.pose,
+            settings=settings,
+            view=options.view,
+            scale=options.scale,
+            choice=choice_of(options),
+        )
+    elif files.scene is not None:
+        scene = load(files.scene, settings=settings)
+        if getattr(options, "object", None):
+            scene = scene[options.object]
+    else:
+        scene = _open_photo(options, settings)
+    for note in () if options.quiet else scene.notes:
+        tell(f"note: {note}")
+    return scene
+
+
+def _open_photo(options: Namespace, settings: FitSettings) -> Scene:
+    """Photo, model and start: from a pose file, from marks on the photo, or found."""
+    from poseviewer.api import load
+    from poseviewer.starts.loading import StartCamera
+
+    given = vars(options)
     if options.photo is None or options.model is None:
-        raise SettingsError("PHOTO and MODEL are wanted; name both, or a scene with --scene")
-    refuse_views(options)
-    if given.get("object"):
-        raise SettingsError("--object without --scene; leave it out, or name a scene")
+        raise SettingsError("PHOTO and MODEL are wanted, or a scene file; name them")
     if given.get("box") and options.start is None:
         raise SettingsError("--box without --start auto; leave it out, or add --start auto")
-    _tell_of_compiling(settings)
+    if all(given.get(name) is None for name in STARTS):
+        wanted = ", ".join(f"--{name.replace('_', '-')}" for name in STARTS if name in given)
+        raise SettingsError(f"a start is wanted: give {wanted}")
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:
-        case = load(
+        return load(
             options.photo,
             options.model,
-            options.pose or _start(options, camera),
+            options.pose or options.start or _find(options, camera),
             settings,
             calibration=calibration_of(options),
             box=given.get("box"),
@@ -69,178 +163,16 @@ def open_case(options: Namespace) -> Case:
             mask=options.mask,
             watch=bar.update,
         )
-    return _noted(case, options)
 
 
-def open_scene(options: Namespace) -> SceneCase:
-    """The scene that ``--scene`` names.
+def _find(options: Namespace, camera: StartCamera) -> Callable[[StartInputs], Start]:
+    """What finds a start from marks on the photo."""
+    from poseviewer.files.marks import load_pairs, wheels_from_text
+    from poseviewer.starts.point_pairs import start_from_pairs
+    from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
 
-    Raises:
-        PoseViewerError: a file cannot be used, or the options do not go together.
-    """
-    settings = settings_of(options)
-    given = ("photo", "mask", "calibration", "box", "focal")
-    refuse_beside(options, "--scene", given)
-    _tell_of_compiling(settings)
-    return _noted(load_scene(options.scene, settings), options)
-
-
-def open_views(options: Namespace) -> SetCase:
-    """The set of photos that ``--views`` names, with the model in each.
-
-    Raises:
-        PoseViewerError: a file cannot be used, or the options do not go together.
-    """
-    settings = settings_of(options)
-    refuse_beside(options, "--views", ("scene", "object", "mask", "calibration", "box", "focal"))
-    if options.pose is None:
-        raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
-    if options.model is not None or options.photo is None:
-        raise SettingsError("--views SET wants MODEL alone: the set says the photos")
-    _tell_of_compiling(settings)
-    case = load_views(
-        options.views,
-        options.photo,
-        options.pose,
-        settings,
-        view=options.view,
-        scale=options.scale,
-        choice=choice_of(options),
-    )
-    return _noted(case, options)
-
-
-def open_any(options: Namespace) -> Case | SceneCase | SetCase:
-    """A photo, several objects in one, or one in several, as the options have it.
-
-    Raises:
-        PoseViewerError: a file cannot be used, or the options do not go together.
-    """
-    if options.views is not None:
-        return open_views(options)
-    return open_case(options) if options.scene is None else open_scene(options)
-
-
-def fit(options: Namespace) -> FitResult | SceneCase | SetResult:
-    """The same, searched to the end or to Ctrl-C, which keeps the best pose so far; printed."""
-    match open_any(options):
-        case Case() as one:
-            return search(one, options.quiet)
-        case SceneCase() as scene:
-            return search_scene(scene, options.object, options.quiet)
-        case views:
-            return search_views(views, options.quiet)
-
-
-def _tell_of_compiling(settings: FitSettings) -> None:
-    if settings.renderer != "opengl":
-        tell_of_compiling()
-
-
-def _noted(case: AnyCase, options: Namespace) -> AnyCase:
-    """The same, once its notes are told."""
-    for note in () if options.quiet else case.notes:
-        tell(f"note: {note}")
-    return case
-
-
-def _start(options: Namespace, camera: StartCamera) -> Path | str | Callable[[StartInputs], Start]:
-    if options.start is not None:
-        return AUTOMATIC
     if options.pairs is not None:
         return lambda inputs: start_from_pairs(inputs, load_pairs(options.pairs), camera)
     if options.find_wheels is not None:
         return lambda inputs: start_from_found_wheels(inputs, options.find_wheels, camera)
     return lambda inputs: start_from_wheels(inputs, wheels_from_text(options.wheels), camera)
-
-
-def search(case: Case, quiet: bool) -> FitResult:
-    """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
-    with _watching(quiet) as watch:
-        found = case.fit(watch=watch, threads=processors(), interruptible=True)
-    print_end(found)
-    return found
-
-
-def search_scene(scene: SceneCase, object_id: str | None, quiet: bool) -> SceneCase:
-    """The same of all objects of a scene, or one of them."""
-    with _watching(quiet) as watch:
-        found = scene.fit(object_id, watch=watch, threads=processors(), interruptible=True)
-    shares = found.visibility.shares
-    for one, result, share in zip(found.scene.objects, found.results, shares, strict=True):
-        if object_id not in (None, one.id):
-            continue
-        say(f"{one.label} (seen to {share:.0%})")
-        if result is None:
-            say("Not searched for: it stands wholly behind others; its pose is as it was.")
-        else:
-            print_end(result)
-    return found
-
-
-def search_views(case: SetCase, quiet: bool) -> SetResult:
-    """The same of one pose in several photos."""
-    with _watching(quiet) as watch:
-        found = case.fit(watch=watch, threads=processors(), interruptible=True)
-    assert found.progress is not None  # it was searched for
-    _print_search(found.progress)
-    for name, view in zip(case.names, found.views, strict=True):
-        said = "" if view.verdict is None else f", {view.verdict.word} by it alone"
-        seen = "" if view.hidden is None else f", {view.seen:.0%} of the model seen"
-        say(f"{name}: {view.case.problem.scale.text(view.loss)}{seen}{said}")
-    if case.registration.free_size:
-        say(f"scale: {1.0 / found.size:.6g} lengths of the model's unit in one of the set's")
-    unit = found.case.registration.registrations[0].mesh.unit
-    _print_verdict(found.verdict, unit, found.notes)
-    return found
-
-
-@contextmanager
-def _watching(quiet: bool) -> Iterator[Callable[[FitProgress], None]]:
-    """What shows the progress of searches, one after the other."""
-    with progress_bar(None, quiet) as bar:
-        last, before = 0, 0
-
-        def watch(progress: FitProgress) -> None:
-            nonlocal last, before
-            if progress.evaluations < last:
-                before += last
-            last = progress.evaluations
-            text = f"restart {progress.restart}, {progress.loss_text}"
-            bar.set_description_str(text, refresh=False)
-            bar.update(before + last - bar.n)
-
-        yield watch
-
-
-def print_end(found: FitResult) -> None:
-    """How a search ended."""
-    progress, verdict = found.progress, found.verdict
-    assert progress is not None  # it was searched for
-    _print_search(progress)
-    if parts := found.parts.parts_text:
-        say(f"unexplained by part: {parts}")
-    if found.hidden is not None:
-        say(
-            f"something in front was taken to hide a part of the model: {found.seen:.0%} of it is "
-            "seen, and the rest was left out"
-        )
-    _print_verdict(verdict, found.case.registration.mesh.unit, found.notes)
-
-
-def _print_search(progress: FitProgress) -> None:
-    say(
-        f"{progress.status.value}\n"
-        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
-        f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
-    )
-
-
-def _print_verdict(verdict: Verdict | None, unit: str | None, notes: Sequence[str] = ()) -> None:
-    if verdict is None:
-        return
-    say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
-    for reason in (*verdict.reasons, *notes):
-        say(f"  {reason}")
-    if verdict.covariance is not None:
-        say(f"how sure, as standard deviations: {verdict.covariance.words(unit)}")

@@ -1,7 +1,7 @@
 """The command line: find the command, parse its options, run it.
 
-Each command is a module of its name with ``add_options`` and ``run``; the module's docstring is its
-description. What is slow to import is imported in ``run``.
+Each command is a module, ``NAME_command``, with ``OPTIONS`` and ``run``; the module's docstring is
+its description. What is slow to import is imported in ``run``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from poseviewer.cli.options import add_all
 from poseviewer.cli.terminal import tell
 from poseviewer.errors import (
     EXIT_BUG,
@@ -52,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _make_ready()
     try:
         options = parse(sys.argv[1:] if arguments is None else arguments)
-        return import_module(f"poseviewer.cli.{options.command}").run(options)
+        return import_module(f"poseviewer.cli.{options.command}_command").run(options)
     except KeyboardInterrupt:
         tell("poseviewer: stopped; nothing was written.")
         return EXIT_INTERRUPTED
@@ -91,12 +92,18 @@ def parse(arguments: Sequence[str]) -> Namespace:
         make_parser().parse_args(arguments)
     named = bool(arguments) and arguments[0] in COMMANDS
     command = arguments[0] if named else "app"
-    module = import_module(f"poseviewer.cli.{command}")
-    prog = f"poseviewer {command}" if named else "poseviewer"
-    parser = _Parser(prog=prog, description=module.__doc__)
-    module.add_options(parser)
-    parser.set_defaults(command=command)
+    parser = parser_of(command, f"poseviewer {command}" if named else "poseviewer")
     return parser.parse_args(arguments[1:] if named else arguments)
+
+
+def parser_of(command: str, prog: str) -> ArgumentParser:
+    """Make the parser of a command, called ``prog`` in its messages."""
+    module = import_module(f"poseviewer.cli.{command}_command")
+    parser = _Parser(prog=prog, description=module.__doc__)
+    for title, options in module.OPTIONS.items():
+        add_all(parser.add_argument_group(title) if title else parser, options)
+    parser.set_defaults(command=command)
+    return parser
 
 
 def make_parser() -> ArgumentParser:

@@ -20,15 +20,15 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.writing import make_folder
-from poseviewer.fit.registration import LoadedModel
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.keypoints import VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {

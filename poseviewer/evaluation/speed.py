@@ -14,7 +14,7 @@ import platform
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -26,24 +26,23 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.figures.text_table import Table
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.landscape import landscape
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.registration import Registration
-from poseviewer.fit.search import until_focal_settles
+from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import METHODS, FitSettings, Limits, Method
-from poseviewer.fit.stages import make_stages
+from poseviewer.fit.slices import landscape
+from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes, Renderer
-from poseviewer.starts.registration import load_registration
+from poseviewer.starts.loading import open_photo
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 PATHS = {
@@ -152,12 +151,12 @@ def _cores(count: int) -> str:
     return "1 core" if count == 1 else f"{count} cores"
 
 
-def demo_with_truth() -> tuple[Registration, Pose]:
+def demo_with_truth() -> tuple[Scene, Pose]:
     """Load the bundled demo, and its true pose."""
     files = demo_case()
-    registration = load_registration(files.photo, files.model, files.start)
-    photo = registration.photo
-    return registration, load_pose(files.truth, photo.width, photo.height).pose
+    demo = open_photo(files.photo, files.model, files.start)
+    photo = demo.views[0].photo
+    return demo, load_pose(files.truth, photo.width, photo.height).pose
 
 
 def measure_speed(
@@ -201,12 +200,12 @@ def _gpu_name() -> str | None:
     return None
 
 
-def make_workload(demo: Registration, truth: Pose, triangles: int, width: int) -> Workload:
+def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workload:
     """Simplify the demo's model to about ``triangles``, and its photo to a width."""
-    renderer = SoftwareRenderer(simplify(demo.mesh, triangles))
-    truth = truth.scaled(width / demo.photo.width)
+    renderer = SoftwareRenderer(simplify(demo.objects[0].mesh, triangles))
+    truth = truth.scaled(width / demo.views[0].photo.width)
     width, height = truth.camera.width, truth.camera.height
-    grey = demo.photo.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
+    grey = demo.views[0].photo.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
     channels = grey[..., None].astype(np.float32)
     chart = FreeBodyChart.near(renderer.mesh, truth)
     middle = chart.from_pose(truth)
@@ -249,7 +248,7 @@ def _make_path(
     if letter == "e":
         return pool.threads, CHUNK * pool.threads, lambda poses: list(pool.map(one, poses))
     if letter == "f":
-        from poseviewer.render.gpu.renderer import GpuRenderer
+        from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 
         on_gpu = GpuRenderer(work.renderer.mesh)
         together = RendererPool(on_gpu)
@@ -259,13 +258,17 @@ def _make_path(
     return 1, 1, lambda poses: one(renderer, poses[0])
 
 
-def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) -> dict[str, Any]:
+def time_fit(demo: Scene, truth: Pose, method: Method, limit_s: float) -> dict[str, Any]:
     """Time a fit from the demo's start, 8 % off in each parameter, without the verdict."""
-    problem, _ = make_problem(demo, FitSettings(method=method, limits=Limits(seconds=limit_s)))
-    renderer, threads = SoftwareRenderer(demo.mesh), 1 if method == "paper" else processors()
+    settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
+    problem, _ = make_problem(demo.with_object(0, settings=settings))
+    renderer, threads = (
+        SoftwareRenderer(demo.objects[0].mesh),
+        1 if method == "paper" else processors(),
+    )
     make_stages(problem, renderer)  # simplifies the model, which is then kept
-    *_, end = until_focal_settles(problem, renderer, threads)
-    error = pose_error(demo.mesh, end.pose, truth).percent
+    *_, end = fit_pose(problem, renderer, threads)
+    error = pose_error(demo.objects[0].mesh, end.pose, truth).percent
     return {
         "method": method,
         "threads": threads,
@@ -275,10 +278,10 @@ def time_fit(demo: Registration, truth: Pose, method: Method, limit_s: float) ->
     }
 
 
-def time_maps(demo: Registration, truth: Pose, size: int) -> dict[str, Any]:
+def time_maps(demo: Scene, truth: Pose, size: int) -> dict[str, Any]:
     """Time the maps of all pairs of parameters about the demo's true pose, on all cores."""
-    problem, _ = make_problem(replace(demo, start=truth), FitSettings())
-    with RendererPool(SoftwareRenderer(demo.mesh)) as pool:
+    problem, _ = make_problem(demo.with_pose(0, truth))
+    with RendererPool(SoftwareRenderer(demo.objects[0].mesh)) as pool:
         # A thread's first picture of a size takes its buffers.
         pool.moments_of([truth] * (2 * CHUNK * pool.threads), problem.photo)
         began = perf_counter()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from poseviewer.errors import PoseFileError, SettingsError
-from poseviewer.evaluation.bop import bop_folder, bop_table, bop_tasks
+from poseviewer.evaluation.bop_estimates import bop_folder, bop_table, bop_tasks
 from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
 from poseviewer.evaluation.photos import (
     DRAWN,

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -18,22 +18,23 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.api import make_case
+from poseviewer.api import make_scene
 from poseviewer.errors import EXIT_INTERRUPTED, PoseViewerError, SettingsError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.registration import LoadedModel, PlacedModel, Registration
+from poseviewer.fit.scene import LoadedModel, Scene, SceneObject, scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry import Symmetry
+from poseviewer.geometry.symmetry_group import Symmetry
+from poseviewer.geometry.view import View
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.loading import load_model
 
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
@@ -111,15 +112,26 @@ class Task:
         settings = self.settings
         return {"case": self.case.name, "method": settings.method, "pixels": settings.pixels} | own
 
-    def open(self) -> tuple[Registration, Renderer]:
-        """Photo, model and start, and a renderer of the model."""
+    def open(self) -> tuple[Scene, Renderer]:
+        """Photo, model and start, the others locked, and a renderer of the model."""
         case = self.case
         model, renderer = open_model(case.mesh)
         keypoints = model.keypoints if self.settings.chart == "vehicle" else None
-        named = (open_photo(case.photo), model.mesh, model.name, "", keypoints, self.start, ())
-        others = tuple(PlacedModel(open_model(one.mesh)[0].mesh, one.truth) for one in self.others)
         symmetry = case.bop.symmetry if case.bop else model.whole_symmetry
-        return Registration(*named, others=others, whole_symmetry=symmetry), renderer
+        model = replace(model, keypoints=keypoints, whole_symmetry=symmetry)
+        photo = open_photo(case.photo)
+        view = View(photo.name, photo, self.start.camera)
+        scene = scene_at(view, model, self.start, self.settings)
+        others = tuple(
+            SceneObject(
+                one.name,
+                open_model(one.mesh)[0],
+                scene.views[0].world_from_model(one.truth),
+                locked=True,
+            )
+            for one in self.others
+        )
+        return replace(scene, objects=(*scene.objects, *others)), renderer
 
     def run(self) -> Trial:
         """Fit from the start, and compare its end with the truth.
@@ -127,20 +139,21 @@ class Task:
         A start that no fit can begin from is also where it ends. A truth whose camera the start's
         chart does not have has the loss of the chart's nearest pose.
         """
-        registration, renderer = self.open()
+        scene, renderer = self.open()
+        model = scene.objects[0].model
         case, truth = self.case, self.case.truth
-        poses = {"start": registration.start, "end": registration.start}
+        poses = {"start": self.start, "end": self.start}
         outcome: dict[str, Any] = dict.fromkeys(("loss_start", "loss_end", "loss_truth"), math.nan)
         outcome |= {"end": "", "evaluations": 0, "verdict": "", "evidence": ""}
         began = perf_counter()
         try:
-            result = make_case(registration, self.settings, renderer=renderer).fit()
+            result = make_scene(scene, renderer, 0).fit()
         except PoseViewerError as error:
             outcome |= {"seconds": round(perf_counter() - began, 3), "status": type(error).__name__}
         else:
             seconds, progress = perf_counter() - began, result.progress
             assert progress is not None  # it was searched for
-            problem, verdict = result.case.problem, progress.verdict
+            problem, verdict = result.problem, progress.verdict
             poses["end"] = result.pose
             outcome |= {
                 "end": " ".join(repr(float(number)) for number in progress.parameters),
@@ -153,15 +166,15 @@ class Task:
                 "verdict": "" if verdict is None else verdict.word,
                 "evidence": "" if verdict is None else _as_text(verdict.features),
             }
-        vertices, symmetry = registration.mesh.vertices, registration.symmetry
+        vertices, symmetry = model.mesh.vertices, model.symmetry
         for name, pose in poses.items():
-            error = pose_error(registration.mesh, pose, truth, symmetry)
+            error = pose_error(model.mesh, pose, truth, symmetry)
             outcome[f"error_percent_{name}"] = error.percent
             outcome[f"error_px_{name}"] = error.reprojection_px
             if case.bop:
                 in_space, in_photo = symmetric_distances(vertices, pose, truth, symmetry)
                 outcome[f"mssd_{name}"] = in_space / case.bop.diameter
-                outcome[f"mspd_{name}"] = in_photo * 640.0 / registration.photo.width
+                outcome[f"mspd_{name}"] = in_photo * 640.0 / scene.views[0].photo.width
         is_found = outcome["error_percent_end"] < case.accuracy_percent + FOUND_PERCENT
         if case.is_drawn:
             is_found = outcome["error_px_end"] < FOUND_PX

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from poseviewer.fit.landscape import Slice, slice_minimum
+from poseviewer.fit.slices import Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import short_name
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from poseviewer.errors import SettingsError
 from poseviewer.files.landscape import landscape_npz_bytes
 from poseviewer.files.writing import write_whole
-from poseviewer.fit.landscape import Slice
+from poseviewer.fit.slices import Slice
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 

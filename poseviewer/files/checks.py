@@ -252,12 +252,6 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted a text")
         return None if value is None else printable(value)
 
-    def texts(self, value: Any, what: str) -> tuple[str, ...]:
-        """The value, a list of texts; made ``printable``."""
-        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a list of texts")
-        return tuple(map(printable, value))
-
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
         if value is None:

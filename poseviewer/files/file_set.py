@@ -26,9 +26,8 @@ from poseviewer.files.mesh.named import bare_name, find_named, plain_name
 from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import was_taken_by_a_camera
-from poseviewer.files.scene import is_scene_file
+from poseviewer.files.structs import SCENE, VIEWS
 from poseviewer.files.symmetry import symmetry_path
-from poseviewer.files.view_set import FORMAT as VIEWS
 
 Kind = Literal["photo", "model", "pose"]
 
@@ -221,7 +220,7 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
     if path.name == CAMERAS or (of_colmap and model_file(path.parent, "images").is_file()):
         return "reconstruction"
     data = _json_of(path) if is_json else {}
-    if data.get("format") == VIEWS or isinstance(data.get("frames"), list):
+    if data.get("format") in (SCENE, VIEWS) or isinstance(data.get("frames"), list):
         return "set"
     if "camera_from_model" in data:
         return "pose"
@@ -230,6 +229,16 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
             load_cameras(path)
             return "camera"
     return "pose" if sole and is_json else ""
+
+
+def is_scene_file(path: Path) -> bool:
+    """Whether a file is JSON that says that it is a scene of objects, or is called ``.scene.json``:
+    then what is wrong with it can be told. What it is otherwise is not asked.
+    """
+    data = _json_of(path)
+    if data.get("format") == SCENE:
+        return data.get("version") != 2 or bool(data.get("objects"))
+    return path.name.lower().endswith(".scene.json")
 
 
 def _json_of(path: Path) -> dict[str, object]:

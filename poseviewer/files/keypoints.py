@@ -10,8 +10,8 @@ import numpy as np
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
-from poseviewer.vehicle.parts import find_wheels
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.wheel_parts import find_wheels
 
 FORMAT = "poseviewer-keypoints"
 KIND = "key point file"

@@ -1,4 +1,4 @@
-"""Loss landscapes (``fit.landscape.Slice``) for the user's own plots: pickle-free archives (.npz).
+"""Loss landscapes (``fit.slices.Slice``) for the user's own plots: pickle-free archives (.npz).
 
 Keys, with d numbers of the chart, P pairs and grids of k x k points:
 

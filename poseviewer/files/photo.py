@@ -22,8 +22,8 @@ from poseviewer.files.pose import PoseRecord, distortion_as_json
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
-from poseviewer.geometry.photo import Photo
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Of files that photos come in."""

@@ -4,22 +4,56 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
+from poseviewer.files.structs import Three, decoded
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
+from poseviewer.geometry.symmetry_group import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
-ANY = "any"
+ANY: Literal["any"] = "any"
 """The fold of a continuous symmetry, in files."""
-MOST_TURNS = 100
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
+
+
+class TurnsAbout(Struct, frozen=True):
+    """fold: in how many equal steps the turns about the axis go round; any: every turn."""
+
+    axis: Three
+    fold: Annotated[int, Meta(ge=2, le=MOST_FOLD)] | Literal["any"]
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.axis) > 0.0:
+            raise ValueError(".axis has no length; wanted a direction")
+
+
+class SymmetryTurns(Struct, frozen=True):
+    """What maps the model onto itself: the turns about axes through a centre, in the model's frame
+    and unit, and all that follow from them.
+    """
+
+    centre: Three
+    turns: Annotated[tuple[TurnsAbout, ...], Meta(max_length=100)]
+
+    @classmethod
+    def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
+        """A symmetry as files say it; None where there is none."""
+        turns = [TurnsAbout(tuple(axis.tolist()), fold or ANY) for axis, fold in symmetry.turns]
+        return None if symmetry.is_none else cls(tuple(symmetry.centre.tolist()), tuple(turns))
+
+
+class SymmetryFile(SymmetryTurns, frozen=True, tag_field="format", tag=FORMAT):
+    """A symmetry file; the unit has to be the model's."""
+
+    version: Literal[1] = 1
+    unit: str | None = None
 
 
 def symmetry_path(mesh_path: str | Path) -> Path:
@@ -53,43 +87,17 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
             data = reading.load_object()
             reading.require_format(data, FORMAT)
             reading.require_unit(data, mesh.unit)
-            symmetry = symmetry_from_json(reading, data, "")
+            symmetry = symmetry_from(reading, decoded(reading, data, SymmetryTurns))
     return symmetry
 
 
-def symmetry_as_json(symmetry: Symmetry) -> dict[str, Any]:
-    """``centre`` and ``turns`` as files say them."""
-    turns = [
-        {"axis": [float(value) for value in axis], "fold": fold or ANY}
-        for axis, fold in symmetry.turns
-    ]
-    return {"centre": [float(value) for value in symmetry.centre], "turns": turns}
-
-
-def symmetry_from_json(reading: Reading, value: Any, what: str) -> Symmetry:
-    """What ``symmetry_as_json`` gives; raises the reading's error."""
-    value, where = reading.object(value, what or "its content"), f"{what}." if what else ""
-    centre = reading.numbers(value.get("centre"), f"{where}centre")
-    listed = value.get("turns")
-    if not isinstance(listed, list) or len(listed) > MOST_TURNS:
-        found = f"{where}turns is {kind_of(listed)}"
-        raise reading.error(found, f"wanted a list of turns, of {MOST_TURNS} at most")
-    turns = [_turn(reading, turn, f"{where}turns[{i}]") for i, turn in enumerate(listed)]
+def symmetry_from(reading: Reading, said: SymmetryTurns | None) -> Symmetry:
+    """The symmetry that a file says; raises the reading's error."""
+    if said is None:
+        return NO_SYMMETRY
+    axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in said.turns]
+    folds = [0 if turn.fold == ANY else turn.fold for turn in said.turns]
     try:
-        return Symmetry.from_turns(centre, turns)
+        return Symmetry.from_turns(said.centre, list(map(Turn, axes, folds)))
     except ValueError as error:
         raise reading.error(f"its turns {error}", "mend their axes and folds") from None
-
-
-def _turn(reading: Reading, value: Any, what: str) -> Turn:
-    (axis,) = reading.fields(value, what, axis=Reading.numbers)
-    length = float(np.linalg.norm(axis))
-    if not length > 0.0:
-        raise reading.error(f"{what}.axis has no length", "wanted a direction")
-    fold = value.get("fold")
-    if fold == ANY:
-        return Turn(np.array(axis) / length, 0)
-    if not isinstance(fold, int) or isinstance(fold, bool) or not 2 <= fold <= MOST_FOLD:
-        wanted = f"wanted a whole number from 2 to {MOST_FOLD}, or {ANY!r}"
-        raise reading.error(f"{what}.fold is {kind_of(fold)}", wanted)
-    return Turn(np.array(axis) / length, fold)

@@ -40,13 +40,18 @@ def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
 
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
     """Write what JSON can hold, in UTF-8, as ``write_whole`` does."""
+    write_whole(path, json_bytes(path, data, error, indent=indent), error)
+
+
+def json_bytes(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> bytes:
+    """The text of a JSON file; raises ``error`` where a number is not finite."""
     try:
         text = json.dumps(data, indent=indent, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as problem:
         raise error(
             f"{path.name}: holds what JSON cannot ({problem}); nothing was written."
         ) from problem
-    write_whole(path, (text + "\n").encode(errors="replace"), error)
+    return (text + "\n").encode(errors="replace")
 
 
 def lock_file(path: Path) -> IO[bytes] | None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from poseviewer.fit.loss import fewest_pixels
 from poseviewer.fit.outline import outline_support
-from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.problem import ComparedView, FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.render.moments import model_attributes
@@ -77,30 +77,28 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArr
 Hidden = NDArray[np.bool_] | None
 
 
-def behind(problem: FitProblem, hidden: Hidden, beside: Sequence[Hidden] = ()) -> FitProblem:
-    """The problem in which the pixels ``hidden`` (height, width) of its photo do not count, nor
-    those ``beside`` of its other ones.
+def behind(problem: FitProblem, hidden: Sequence[Hidden]) -> FitProblem:
+    """The problem in which the pixels ``hidden`` (height, width) of its views' photos do not
+    count; empty: all do.
     """
-    photo, fine = _behind(problem.photo, problem.fine_photo, hidden)
-    pairs = zip(problem.others, beside, strict=True) if beside else ()
-    others = [(one, *_behind(one.photo, one.fine_photo, of_it)) for one, of_it in pairs]
-    found = tuple(replace(one, photo=a, fine_photo=b) for one, a, b in others)
-    return replace(problem, photo=photo, fine_photo=fine, others=found or problem.others)
+    if not hidden:
+        return problem
+    pairs = zip(problem.views, hidden, strict=True)
+    return replace(problem, views=tuple(_behind(view, mask) for view, mask in pairs))
 
 
-def _behind(
-    photo: PhotoAttributes, fine: PhotoAttributes | None, hidden: Hidden
-) -> tuple[PhotoAttributes, PhotoAttributes | None]:
+def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
+    photo, fine = view.photo, view.fine_photo
     if hidden is None:
-        return photo, fine
+        return view
     assert photo.structure is not None  # something was seen in front of the model by it
     left = replace(photo, weights=photo.weights * ~hidden)
-    seen = with_structure(left, photo.structure.is_steep)
     if fine is not None:
         height, width = fine.weights.shape
         larger = enlarged(hidden, photo.factor / fine.factor, width, height)
         fine = replace(fine, weights=fine.weights * ~larger)
-    return seen, fine
+    photo = with_structure(left, photo.structure.is_steep)
+    return replace(view, photo=photo, fine_photo=fine)
 
 
 def enlarged(

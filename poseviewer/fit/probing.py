@@ -16,23 +16,24 @@ from itertools import islice
 import numpy as np
 
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
-from poseviewer.fit.problem import FitProblem, box_near, working_factor
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
-from poseviewer.geometry.symmetry import Symmetry
+from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
-FOCAL = ("log_focal", "focal")
-"""What charts call the parameter of the focal length."""
+FOCAL = "log_focal"
+"""Name of the focal length's number in the charts that it is probed with."""
 SMALL_STEP = 1e-4
 """For the derivative of one chart's parameters by another's, in units of their scales."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
@@ -75,14 +76,12 @@ class Probe:
         chart: FreeBodyChart | None = None,
         level: Level | None = None,
     ) -> None:
-        """``photo``: the ``compared_photo`` of problem and pose; ``chart``: about the pose, by
-        default with the focal length where that is free and the problem's chart calls it so;
+        """``photo``: the ``compared_photo`` of problem and pose; ``chart``: about the pose;
         ``level``: of the photo, by default the coarsest.
 
-        Raises:
-            PoseViewerError: the pose has no parameters in the problem's chart, or in any.
+        Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
+        is_focal_free = any(problem.chart.names[i] == FOCAL for i in problem.free_indices)
         has_focal = not isinstance(pose.camera, Parallel)
         self.chart = chart or FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
@@ -99,11 +98,7 @@ class Probe:
         self._pool.close()
 
     def pose(self, step: FloatArray) -> Pose:
-        """The pose so far away.
-
-        Raises:
-            OutsideChartError: there is none.
-        """
+        """The pose so far away; raises ``OutsideChartError`` where there is none."""
         return self.chart.to_pose(step @ self.motions)
 
     def losses(self, steps: Sequence[FloatArray] | FloatArray) -> FloatArray:
@@ -130,9 +125,7 @@ class Probe:
         return last.best, last.value
 
     def turns(self) -> FloatArray:
-        """(t, k): steps that turn the model about its principal axes, as far as its search was free
-        to; t is 0 where it was not.
-        """
+        """(t, k): steps that turn the model about those principal axes that are free."""
         axes = principal_axes(self._mesh) @ self.chart.start.camera_from_model.rotation.T
         angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
@@ -142,8 +135,8 @@ class Probe:
         return steps[kept]
 
     def distance(self, one: FloatArray, other: FloatArray) -> float:
-        """Mean distance of the model's outer points in the photo, as a share of its diagonal; of
-        equal poses the nearest.
+        """Mean distance of the hull in the photo, as a share of its diagonal; of equal poses the
+        nearest counts.
         """
         try:
             pose = self.pose(one)
@@ -167,8 +160,8 @@ class Probe:
 def better_turn(
     problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> FloatArray | None:
-    """The problem's parameters (d,) of the best pose of the same outline that descents from turned
-    ones come to on a coarse level; None where that is no better than what the pose itself comes to.
+    """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
+    a coarse level; None where a descent from the pose itself reaches no worse one.
     """
     photo = compared_photo(problem, mesh, pose)
     with (
@@ -203,8 +196,8 @@ def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyCha
     size = len(chart.names)
     if len(problem.free_indices) == size:
         return np.eye(size)
-    motions = [_motion(problem, parameters, index, chart) for index in problem.free_indices]
-    motions = [motion for motion in motions if motion is not None]
+    each = (_motion(problem, parameters, index, chart) for index in problem.free_indices)
+    motions = [motion for motion in each if motion is not None]
     if not motions:
         return np.eye(size)
     basis, _ = np.linalg.qr(np.array(motions).T)
@@ -212,9 +205,7 @@ def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyCha
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:
-    """Those of the motions (k, d) that are left without the turns of continuous symmetries, where
-    there are some.
-    """
+    """The motions (k, d) but for turns of continuous symmetries; all if nothing would be left."""
     place, equal = chart.start.camera_from_model, []
     for axis in symmetry.free_axes:
         turn = symmetry.about(rotation_about(*(SMALL_STEP * axis)))
@@ -230,9 +221,7 @@ def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry
 def _motion(
     problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
 ) -> FloatArray | None:
-    """What a parameter's change does, per scale; forwards or, at the border of the problem's chart,
-    backwards. None where neither leads to a pose.
-    """
+    """(d,): derivative by a parameter, one-sided; None where no step leads to a pose."""
     step = SMALL_STEP * problem.chart.scales(parameters)[index]
     for sign in (1.0, -1.0):
         changed = parameters.copy()

@@ -1,36 +1,34 @@
-"""The registration problem: photo, chart and start; its loss; and how it is made from settings."""
+"""The registration problem: views, charts and a start; its loss; and how a scene gives it."""
 
 from __future__ import annotations
 
 import enum
-import math
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.loss import fewest_pixels, registration_loss, worst_registration_loss
+from poseviewer.fit.compared import compared_levels
+from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.fit.paper import paper_loss
-from poseviewer.fit.registration import PlacedModel, Registration
+from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
 from poseviewer.fit.unexplained import LossScale
-from poseviewer.fit.visibility import hiding
+from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.mesh import Mesh, hull_points
-from poseviewer.geometry.photo import Photo
-from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
+from poseviewer.geometry.mesh import Mesh, hull_in_photo
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.optimise.restarts import RestartOptions
-from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.keypoints import VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 
 class Strategy(enum.Enum):
@@ -42,22 +40,24 @@ class Strategy(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OtherView:
-    """The same thing on another photo, whose camera's pose to the problem's own is known."""
+class ComparedView:
+    """A photo that the pose is judged by."""
 
     photo: PhotoAttributes
-    fine_photo: PhotoAttributes | None
-    """As of ``FitProblem``; there where the problem has one."""
     chart: Chart
-    """The pose in this photo, by the problem's own parameters."""
+    """The pose in this view, by the problem's parameters."""
+    fine_photo: PhotoAttributes | None = None
+    """Finer pyramid level, without structure, on which a search is refined. None: there is none."""
+    index: int = 0
+    """Which of the scene's views it is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
     """All that a search needs but a renderer; nothing in it changes."""
 
-    photo: PhotoAttributes
-    chart: Chart
+    views: tuple[ComparedView, ...]
+    """The loss is the mean over them; the first one's chart names the parameters."""
     start: FloatArray
     """(d,): the chart's parameters of the start pose."""
     free: tuple[bool, ...] = ()
@@ -67,14 +67,9 @@ class FitProblem:
     seed: int = 0
     method: Method = "default"
     """Ours, or that of ``fit.paper``."""
-    fine_photo: PhotoAttributes | None = None
-    """A finer pyramid level, without structure, on which a search is refined. None: there is none.
-    """
     strategy: Strategy = Strategy.FIRST
     symmetry: Symmetry = NO_SYMMETRY
     """The model's: poses that differ by it are one."""
-    others: tuple[OtherView, ...] = ()
-    """More photos of the same pose: the loss is the mean over all."""
     keep_start: bool = False
     """Whether the start is given back where no end is sure to be better."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
@@ -89,19 +84,24 @@ class FitProblem:
         object.__setattr__(self, "free_indices", np.flatnonzero(self.free))
 
     @property
-    def views(self) -> tuple[FitProblem, ...]:
-        """The problem on each of its photos alone; the parameters are those of all."""
-        alone = replace(self, others=())
-        return alone, *(
-            replace(alone, photo=one.photo, fine_photo=one.fine_photo, chart=one.chart)
-            for one in self.others
-        )
+    def photo(self) -> PhotoAttributes:
+        """The first view's."""
+        return self.views[0].photo
+
+    @property
+    def chart(self) -> Chart:
+        """The first view's."""
+        return self.views[0].chart
+
+    @property
+    def alone(self) -> tuple[FitProblem, ...]:
+        """The problem on each of its views alone; the parameters are those of all."""
+        return tuple(replace(self, views=(view,)) for view in self.views)
 
     @property
     def worst_loss(self) -> float:
         """The loss of parameters that show nothing of the model, or stand for no pose."""
-        photos = (self.photo, *(one.photo for one in self.others))
-        return sum(map(worst_registration_loss, photos)) / len(photos)
+        return _mean([worst_registration_loss(view.photo) for view in self.views])
 
     @property
     def scale(self) -> LossScale:
@@ -118,22 +118,30 @@ class FitProblem:
 
 def pose_loss(
     problem: FitProblem,
-    renderer: Renderer,
+    renderers: Renderer | Sequence[Renderer],
     parameters: FloatArray,
-    photo: PhotoAttributes | None = None,
+    photos: Sequence[PhotoAttributes] | None = None,
 ) -> float:
-    """The loss at ``parameters`` (d,): the mean over the problem's photos; or on one level of its
-    own photo alone.
+    """The loss at ``parameters`` (d,), the mean over the problem's views; or on a level of each
+    view's photo, by a renderer for each.
     """
-    if photo is None and problem.others:
-        losses = [pose_loss(view, renderer, parameters) for view in problem.views]
-        return sum(losses) / len(losses)
-    photo = problem.photo if photo is None else photo
-    try:
-        pose = problem.chart.to_pose(parameters)
-    except OutsideChartError:
-        return problem.worst_loss
-    return loss_of(problem.method, renderer.moments(pose, photo), photo)
+    if photos is None:
+        photos = [view.photo for view in problem.views]
+    if not isinstance(renderers, Sequence):
+        renderers = [renderers] * len(photos)
+    losses = []
+    for view, renderer, photo in zip(problem.views, renderers, photos, strict=True):
+        try:
+            pose = view.chart.to_pose(parameters)
+        except OutsideChartError:
+            losses.append(worst_registration_loss(view.photo))
+            continue
+        losses.append(loss_of(problem.method, renderer.moments(pose, photo), photo))
+    return _mean(losses)
+
+
+def _mean(losses: Sequence[float]) -> float:
+    return sum(losses) / len(losses)
 
 
 def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
@@ -143,52 +151,180 @@ def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
     return registration_loss(moments)
 
 
-LEAST_COLOUR = 0.02
-"""Standard deviation across the main line of a photo's colours, of 1, from which it has colours: 5
-grey levels of 255, above a sensor's noise."""
-NEAR_MARGIN = 0.25
-"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
-WORKING_PIXELS = 20_000
-"""Of the model's convex outline at the start: a photo that shows more is reduced. Half a pixel of
-these is less than a hundredth of the model's size."""
-FINE_PIXELS = 150_000
-"""The same for the photo that a search is refined on: there the minimum is nearer to the truth."""
+WHOLLY_BEHIND = (
+    "the model stands wholly behind other objects of the photo, so that nothing of it can be "
+    "compared: move it or them, or leave these out"
+)
+
+Hidings = Mapping[int, Hiding | None]
+"""What other objects hide of a model in the views that show it, by the views' numbers; None where
+there are no others."""
 
 
-def make_problem(registration: Registration, settings: FitSettings) -> tuple[FitProblem, str]:
-    """The problem of fitting from the start pose, and a note on the chart ("" if none is due).
+def make_problem(
+    scene: Scene, index: int = 0, view: int = 0, hidden: Hidings | None = None
+) -> tuple[FitProblem, tuple[str, ...]]:
+    """The problem of fitting an object of a scene, by the chart in one ``view``; and notes on the
+    chart and on views left out. ``hidden``: what other objects hide, by default where it starts.
 
     Raises:
-        SettingsError: the settings do not go with the photo or the model.
+        SettingsError: the settings do not go with a photo, the model or several views; no view
+            shows anything of it.
         SingularChartError: the wanted chart has no parameters at the start pose.
     """
-    mesh, pose = registration.mesh, registration.start
-    chart, note = choose_chart(
-        settings.chart, mesh, registration.keypoints, pose, settings.free_focal
+    settings, model = scene.objects[index].settings, scene.objects[index].model
+    hidden = hidings(scene, index, view) if hidden is None else hidden
+    order = [number for number, behind in hidden.items() if behind is None or not behind.is_whole]
+    if not order:
+        raise SettingsError(WHOLLY_BEHIND)
+    notes = [
+        f"{one.name} does not see the model where it starts, and is left out."
+        for number, one in enumerate(scene.views)
+        if number not in order and scene.in_view(index, number).is_compared
+    ]
+    if len(order) == 1:
+        if scene.free_scale:
+            raise SettingsError(
+                f"{scene.name}: of {len(scene.views)} photos, {scene.views[order[0]].name} alone "
+                "sees the model where it starts; bring the start nearer, or check the set's scale "
+                "(--scale)."
+            )
+        pose = scene.pose(index, order[0])
+        chart, note = choose_chart(
+            settings.chart, model.mesh, model.keypoints, pose, settings.free_focal
+        )
+        charts, start = [chart], chart.from_pose(pose)
+        notes += [f"the free-body chart is used: {note}."] if note else []
+    else:
+        charts = _view_charts(scene, index, order, settings)
+        start = np.zeros(len(charts[0].names))
+    free = free_numbers(charts[0], settings)
+    levels = _levels(scene, index, order, settings, hidden)
+    if len({LossScale.of(photo) for photo, _ in levels}) > 1:  # one is grey: then all are
+        levels = _levels(scene, index, order, replace(settings, grey=True), hidden)
+    views = tuple(
+        ComparedView(photo, chart, fine, number)
+        for (photo, fine), chart, number in zip(levels, charts, order, strict=True)
     )
-    free = free_numbers(chart, settings)
-    photo, fine, is_finer = compared_photos(registration, settings)
     problem = FitProblem(
-        photo,
-        chart,
-        chart.from_pose(pose),
+        views,
+        start,
         free,
         settings.options,
         settings.limits,
         settings.seed,
         settings.method,
-        fine() if is_finer else None,
-        symmetry=registration.symmetry,
+        symmetry=model.symmetry,
         keep_start=settings.keep_start,
     )
-    return problem, note
+    return problem, tuple(notes)
+
+
+def make_photo_attributes(scene: Scene, index: int = 0, view: int = 0) -> PhotoAttributes:
+    """F and P of a view's photo, for poses of an object about its place in the scene.
+
+    Raises:
+        SettingsError: the region lies outside the photo, has no pixel near the object, or fewer
+            than a fit needs; or it stands wholly behind others.
+    """
+    behind = hidings(scene, index, view)[view]
+    if behind is not None and behind.is_whole:
+        raise SettingsError(WHOLLY_BEHIND)
+    settings = scene.objects[index].settings
+    return _levels(scene, index, [view], settings, {view: behind})[0][0]
+
+
+def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
+    """(d,): the numbers of a pose in a chart; ``scale``: lengths of the world's unit to one of the
+    model's. Raises as the chart.
+    """
+    if isinstance(chart, ViewChart):
+        return chart.numbers_at(pose, 1.0 / scale)
+    return chart.from_pose(pose)
+
+
+def hidings(
+    scene: Scene, index: int, view: int = 0, poses: Mapping[int, Pose] | None = None
+) -> dict[int, Hiding | None]:
+    """What other objects hide of one, in each view that shows it at its place in the scene, or at
+    ``poses`` by the views' numbers; ``view`` comes first, and is there in any case.
+    """
+    mesh = scene.objects[index].mesh
+    found: dict[int, Hiding | None] = {}
+    for number in (view, *(i for i in range(len(scene.views)) if i != view)):
+        pose = scene.pose(index, number) if poses is None else poses.get(number)
+        is_wanted = pose is not None and scene.in_view(index, number).is_compared
+        if pose is not None and (number == view or (is_wanted and is_seen(mesh, pose))):
+            occluders = scene.occluders(index, number)
+            found[number] = hiding(PlacedModel(mesh, pose), occluders) if occluders else None
+    return found
+
+
+def is_seen(mesh: Mesh, pose: Pose) -> bool:
+    """Whether the model's centre is in front of the camera, and some of it in the picture."""
+    points = hull_in_photo(mesh, pose)
+    inside = np.all((points >= 0.0) & (points < [pose.camera.width, pose.camera.height]), axis=1)
+    return bool(pose.camera_from_model.apply(mesh.centre)[2] > 0.0 and inside.any())
+
+
+def _levels(
+    scene: Scene, index: int, order: Sequence[int], settings: FitSettings, hidden: Hidings
+) -> list[tuple[PhotoAttributes, PhotoAttributes | None]]:
+    """The photo of each view that poses are compared on, and the finer one.
+
+    Several photos tell the pose more exactly than one: a search of them ends with models of less
+    reach, as on finer photos, even where these are no finer.
+    """
+    levels, is_refined = [], None
+    for number in order:
+        pose, own = scene.pose(index, number), scene.in_view(index, number)
+        behind = hidden[number]
+        mask = None if behind is None else behind.with_margin
+        photo, make_fine, is_finer = compared_levels(
+            scene.views[number], own, scene.objects[index].mesh, pose, settings, mask
+        )
+        if is_refined is None:
+            is_refined = is_finer if len(order) == 1 else photo.structure is not None
+        levels.append((photo, make_fine() if is_refined else None))
+    return levels
+
+
+def _view_charts(
+    scene: Scene, index: int, order: Sequence[int], settings: FitSettings
+) -> list[ViewChart]:
+    """The chart of each of several views, about the start in the first.
+
+    Raises:
+        SettingsError: the settings do not go with several views.
+        SingularChartError: the model's centre is behind the first camera.
+    """
+    if settings.free_focal or settings.chart == "vehicle":
+        asked = "--free-focal" if settings.free_focal else "--chart vehicle"
+        raise SettingsError(f"{asked} with several photos, whose cameras are known; leave it out.")
+    if settings.pixels == "clip" and settings.method == "default":
+        raise SettingsError(
+            "--pixels clip with several photos; take near or whole, or leave it out."
+        )
+    first, one = scene.views[order[0]], scene.objects[index]
+    reference = FreeBodyChart.near(one.model.mesh, scene.pose(index, order[0]))
+    scale, charts = 1.0 / one.world_from_model.scale, []
+    for number in order:
+        view = scene.views[number]
+        if not isinstance(view.camera, Perspective):
+            raise SettingsError(
+                f"{view.name}: parallel projection with several photos; wanted perspective cameras."
+            )
+        turn = view.camera_from_world @ first.camera_from_world.inverse()
+        turn = RigidTransform(turn.rotation, scale * turn.translation)
+        turn = RigidTransform.identity() if number == order[0] else turn
+        charts.append(ViewChart(reference, view.camera, turn, scene.free_scale, scale))
+    return charts
 
 
 def free_numbers(chart: Chart, settings: FitSettings) -> tuple[bool, ...]:
     """Which of the chart's numbers a search may change.
 
-    Raises:
-        SettingsError: it has not one that the settings lock, or none is left.
+    Raises ``SettingsError``: it has not one that the settings lock, or none is left.
     """
     unknown = set(settings.lock) - set(chart.names)
     if unknown:
@@ -200,23 +336,6 @@ def free_numbers(chart: Chart, settings: FitSettings) -> tuple[bool, ...]:
     if not any(free):
         raise SettingsError("--lock holds every number of the chart; leave one free at least")
     return free
-
-
-def compared_photos(
-    registration: Registration, settings: FitSettings
-) -> tuple[PhotoAttributes, Callable[[], PhotoAttributes], bool]:
-    """The level that poses are compared on; what makes the one that a search is refined on; and
-    whether that is a finer one.
-
-    Raises:
-        SettingsError: as of ``make_photo_attributes``.
-    """
-    mesh, pose = registration.mesh, registration.start
-    plain = _plain_attributes(registration, settings)
-    photo = _compared(plain, registration, settings)
-    fine_factor = working_factor(mesh, pose, FINE_PIXELS)
-    is_finer = photo.structure is not None and fine_factor < working_factor(mesh, pose)
-    return photo, lambda: smaller(plain, fine_factor), is_finer
 
 
 def choose_chart(
@@ -249,116 +368,3 @@ def choose_chart(
         )
     chart = FreeBodyChart.near(mesh, pose, free_focal)
     return chart, "" if wanted == "free-body" else reason
-
-
-def make_photo_attributes(registration: Registration, settings: FitSettings) -> PhotoAttributes:
-    """F and P of a photo, about the start.
-
-    Raises:
-        SettingsError: the region lies outside the photo, has no pixel near the start, or fewer
-            than a fit needs; or the model stands wholly behind others.
-    """
-    return _compared(_plain_attributes(registration, settings), registration, settings)
-
-
-def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
-    """The attributes that a pose is shown relit by: the model's own pixels, and all its colours."""
-    coloured = photo.channels.shape[2] == 3
-    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
-
-
-def _plain_attributes(registration: Registration, settings: FitSettings) -> PhotoAttributes:
-    """F and P at the photo's own size, without structure."""
-    photo, mask = registration.photo, registration.mask
-    weights = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
-    if photo.covered is not None:
-        weights = weights * photo.covered
-    if registration.others:
-        placed = PlacedModel(registration.mesh, registration.start)
-        found = hiding(placed, registration.others)
-        if found.is_whole:
-            raise SettingsError(
-                "the model stands wholly behind other objects of the photo, so that nothing of it "
-                "can be compared: move it or them, or leave these out"
-            )
-        weights = weights * ~found.with_margin
-    if settings.region is not None:
-        region = settings.region.mask(photo.height, photo.width)
-        if not region.any():
-            left, top, width, height = settings.region
-            raise SettingsError(
-                f"--region {left},{top},{width},{height} has no pixel in the photo of "
-                f"{photo.width}x{photo.height} px; give left,top,width,height in px"
-            )
-        weights = weights * region
-    if settings.pixels == "near" and np.any(weights > 0.0):
-        near = box_near(registration.mesh, registration.start)
-        weights = weights * near.mask(photo.height, photo.width)
-        if not np.any(weights > 0.0):
-            raise SettingsError(
-                "no pixel that counts lies near the start pose: bring the start onto the photo "
-                "and the region, mask less, or use --pixels whole"
-            )
-    coloured = not settings.grey and _has_colour(photo, weights)
-    channels = photo.as_float() if coloured else photo.grey()[..., None]
-    is_clipped = settings.pixels == "clip"
-    return PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
-
-
-def _compared(
-    plain: PhotoAttributes, registration: Registration, settings: FitSettings
-) -> PhotoAttributes:
-    """The level that poses are compared on, with its structure where that is used."""
-    photo, counted = plain, np.count_nonzero(plain.weights)
-    if counted and not plain.clipped and settings.method == "default":
-        factor, finest = (
-            working_factor(registration.mesh, registration.start, most)
-            for most in (WORKING_PIXELS, FINE_PIXELS)
-        )
-        photo = structured(plain, factor, is_steep=factor == finest)
-    fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
-    if counted < fewest:
-        raise SettingsError(
-            f"{registration.photo.name}: {counted} pixels count, and a fit needs at least "
-            f"{fewest}; use a larger photo or region, or hide less of it"
-        )
-    return photo
-
-
-def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
-    """Whether the colours of the pixels that count leave a line in RGB by more than noise.
-
-    The loss takes every channel for as good as any other, whatever its range: in a grey scene it
-    would weigh the noise of the colours.
-    """
-    if photo.pixels.shape[2] == 1:
-        return False
-    colours = photo.pixels[weights > 0.0] / np.iinfo(photo.pixels.dtype).max
-    if len(colours) < 2:
-        return False
-    variances = np.linalg.eigvalsh(np.cov(colours.T))
-    return bool(variances[1] > LEAST_COLOUR**2)
-
-
-def box_near(mesh: Mesh, start: Pose) -> Rectangle:
-    """The box of the model at the start, with a margin around it, px."""
-    size = np.array([start.camera.width, start.camera.height])
-    seen = start.project(hull_points(mesh))
-    seen = seen[np.all(np.isfinite(seen), axis=1)]
-    if not len(seen):
-        return Rectangle(0.0, 0.0, 0.0, 0.0)
-    # Where the start fills the photo and more, the photo is all there is to look at.
-    low, high = np.clip([seen.min(axis=0), seen.max(axis=0)], -size, 2 * size)
-    margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
-    return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))
-
-
-def working_factor(mesh: Mesh, start: Pose, most: float = WORKING_PIXELS) -> int:
-    """How many times a photo is reduced: the model about the start then has ``most`` pixels."""
-    seen = start.project(hull_points(mesh))
-    seen = seen[np.all(np.isfinite(seen), axis=1)].astype(np.float32)
-    if len(seen) < 3:
-        return 1
-    whole = float(start.camera.width * start.camera.height)
-    area = min(float(cv2.contourArea(cv2.convexHull(seen))), whole)
-    return max(1, math.ceil(math.sqrt(area / most)))

@@ -67,12 +67,10 @@ class FitProgress:
     """How many times smaller the photo is that the candidates are on."""
     verdict: Verdict | None = None
     """Of the last progress of a ``search``: whether the pose is right."""
-    hidden: NDArray[np.bool_] | None = None
-    """Pixels of the photo that poses are compared on which were taken for something in front of the
-    model, and do not count; None where nothing was. The losses are over the others.
-    """
-    hidden_beside: tuple[NDArray[np.bool_] | None, ...] = ()
-    """The same of the problem's other photos, where there was anything in one."""
+    hidden: tuple[NDArray[np.bool_] | None, ...] = ()
+    """For each view, the pixels of the photo that poses are compared on which were taken for
+    something in front of the model, and do not count; empty where there was nothing. The losses are
+    over the others."""
 
     @property
     def unexplained(self) -> float:
@@ -106,5 +104,4 @@ def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProg
         status=first.status if second.status is Status.NOTHING_SEEN else second.status,
         verdict=None if second.status is Status.RUNNING else kept.verdict,
         hidden=kept.hidden,
-        hidden_beside=kept.hidden_beside,
     )

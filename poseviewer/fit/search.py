@@ -1,35 +1,51 @@
-"""When to restart a search, and whether to trust where it ended.
+"""Search for objects of a scene: first searches, occlusion, verdicts, restarts, and turns.
 
-Where a search has ended, what stands in front of the model there (``fit.occlusion``) counts no
-more, and the search goes on. It ends with a verdict on its pose. Unless that is trusted, the search
-is continued from there, and at last from the pose turned about an axis of the model's own; the pose
-of such a search is taken where the verdict allows it. A start that is an estimate is given back
-where the end is not sure to be better.
+A search runs the stages (``fit.stages``) from the start, and again while the focal length moves
+far. Pixels on which something else stands in front (``fit.occlusion``) are then left out, and it
+goes on. It ends with a verdict on its pose. Unless that is trusted, the search is continued from
+there, and at last from the pose turned about an axis of the model's own; the pose of such a search
+is taken where the verdict allows it. A start that is an estimate is given back where the end is not
+sure to be better.
+
+Which pixels objects hide of one another depends on all their poses, so their searches take turns:
+the object seen most goes first, and each is compared where those that stand firm leave it to be
+seen. An object is searched for again where this has changed since.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Generator, Iterator
-from dataclasses import replace
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from poseviewer.fit.occlusion import Hidden, behind, find_hidden
+from poseviewer.fit.judge import judge_end
+from poseviewer.fit.occlusion import Hidden, behind, enlarged, find_hidden
 from poseviewer.fit.probing import better_turn
-from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
+from poseviewer.fit.problem import (
+    FitProblem,
+    Hidings,
+    Strategy,
+    hidings,
+    make_problem,
+    numbers_of,
+    pose_loss,
+)
 from poseviewer.fit.progress import FitProgress, Status, merge
-from poseviewer.fit.settings import Limits
+from poseviewer.fit.scene import Scene, SearchResult
+from poseviewer.fit.settings import Limits, settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.verdict import Verdict
-from poseviewer.geometry.camera import Perspective
+from poseviewer.fit.visibility import Hiding, visibility
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective, level_pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import PhotoAttributes, Renderer
-
-Judge = Callable[[FitProgress, FitProblem, Mesh, Renderer, int], Verdict]
-"""What gives the verdict on the pose that a search ended in: ``confidence.model.judge_end``."""
 
 MOST_CONTINUED = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""
@@ -53,68 +69,441 @@ P by which what it sees then must differ, to search again."""
 FOCAL_THRESHOLD, MOST_SEARCHES = 0.02, 4
 """Share of the focal length by which a search must move it to be continued from its end, and the
 number of searches in all: along the focal length the loss is nearly flat, and they stop early."""
+CHANGED = 0.05
+"""Share of an object's pixels that others must hide or give free for another search: less moves its
+minimum by less than such a search can tell."""
+LEAST_LEFT = 0.5
+"""Share of what is seen of an object at its start that must lie beside all others, to be searched
+for first as if they all stood in front: with less there is little to go by."""
+LOOKS = 3
+"""Number of times that a search looks again at what others hide of its object, before its verdict:
+after two most have settled."""
+MOST_ROUNDS = 4
+"""Searches of one object at most: two that slide along each other would take turns for ever."""
 
 
-def search(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, judge: Judge, threads: int = 1
-) -> Iterator[FitProgress]:
-    """Run ``fit_pose`` with restarts; the last progress bears a verdict.
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """The last search for an object."""
 
-    Gathering the verdict's features takes a few hundred evaluations more, which are not counted.
-    """
-    for progress in until_focal_settles(problem, renderer, threads):
-        if progress.status is Status.RUNNING:
-            yield progress
-            continue
-        for end in finish(problem, progress, mesh, renderer, judge, threads):
-            is_kept = is_start_kept(problem, end)
-            yield start_kept(problem, end, mesh, renderer, judge, threads) if is_kept else end
+    problem: FitProblem
+    """What was compared, before pixels in front of the object were left out."""
+    progress: FitProgress
 
 
-def finish(
-    problem: FitProblem,
-    end: FitProgress,
-    mesh: Mesh,
-    renderer: Renderer,
-    judge: Judge,
-    threads: int = 1,
-    among_others: bool = False,
-    gain: float = math.inf,
-) -> Iterator[FitProgress]:
-    """What follows where a first search has ended: without what is in front there, the verdict, and
-    restarts unless that is sure. ``among_others``: other models may hide something of it.
-    ``gain``: the loss that the first search has gained, if it continued another one of the same
-    problem.
-    """
-    began = time.perf_counter() - end.seconds
-    whole = problem
-    problem, best = yield from _behind(whole, end, renderer, threads)
-    if problem is not whole:
-        gain = math.inf
-    best = replace(best, verdict=judge(best, problem, mesh, renderer, threads))
-    sure_from = SURE_AMONG_OTHERS if among_others else SURE_FROM
-    for is_turned in (*(False,) * MOST_CONTINUED, True):
-        again = restarted(problem, best, is_turned, time.perf_counter() - began, sure_from)
-        if again is None:
-            break
-        if not is_turned and gain < GAIN_THRESHOLD:
-            continue
-        yield replace(best, status=Status.RUNNING, verdict=None)
-        if is_turned:
-            turned = better_turn(problem, mesh, renderer, best.pose, threads)
-            if turned is None:
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchProgress:
+    """A search of a scene after one more evaluation."""
+
+    index: int
+    """The object that is searched for."""
+    placings: Mapping[int, Placing]
+    """The last search for each object that had its turn."""
+
+    @property
+    def problem(self) -> FitProblem:
+        """What the search under way compares."""
+        return self.placings[self.index].problem
+
+    @property
+    def progress(self) -> FitProgress:
+        """The search under way."""
+        return self.placings[self.index].progress
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leg:
+    """One run of the stages."""
+
+    problem: FitProblem
+    before: FitProgress | None = None
+    """The end of what it continues."""
+    keeps_pose: bool = False
+    """Whether the pose of ``before`` is told until the run has ended."""
+
+    def told(self, progress: FitProgress) -> FitProgress:
+        """The progress of all legs so far."""
+        if self.before is None:
+            return progress
+        progress = replace(progress, hidden=self.before.hidden)
+        return merge(self.before, progress, self.before if self.keeps_pose else progress)
+
+
+Outcome = TypeVar("Outcome")
+Plan = Generator[_Leg | FitProgress, FitProgress, Outcome]
+"""What a search does: yields legs, whose ends it is sent, and ends with their verdicts."""
+
+
+class Search:
+    """A search for some of a scene's objects; the others stay where they are."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        renderers: Mapping[int, Renderer],
+        indices: Sequence[int] = (0,),
+        threads: int = 1,
+        view: int = 0,
+    ) -> None:
+        """``renderers``: of the objects ``indices``, for one thread at a time; ``view``: whose
+        chart is searched. More ``threads`` give the same poses in less time.
+        """
+        self._start, self._renderers, self._threads = scene, renderers, threads
+        self._indices, self._view = tuple(indices), view
+        self.scene = scene
+        """With the poses and results of the searches that are over."""
+        self._placings: dict[int, Placing] = {}
+        self._index = self._indices[0]
+        self._problem: FitProblem
+
+    def run(self) -> Iterator[SearchProgress]:
+        """The search after every evaluation; an object's last progress has a verdict. To stop it,
+        stop asking. Nothing is yielded where each object stands wholly behind others.
+
+        Raises:
+            SettingsError: the settings do not go with a photo, a model or its start.
+            SingularChartError: the wanted chart has no parameters at a start.
+        """
+        plan, end = self._turns(), None
+        while True:
+            try:
+                leg = next(plan) if end is None else plan.send(end)
+            except StopIteration:
+                return
+            end = None
+            if isinstance(leg, FitProgress):
+                yield self._told(leg)
+                continue
+            for end in fit_pose(leg.problem, self._renderer, self._threads):
+                if end.status is Status.RUNNING:
+                    yield self._told(leg.told(end))
+
+    def judged(self, problem: FitProblem, progress: FitProgress) -> FitProgress:
+        """The progress with the verdict on its pose."""
+        verdict = judge_end(progress, problem, self._mesh, self._renderer, self._threads)
+        return replace(progress, verdict=verdict)
+
+    def stopped(self, now: SearchProgress) -> SearchProgress:
+        """What an interrupted search had found, with its verdict."""
+        if now.progress.status is not Status.RUNNING:
+            return now
+        self._index, self._problem = now.index, now.problem
+        stopped = replace(now.progress, status=Status.STOPPED)
+        return self._told(self.judged(behind(now.problem, stopped.hidden), stopped))
+
+    @property
+    def _renderer(self) -> Renderer:
+        return self._renderers[self._index]
+
+    @property
+    def _mesh(self) -> Mesh:
+        return self.scene.objects[self._index].mesh
+
+    def _told(self, progress: FitProgress) -> SearchProgress:
+        self._placings = {**self._placings, self._index: Placing(self._problem, progress)}
+        if progress.status is not Status.RUNNING:
+            self.scene = with_end(self.scene, self._index, self._problem, progress, self._renderer)
+        return SearchProgress(self._index, self._placings)
+
+    def _turns(self) -> Plan[None]:
+        """Search for all objects in turn, until none changes what is seen of another."""
+        compared: dict[int, Hidings] = {}
+        for _ in range(MOST_ROUNDS):
+            due, was_searched = set(self._indices), False
+            while due:
+                index = self._most_seen(due)
+                due.remove(index)
+                hidden = hidings(self.scene, index, self._view)
+                before = compared.get(index)
+                if _is_whole(hidden) or (before is not None and not _differ(before, hidden)):
+                    continue
+                if before is None and len(self._indices) == 1:
+                    hidden = {number: _all_in_front(one) for number, one in hidden.items()}
+                self._index = index
+                compared[index] = yield from self._place(hidden)
+                was_searched = True
+            if not was_searched:
+                return
+
+    def _most_seen(self, due: set[int]) -> int:
+        """The object of which all others hide least."""
+        if len(self.scene.objects) == 1:
+            return next(iter(due))
+        standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
+        placed = [self.scene.placed(index, self._view) for index in standing]
+        shares = dict(zip(standing, visibility(placed).shares, strict=True))
+        return max(sorted(due), key=lambda index: shares[index])
+
+    def _place(self, hidden: Hidings) -> Plan[Hidings]:
+        """Search for an object of which others hide some pixels; returns those at its end.
+
+        This is looked at again where the coarsest level leads, and where the search ends; only then
+        the verdict and restarts follow, as with wrong pixels they would be in vain.
+        """
+        problem = self._made(hidden)
+        hidden = {view.index: hidden[view.index] for view in problem.views}
+        among = any(one is not None for one in hidden.values())
+        is_coarse = among and problem.photo.structure is not None
+        strategy = Strategy.COARSE if is_coarse else Strategy.FIRST
+        start, done = self._start_of(problem), None
+        gain = math.inf  # of the last search, where it continued another on the same pixels
+        for look in range(LOOKS + 1):
+            rest = problem.limits if done is None else rest_of(problem.limits, done, done.seconds)
+            if rest is None:
                 break
-            again = replace(again, start=turned)
-        before, after = best, best
-        for after in fit_pose(again, renderer, threads):
-            after = replace(after, hidden=best.hidden, hidden_beside=best.hidden_beside)
-            if after.status is Status.RUNNING:
-                yield merge(before, after, before)
-        if after.loss < before.loss:
-            after = replace(after, verdict=judge(after, again, mesh, renderer, threads))
-        best = merge(before, after, after if is_taken(after, before, is_turned) else before)
-        gain = before.loss - best.loss
-    yield best
+            part = replace(problem, strategy=strategy, start=start, limits=rest)
+            now = yield from self._settle(part, done)
+            gain = now.start_loss - now.loss if strategy is Strategy.CONTINUE else gain
+            done = now if done is None else merge(done, now, now)
+            start, seen = done.parameters, self._seen_at(problem, done.parameters, hidden)
+            is_same = not _differ(hidden, seen)
+            if strategy is not Strategy.COARSE and (is_same or look == LOOKS):
+                break
+            if not is_same:
+                hidden, problem = seen, self._made(seen)
+            strategy = Strategy.CONTINUE
+        assert done is not None
+        end = yield from self._finish(problem, done, among, gain)
+        if is_start_kept(problem, end):
+            hidden = self._seen_at(problem, problem.start, hidden)
+            problem = self._made(hidden)
+            end = self._kept(problem, end)
+        yield end
+        return hidden
+
+    def _made(self, hidden: Hidings) -> FitProblem:
+        """The problem about the start of the object, the others where they are now."""
+        own = self._start.objects[self._index]
+        scene = self.scene.with_object(self._index, world_from_model=own.world_from_model)
+        self._problem, _ = make_problem(scene, self._index, self._view, hidden)
+        return self._problem
+
+    def _start_of(self, problem: FitProblem) -> FloatArray:
+        """The parameters of the object where it is now."""
+        if self._index not in self._placings:
+            return problem.start
+        pose = self.scene.pose(self._index, problem.views[0].index)
+        scale = self.scene.objects[self._index].world_from_model.scale
+        return numbers_of(problem.chart, pose, scale)
+
+    def _seen_at(self, problem: FitProblem, parameters: FloatArray, before: Hidings) -> Hidings:
+        """What others hide at ``parameters`` in the views of a problem; ``before`` where that is
+        all of the object.
+        """
+        poses = {view.index: view.chart.to_pose(parameters) for view in problem.views}
+        now = hidings(self.scene, self._index, problem.views[0].index, poses)
+        return {
+            number: one if (new := now.get(number)) is None or new.is_whole else new
+            for number, one in before.items()
+        }
+
+    def _settle(self, problem: FitProblem, before: FitProgress | None) -> Plan[FitProgress]:
+        """Run the stages, and again without the coarsest level while the focal length moves far;
+        ``before``: what this continues.
+        """
+        limits, done = problem.limits, None
+        for number in range(1, MOST_SEARCHES + 1):
+            so_far = before if done is None else _Leg(problem, before).told(done)
+            end = yield _Leg(problem, so_far)
+            done = end if done is None else merge(done, end, end)
+            rest = rest_of(limits, done, done.seconds) if number < MOST_SEARCHES else None
+            is_settled = _focal_moved(problem, done) <= FOCAL_THRESHOLD
+            if done.status is not Status.CONVERGED or rest is None or is_settled:
+                break
+            problem = replace(problem, start=done.parameters, limits=rest)
+            if problem.strategy is not Strategy.COARSE:
+                problem = replace(problem, strategy=Strategy.CONTINUE)
+        assert done is not None
+        return done
+
+    def _finish(
+        self, problem: FitProblem, end: FitProgress, among: bool, gain: float = math.inf
+    ) -> Plan[FitProgress]:
+        """Leave out what is in front where a first search has ended, judge, and restart unless the
+        verdict is sure. ``among``: others may hide something of the object. ``gain``: the loss that
+        the first search has gained, if it continued another one of the same problem.
+        """
+        began = time.perf_counter() - end.seconds
+        whole = problem
+        problem, best = yield from self._without_hidden(whole, end)
+        if problem is not whole:
+            gain = math.inf
+        best = self.judged(problem, best)
+        sure_from = SURE_AMONG_OTHERS if among else SURE_FROM
+        for is_turned in (*(False,) * MOST_CONTINUED, True):
+            again = restarted(problem, best, is_turned, time.perf_counter() - began, sure_from)
+            if again is None:
+                break
+            if not is_turned and gain < GAIN_THRESHOLD:
+                continue
+            if is_turned:
+                turned = better_turn(problem, self._mesh, self._renderer, best.pose, self._threads)
+                if turned is None:
+                    break
+                again = replace(again, start=turned)
+            before = best
+            after = replace((yield _Leg(again, before, keeps_pose=True)), hidden=before.hidden)
+            if after.loss < before.loss:
+                after = self.judged(again, after)
+            best = merge(before, after, after if is_taken(after, before, is_turned) else before)
+            gain = before.loss - best.loss
+        return best
+
+    def _without_hidden(
+        self, whole: FitProblem, best: FitProgress
+    ) -> Plan[tuple[FitProblem, FitProgress]]:
+        """Continue without what is in front of the model where a search ended: the problem and the
+        end of that; the same as given where nothing is.
+        """
+        problem, views = whole, whole.views
+        for _ in range(OCCLUSION_PASSES):
+            rest = rest_of(problem.limits, best, best.seconds)
+            if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
+                break
+            known = best.hidden or (None,) * len(views)
+            poses = [view.chart.to_pose(best.parameters) for view in views]
+            masks = [
+                find_hidden(view.photo, self._renderer, pose)
+                for view, pose in zip(views, poses, strict=True)
+            ]
+            now = tuple(old if new is None else new for old, new in zip(known, masks, strict=True))
+            each = zip(known, now, views, strict=True)
+            if all(_is_same(old, new, view.photo) for old, new, view in each):
+                break
+            rest_problem = behind(whole, now)
+            loss, start_loss = (
+                pose_loss(rest_problem, self._renderer, point)
+                for point in (best.parameters, rest_problem.start)
+            )
+            before = replace(best, loss=loss, start_loss=start_loss, hidden=now)
+            again = replace(
+                rest_problem, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest
+            )
+            after = replace((yield _Leg(again, before, keeps_pose=True)), hidden=now)
+            problem, best = rest_problem, merge(before, after, after)
+        return problem, best
+
+    def _kept(self, problem: FitProblem, end: FitProgress) -> FitProgress:
+        """The start in place of the ``end`` of a search from it, with its own loss and verdict,
+        which says where the search ended.
+        """
+        start = problem.chart.to_pose(problem.start)
+        loss = pose_loss(problem, self._renderer, problem.start)
+        kept = replace(
+            end,
+            parameters=problem.start,
+            pose=start,
+            loss=loss,
+            start_loss=loss,
+            status=Status.KEPT,
+            hidden=(),
+        )
+        kept = self.judged(problem, kept)
+        assert end.verdict is not None  # by it the start is kept
+        assert kept.verdict is not None
+        away = pose_error(self._mesh, end.pose, start, problem.symmetry).percent
+        said = (
+            f"The start was kept: the search ended {away:.0f} % of the model's size away, and of "
+            f"such fits {end.verdict.probability:.0%} are right."
+        )
+        return replace(kept, verdict=replace(kept.verdict, reasons=(said, *kept.verdict.reasons)))
+
+
+def with_end(
+    scene: Scene, index: int, problem: FitProblem, progress: FitProgress, renderer: Renderer
+) -> Scene:
+    """The scene with an object where a search of its ``problem`` has ended, and its result."""
+    chart, first = problem.chart, problem.views[0]
+    scale = None
+    if isinstance(chart, ViewChart):
+        scale = 1.0 / chart.scale_at(progress.parameters)
+    scene = scene.with_pose(index, progress.pose, first.index, scale)
+    return scene.with_object(index, result=result_of(scene, index, problem, progress, renderer))
+
+
+def result_of(
+    scene: Scene, index: int, problem: FitProblem, progress: FitProgress, renderer: Renderer
+) -> SearchResult:
+    """What the end of a search says of an object."""
+    seen: list[float] = [math.nan] * len(scene.views)
+    hidden: list[Hidden] = [None] * len(scene.views)
+    masks = progress.hidden or (None,) * len(problem.views)
+    left = behind(problem, progress.hidden)
+    for view, mask in zip(left.views, masks, strict=True):
+        pose = level_pose(view.chart.to_pose(progress.parameters), view.photo.factor)
+        covered = renderer.covers(pose)
+        is_any = covered.any()
+        seen[view.index] = float(np.mean(view.photo.weights[covered] > 0.0)) if is_any else 0.0
+        if mask is not None:
+            photo = scene.views[view.index].photo
+            hidden[view.index] = enlarged(mask, view.photo.factor, photo.width, photo.height)
+    result = unsearched_result(scene, index, problem, progress.parameters, progress.loss)
+    notes = (*result.notes, *_least_sure(scene, problem, progress.verdict))
+    return replace(
+        result, verdict=progress.verdict, seen=tuple(seen), hidden=tuple(hidden), notes=notes
+    )
+
+
+def unsearched_result(
+    scene: Scene, index: int, problem: FitProblem, parameters: FloatArray, loss: float
+) -> SearchResult:
+    """What is known of an object at ``parameters`` without a search."""
+    first = problem.views[0].index
+    camera = problem.chart.to_pose(parameters).camera
+    note = scene.views[first].photo.focal_note(camera)
+    settings = settings_as_json(scene.objects[index].settings)
+    return SearchResult(
+        None,
+        loss,
+        problem.scale.unexplained(loss),
+        tuple(parameters.tolist()),
+        problem.chart.name,
+        problem.chart.names,
+        {**settings, "photo_channels": problem.photo.channels.shape[2]},
+        notes=(note,) if note else (),
+        view=first,
+    )
+
+
+def _least_sure(scene: Scene, problem: FitProblem, verdict: Verdict | None) -> tuple[str, ...]:
+    """A note on the view that goes least with the others, unless each says ``found``."""
+    views = () if verdict is None else verdict.views
+    if all(one.word == "found" for one in views):
+        return ()
+    worst = min(range(len(views)), key=lambda number: views[number].probability)
+    return (
+        f"{scene.views[problem.views[worst].index].name} goes least with the others: something may "
+        "hide the model there, or its camera contradict theirs.",
+    )
+
+
+def _is_whole(hidden: Hidings) -> bool:
+    """Whether others leave nothing to be seen of an object in any view."""
+    return all(one is not None and one.is_whole for one in hidden.values())
+
+
+def _differ(before: Hidings, now: Hidings) -> bool:
+    """Whether others hide other pixels of an object now than when it was searched for."""
+    for number, new in now.items():
+        old = before.get(number)
+        if new is None and old is None:
+            continue
+        drawn = next(one.drawn for one in (new, old) if one is not None)
+        masks = [np.zeros_like(drawn) if one is None else one.hidden for one in (old, new)]
+        changed = np.count_nonzero((masks[0] ^ masks[1]) & drawn)
+        if changed > CHANGED * np.count_nonzero(drawn):
+            return True
+    return False
+
+
+def _all_in_front(seen: Hiding | None) -> Hiding | None:
+    """What others may hide of an object: at a start its depth may be too wrong to tell. The same as
+    given where that leaves too little of it, as of what stands before a wall.
+    """
+    if seen is None:
+        return None
+    left, shown = (np.count_nonzero(seen.drawn & ~hidden) for hidden in (seen.others, seen.hidden))
+    return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
 
 
 def is_start_kept(problem: FitProblem, end: FitProgress) -> bool:
@@ -122,73 +511,6 @@ def is_start_kept(problem: FitProblem, end: FitProgress) -> bool:
     better; never before there is a verdict.
     """
     return problem.keep_start and end.verdict is not None and end.verdict.probability < SURE_FROM
-
-
-def start_kept(
-    problem: FitProblem,
-    end: FitProgress,
-    mesh: Mesh,
-    renderer: Renderer,
-    judge: Judge,
-    threads: int = 1,
-) -> FitProgress:
-    """The start in place of the ``end`` of a search from it, with its own loss and verdict, which
-    says where the search ended.
-    """
-    start, loss = problem.chart.to_pose(problem.start), pose_loss(problem, renderer, problem.start)
-    kept = replace(
-        end,
-        parameters=problem.start,
-        pose=start,
-        loss=loss,
-        start_loss=loss,
-        status=Status.KEPT,
-        hidden=None,
-        hidden_beside=(),
-    )
-    verdict = judge(kept, problem, mesh, renderer, threads)
-    assert end.verdict is not None  # by it the start is kept
-    away = pose_error(mesh, end.pose, start, problem.symmetry).percent
-    said = (
-        f"The start was kept: the search ended {away:.0f} % of the model's size away, and of such "
-        f"fits {end.verdict.probability:.0%} are right."
-    )
-    return replace(kept, verdict=replace(verdict, reasons=(said, *verdict.reasons)))
-
-
-def _behind(
-    problem: FitProblem, best: FitProgress, renderer: Renderer, threads: int
-) -> Generator[FitProgress, None, tuple[FitProblem, FitProgress]]:
-    """The search continued without what is in front of the model where it ended: the problem and
-    the end of that; the same as given where nothing is.
-    """
-    whole = problem
-    for _ in range(OCCLUSION_PASSES):
-        rest = rest_of(problem.limits, best, best.seconds)
-        if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
-            break
-        views, known = whole.views, (best.hidden, *best.hidden_beside)
-        known += (None,) * (len(views) - len(known))
-        found = [find_hidden(v.photo, renderer, v.chart.to_pose(best.parameters)) for v in views]
-        now = [new if new is not None else old for old, new in zip(known, found, strict=True)]
-        each = zip(known, now, views, strict=True)
-        if all(_is_same(old, new, view.photo) for old, new, view in each):
-            break
-        hidden, beside = now[0], tuple(now[1:])
-        seen = behind(whole, hidden, beside)
-        loss, start_loss = (
-            pose_loss(seen, renderer, point) for point in (best.parameters, seen.start)
-        )
-        of_pixels = {"hidden": hidden, "hidden_beside": beside}
-        before = replace(best, loss=loss, start_loss=start_loss, **of_pixels)
-        again = replace(seen, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest)
-        after = before
-        for after in fit_pose(again, renderer, threads):
-            after = replace(after, **of_pixels)
-            if after.status is Status.RUNNING:
-                yield merge(before, after, before)
-        problem, best = seen, merge(before, after, after)
-    return problem, best
 
 
 def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:
@@ -233,32 +555,6 @@ def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
-
-
-def until_focal_settles(
-    problem: FitProblem, renderer: Renderer, threads: int
-) -> Iterator[FitProgress]:
-    """As ``fit_pose``, continued while the focal length moves far, without the coarsest level: a
-    search but for what follows its end.
-    """
-    limits = problem.limits
-    done: FitProgress | None = None
-    for number in range(1, MOST_SEARCHES + 1):
-        progress: FitProgress | None = None
-        for progress in fit_pose(problem, renderer, threads):
-            progress = progress if done is None else merge(done, progress, progress)
-            if progress.status is Status.RUNNING:
-                yield progress
-        assert progress is not None  # a search yields at least once
-        rest = rest_of(limits, progress, progress.seconds) if number < MOST_SEARCHES else None
-        is_settled = _focal_moved(problem, progress) <= FOCAL_THRESHOLD
-        if progress.status is not Status.CONVERGED or rest is None or is_settled:
-            yield progress
-            return
-        yield replace(progress, status=Status.RUNNING)
-        done, problem = progress, replace(problem, start=progress.parameters, limits=rest)
-        if problem.strategy is not Strategy.COARSE:
-            problem = replace(problem, strategy=Strategy.CONTINUE)
 
 
 def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:

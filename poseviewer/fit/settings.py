@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.optimise.restarts import RestartOptions
+from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.renderers import RendererName
 
 Method = Literal["default", "paper"]

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from poseviewer.fit.paper import paper_options
-from poseviewer.fit.problem import FitProblem, Strategy, pose_loss
+from poseviewer.fit.problem import ComparedView, FitProblem, Strategy, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import level_pose
 from poseviewer.optimise import cma_es, quadratic, restarts
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
@@ -31,7 +32,6 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import (
     Level,
     coarsest_level,
-    culled,
     lighter_level,
     with_structure,
 )
@@ -67,21 +67,25 @@ synthetic photos the two minima differ by a tenth of it."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """A pyramid level, and the minimiser that searches it."""
+    """A pyramid level of each view's photo, and the minimiser that searches it."""
 
-    level: Level
+    levels: tuple[Level, ...]
     minimise: Callable[..., Iterator[State]]
     """As in ``poseviewer.optimise``."""
     options: Any
     """The minimiser's own."""
     along_axes: bool = False
-    """Lengths are measured along the axes that the stage before found; else in the chart's scales.
-    """
+    """Whether lengths are measured along the axes that the stage before found."""
     rescore_every: float = 0.0
-    """Number of evaluations after which the best point is scored on the photo, where losses of this
-    level are other ones; infinite: at the end. 0: the level is the photo itself."""
+    """Number of evaluations after which the best point is scored on the photo; infinite: at the
+    end; 0: the level is the photo itself."""
     tolerance: float = 0.0
     """A scored point is kept if it costs less than this more than the best so far."""
+
+    @property
+    def factor(self) -> int:
+        """How many times smaller the first view's photo is."""
+        return self.levels[0].factor
 
 
 def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
@@ -90,37 +94,37 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
     Clipped to the model, one that covers too few pixels for a coarser level is searched on the
     photo alone. Searches that continue another one leave out the coarsest level.
     """
-    photo, options = problem.photo, problem.options
-    full = Level(1, photo, renderer)
+    photo, options, views = problem.photo, problem.options, problem.views
+    full = tuple(Level(1, view.photo, renderer) for view in views)
     if problem.method == "paper":
         return (Stage(full, restarts.minimise, paper_options(options, photo.clipped)),)
-    start = problem.chart.to_pose(problem.start)
+    starts = [(view.photo, renderer, view.chart.to_pose(problem.start)) for view in views]
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
-    coarse = coarsest_level(photo, renderer, start, fewest)
+    coarse = tuple(coarsest_level(*start, fewest) for start in starts)
     every = RESCORE_EVERY
     if photo.clipped:
-        if coarse.factor == 1:
+        if coarse[0].factor == 1:
             return (Stage(full, restarts.minimise, options),)
         return (
             Stage(coarse, restarts.minimise, coarse_options(options), rescore_every=every),
             Stage(full, restarts.minimise, fine_options(options)),
         )
-    light = lighter_level(photo, renderer, start)
+    light = tuple(lighter_level(*start) for start in starts)
     first, second, last = COARSE_POPULATION, FINE_POPULATION, LAST_MODELS
     if photo.structure is None:
         share = WITHOUT_STRUCTURE
         first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
         last = replace(last, rise=share * last.rise, least_gain=share * last.least_gain)
     stages = (Stage(light, cma_es.minimise, second, rescore_every=every),)
-    wide = coarse if coarse.factor > 1 else light
+    wide = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
     widest = Stage(wide, cma_es.minimise, first, rescore_every=every)
     if problem.strategy is Strategy.COARSE:
         return (widest,)
     if problem.strategy is Strategy.FIRST:
         stages = (widest, *stages)
-    if problem.fine_photo is None:
+    fine = tuple(Level(1, one, renderer) for view in views if (one := view.fine_photo) is not None)
+    if not fine:
         return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
-    fine = Level(1, problem.fine_photo, renderer)
     return (
         *stages,
         Stage(light, quadratic.minimise, LAST_MODELS, True, every),
@@ -158,20 +162,6 @@ def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Itera
             return
 
 
-@dataclass(frozen=True, slots=True)
-class _Renderers:
-    """Those of a stage's levels, one for each view; cloned together."""
-
-    each: tuple[Any, ...]
-
-    def clone(self) -> _Renderers:
-        return _Renderers(tuple(one.clone() for one in self.each))
-
-    @property
-    def together(self) -> Any:
-        return getattr(self.each[0], "together", None)
-
-
 class _Run:
     """What has been spent so far, and the best pose on the photo itself."""
 
@@ -190,23 +180,17 @@ class _Run:
 
     def run(self) -> Iterator[FitProgress]:
         """Progress after every evaluation, and once more at the end of every stage."""
-        of_views = [make_stages(view, self._renderer) for view in self._problem.views]
-        each = list(zip(*of_views, strict=True))
-        for stages, following in zip(each, (*each[1:], None), strict=True):
-            yield from self._run_stage(stages, following)
+        stages = make_stages(self._problem, self._renderer)
+        for stage, following in zip(stages, (*stages[1:], None), strict=True):
+            yield from self._run_stage(stage, following)
             self._restart += 1
 
-    def _run_stage(
-        self, stages: Sequence[Stage], following: Sequence[Stage] | None
-    ) -> Iterator[FitProgress]:
-        """A stage, that of each view: they differ in their levels alone. What the ``following`` one
-        compares with is made ready meanwhile.
-        """
-        stage = stages[0]
-        factor, scored, due = stage.level.factor, None, stage.rescore_every
-        photos = self._photos(stages) if self._ready is None else self._ready()
-        levels = _Renderers(tuple(map(self._renderer_of, stages, self._problem.views)))
-        with RendererPool(levels, self._threads) as pool:
+    def _run_stage(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
+        """Search a stage's level; the photos of the ``following`` one are made meanwhile."""
+        factor, scored, due = stage.factor, None, stage.rescore_every
+        photos = self._photos(stage) if self._ready is None else self._ready()
+        renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, self._problem.views))
+        with RendererPool(renderers, self._threads) as pool:
             if following is not None:
                 self._ready = pool.start(partial(self._photos, following))
             if 0.0 < due < math.inf:
@@ -215,7 +199,7 @@ class _Run:
                 self._take_score()
                 unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
                 yield self._progress(unknown, factor)
-            for state in self._states(stage, levels, photos, pool):
+            for state in self._states(stage, renderers, photos, pool):
                 if not stage.rescore_every:
                     self._keep(state.best, state.value)
                     ends = following is None or self._loss >= self._problem.worst_loss
@@ -233,17 +217,18 @@ class _Run:
                 if is_new:
                     yield self._progress(state, factor, state.converged and following is None)
 
-    def _renderer_of(self, stage: Stage, view: FitProblem) -> Renderer:
-        """What judges poses on a stage's level. The end of a search does without what is hidden
-        there, where its best points are scored with the whole model.
+    def _renderer_of(self, stage: Stage, level: Level, view: ComparedView) -> Renderer:
+        """The level's renderer; at the end of a search without faces hidden there, where the best
+        points are scored with the whole model.
         """
         if not (stage.along_axes and stage.rescore_every):
-            return stage.level.renderer
-        return culled(stage.level, view.chart.to_pose(self._parameters))
+            return level.renderer
+        pose = view.chart.to_pose(self._parameters)
+        return level.renderer.culled(level_pose(pose, level.photo.factor))
 
-    def _photos(self, stages: Sequence[Stage]) -> list[PhotoAttributes]:
-        """What each view is compared with on a stage's level."""
-        photos = [one.level.photo for one in stages]
+    def _photos(self, stage: Stage) -> list[PhotoAttributes]:
+        """The photo of each view on a stage's level."""
+        photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # The fine photo's is made only for its stage, beside the one before.
             return [with_structure(photo, is_steep=True) for photo in photos]
@@ -252,23 +237,20 @@ class _Run:
     def _states(
         self,
         stage: Stage,
-        levels: _Renderers,
+        own: tuple[Renderer, ...],
         photos: Sequence[PhotoAttributes],
         pool: RendererPool,
     ) -> Iterator[State]:
         """The minimiser's, from the best point so far."""
         problem, before = self._problem, self._restart
-        views = problem.views
 
-        def loss(renderers: Any, parameters: FloatArray) -> float:
-            each = zip(views, renderers.each, photos, strict=True)
-            losses = [pose_loss(view, one, parameters, photo) for view, one, photo in each]
-            return sum(losses) / len(losses)
+        def loss(renderers: tuple[Renderer, ...], parameters: FloatArray) -> float:
+            return pose_loss(problem, renderers, parameters, photos)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
             wanted = [problem.complete(point) for point in points]
             single = len(wanted) == 1
-            losses = [loss(levels, wanted[0])] if single else pool.map(loss, wanted)
+            losses = [loss(own, wanted[0])] if single else pool.map(loss, wanted)
             for found in losses:
                 self._evaluations += 1
                 yield found
@@ -283,7 +265,7 @@ class _Run:
         """Ask for the loss on the photo itself, while the search goes on."""
         self._evaluations += 1
         if pool.threads > 1 and self._scorer is self._renderer:
-            self._scorer = self._renderer.clone()  # pyright: ignore[reportAttributeAccessIssue] - as the levels' could
+            self._scorer = self._renderer.clone() or self._renderer
         parameters = self._problem.complete(point)
         loss = pool.start(partial(pose_loss, self._problem, self._scorer, parameters))
         self._scored = point, loss, tolerance

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from poseviewer.fit.loss import EDGE_WEIGHT, NOISE, canonical_squares, fewest_pi
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.render.types import Moments, PhotoAttributes
 
+Losses = TypeVar("Losses", float, FloatArray)
 PARTS = 3
 """Light, classes, edges: shares whose geometric mean is taken."""
 
@@ -53,23 +54,15 @@ class LossScale:
         """What the shown values are called: ``unexplained``, or ``loss (of 1)``."""
         return "unexplained" if self.has_edges else f"loss (of {self.most})"
 
-    @overload
-    def unexplained(self, losses: float) -> float: ...
-    @overload
-    def unexplained(self, losses: FloatArray) -> FloatArray: ...
-    def unexplained(self, losses: float | FloatArray) -> float | FloatArray:
+    def unexplained(self, losses: Losses) -> Losses:
         """The shares in [0, 1] of losses; nan stays nan."""
         if not self.has_edges:
             return losses / self.most
         nothing = self.most * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
-        shares = np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0))
-        return shares if isinstance(losses, np.ndarray) else float(shares)
+        kind: Any = np.asarray if isinstance(losses, np.ndarray) else float
+        return kind(np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0)))
 
-    @overload
-    def shown(self, losses: float) -> float: ...
-    @overload
-    def shown(self, losses: FloatArray) -> FloatArray: ...
-    def shown(self, losses: float | FloatArray) -> float | FloatArray:
+    def shown(self, losses: Losses) -> Losses:
         """What a person is shown: what is unexplained, or the paper's loss as the paper defines it,
         in [0, min(n, m)].
         """

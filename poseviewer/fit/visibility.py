@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.registration import PlacedModel
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 DepthImage = NDArray[np.float32]
 """(height, width): z in the camera, in the models' unit; inf where there is nothing."""
@@ -120,7 +120,7 @@ def depth_image(model: PlacedModel) -> DepthImage:
 @lru_cache(maxsize=16)
 def _renderer(mesh: Mesh) -> SoftwareRenderer:
     """To be cloned: it may be asked for by several threads."""
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     return SoftwareRenderer(mesh)
 

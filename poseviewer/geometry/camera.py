@@ -90,13 +90,12 @@ class Parallel:
         """The camera of the same picture, resized by ``factor``; pixels stay square."""
         width, height = scaled_size(self.width, self.height, factor)
         k = math.sqrt(width / self.width * height / self.height)
-        return Parallel(
-            self.scale * k,
-            self.cx * width / self.width,
-            self.cy * height / self.height,
-            width,
-            height,
-        )
+        cx, cy = self.cx * width / self.width, self.cy * height / self.height
+        return Parallel(self.scale * k, cx, cy, width, height)
+
+    def cropped(self, left: float, top: float, width: int, height: int) -> Parallel:
+        """The camera of a rectangle of the picture, px from its left and top edges."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
 
 Camera = Perspective | Parallel

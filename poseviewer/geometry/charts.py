@@ -34,16 +34,14 @@ class Chart(Protocol):
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that the numbers (d,) stand for.
 
-        Raises:
-            OutsideChartError: they stand for none.
+        Raises ``OutsideChartError``: they stand for none.
         """
         ...
 
     def from_pose(self, pose: Pose) -> FloatArray:
         """The numbers (d,) of a pose.
 
-        Raises:
-            SingularChartError: the pose has no well-defined numbers in this chart.
+        Raises ``SingularChartError``: the pose has no well-defined numbers in this chart.
         """
         ...
 

@@ -23,8 +23,7 @@ class Mask:
     def of(cls, weights: ArrayLike) -> Mask:
         """The mask of weights (height, width): 1, or true, counts; 0 does not.
 
-        Raises:
-            ValueError: they have another shape, or are not in [0, 1].
+        Raises ``ValueError``: they have another shape, or are not in [0, 1].
         """
         found = np.asarray(weights, np.float32)
         if found.ndim != 2 or not np.all((found >= 0.0) & (found <= 1.0)):

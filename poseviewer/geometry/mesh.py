@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.camera import Pose
 
 FEWEST_FOR_HULL = 100
 """Models of fewer vertices are taken for their own convex hull."""
@@ -99,8 +100,7 @@ class Mesh:
     def without(self, names: Collection[str]) -> Mesh:
         """The ``whole`` model but for the parts of these names.
 
-        Raises:
-            SettingsError: there is no part of such a name, or no other one.
+        Raises ``SettingsError``: there is no part of such a name, or no other one.
         """
         whole, wanted = self.whole, set(names)
         if wanted == set(self.left_out):
@@ -152,6 +152,12 @@ def hull_points(mesh: Mesh) -> FloatArray:
     except QhullError:
         return mesh.vertices
     return frozen_array(mesh.vertices[corners], (-1, 3))
+
+
+def hull_in_photo(mesh: Mesh, pose: Pose) -> FloatArray:
+    """(n, 2): vertices of the convex hull in the photo, px, without those behind the camera."""
+    points = pose.project(hull_points(mesh))
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def principal_axes(mesh: Mesh) -> FloatArray:

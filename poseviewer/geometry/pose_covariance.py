@@ -90,6 +90,16 @@ class PoseCovariance:
         centre = self.pose.camera_from_model.apply(self.centre)
         return replace(self, pose=equal, centre=equal.camera_from_model.inverse().apply(centre))
 
+    def seen_from(self, view_from_this: RigidTransform, pose: Pose, mesh: Mesh) -> PoseCovariance:
+        """The same distribution about the ``pose`` in another view, whose camera stands at
+        ``view_from_this``, in the model's unit.
+        """
+        turn = np.eye(len(self.matrix))
+        turn[:3, :3] = turn[3:6, 3:6] = view_from_this.rotation
+        if self.has_size:  # a larger model is nearer to this camera
+            turn[3:6, 6] = -view_from_this.translation
+        return replace(self, pose=pose).with_matrix(turn @ self.matrix @ turn.T, mesh)
+
     @property
     def names(self) -> tuple[str, ...]:
         """What each number of a deviation is called."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry import NO_SYMMETRY, Symmetry
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import rotation_angle
 
 

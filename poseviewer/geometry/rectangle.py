@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # help texts of the command line need no NumPy
+    import numpy as np
+    from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -64,6 +65,8 @@ class Rectangle(NamedTuple):
 
     def mask(self, height: int, width: int) -> NDArray[np.float32]:
         """(height, width): 1 inside, its right and lower ends excluded, 0 beside it."""
+        import numpy as np
+
         found = np.zeros((height, width), np.float32)
         rows = slice(int(max(self.top, 0)), int(max(self.bottom, 0)))
         found[rows, int(max(self.left, 0)) : int(max(self.right, 0))] = 1.0

@@ -55,6 +55,28 @@ class RigidTransform:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Similarity:
+    """A scaling followed by a rigid transform, ``x_in_b = rigid.apply(scale * x_in_a)``."""
+
+    rigid: RigidTransform
+    """In the unit of frame b."""
+    scale: float = 1.0
+    """Lengths of frame b's unit in one of frame a's."""
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(4, 4): ``x_in_b = matrix @ x_in_a``, for points as columns."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.scale * self.rigid.rotation
+        matrix[:3, 3] = self.rigid.translation
+        return matrix
+
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) of frame a, in frame b (..., 3)."""
+        return self.rigid.apply(self.scale * np.asarray(points, dtype=float))
+
+
 def rotation_about(x: float, y: float, z: float) -> FloatArray:
     """(3, 3): the rotation whose axis times angle in radians is ``(x, y, z)``.
 

@@ -54,8 +54,7 @@ class ViewChart:
     def nearness(self, parameters: FloatArray) -> float:
         """How many times farther apart than at the start all cameras are, in the model's unit.
 
-        Raises:
-            OutsideChartError: a size out of all proportion.
+        Raises ``OutsideChartError``: a size out of all proportion.
         """
         log_size = float(parameters[-1]) if self.free_size else 0.0
         if not abs(log_size) <= LARGEST_LOGARITHM:
@@ -93,8 +92,7 @@ class ViewChart:
     def from_pose(self, pose: Pose) -> FloatArray:
         """The numbers of a pose in this view, with the size as it is at the start.
 
-        Raises:
-            SingularChartError: the model is behind the reference camera.
+        Raises ``SingularChartError``: the model is behind the reference camera.
         """
         place = self.view_from_reference.inverse() @ pose.camera_from_model
         numbers = self.reference.from_pose(Pose(self.reference.start.camera, place))

@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise import nelder_mead
+from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.optimise.state import Objective, State, best_so_far
-
-
-@dataclass(frozen=True, slots=True)
-class RestartOptions:
-    """Size, tolerances and number of the descents. Lengths are in units of the scale."""
-
-    step: float = 0.05
-    """Edge of each new simplex."""
-    multi_starts: int = 4
-    """Short descents from the start, the best of which goes on: one often ends in a side valley."""
-    multi_start_x_tolerance: float = 1e-2
-    multi_start_f_tolerance: float = 1e-3
-    x_tolerance: float = 5e-4
-    """A descent ends when its simplex is this small ..."""
-    f_tolerance: float = 2e-5
-    """... and its losses differ by no more than this."""
-    least_gain: float = 2e-4
-    """A restart that gains less has not improved anything."""
-    patience: int = 2
-    """Number of restarts in a row without improvement that ends the search."""
 
 
 def minimise(

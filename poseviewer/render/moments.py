@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.render.structure import (
     MARGIN_PX,
     MODEL_NOISE,
-    PhotoStructure,
     bounding_slices,
     edge_agreement,
     orientation_field,
@@ -40,56 +39,32 @@ def model_attributes(image: AttributeImage, photo: PhotoAttributes) -> FloatArra
 
 def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
     """The plain path: pictures of all attributes, then sums over P. The measure for fast paths."""
-    weights = photo.weights
+    weights, cosine = photo.weights, None
     covered = np.flatnonzero(image.mask & (weights > 0.0))
     model = model_attributes(image.at(covered), photo)
     w = weights.ravel()[covered].astype(float)
-    planes = (plane.ravel() for plane in photo.planar)
-    seen = np.stack([plane[covered] for plane in planes], dtype=float).T
+    seen = np.stack([plane.ravel()[covered] for plane in photo.planar], dtype=float).T
     if photo.structure is not None:
-        labels = photo.structure.labels.ravel()[covered]
-        memberships = np.eye(len(photo.structure.shares))[labels]
+        classes = photo.structure.labels.ravel()[covered]
+        seen = np.concatenate([seen, np.eye(len(photo.structure.shares))[classes]], axis=1)
         cosine = _edge_cosine(image, photo.structure.field, weights)
-        seen = np.concatenate([seen, memberships], axis=1)
-        return _moments_of_classes(w, seen, model, photo.structure, cosine)
-    if not photo.clipped:
-        return moments_of_region(w, seen, model, photo)
-    total, n = float(w.sum()), seen.shape[1]
+    n, size = seen.shape[1], seen.shape[1] + model.shape[1]
+    total = float(w.sum()) if photo.clipped else photo.photo_sums.weight
     if total <= 0.0:
-        size = n + photo.model_channels
-        return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n)
-    joint = np.concatenate([seen, model], axis=1)
-    mean = w @ joint / total
-    centred = joint - mean
-    return Moments(len(w), total, mean, (w[:, None] * centred).T @ centred / total, n)
-
-
-def moments_of_region(
-    w: FloatArray, seen: FloatArray, model: FloatArray, photo: PhotoAttributes
-) -> Moments:
-    """Moments over the whole region, of weights ``w`` (N,), F (N, n) and M (N, m) on the model."""
-    n, region = seen.shape[1], photo.photo_sums
-    joint = np.concatenate([seen - photo.origin, model], axis=1)
-    weighted = w[:, None] * joint
-    first, second = w @ joint, weighted.T @ joint
-    first[:n], second[:n, :n] = region.first, region.second
-    return Moments.from_sums(len(w), region.weight, first, second, photo.origin)
-
-
-def _moments_of_classes(
-    w: FloatArray, seen: FloatArray, model: FloatArray, structure: PhotoStructure, cosine: float
-) -> Moments:
-    """F is the colours and the memberships in the classes, over the whole region."""
-    weighted = w[:, None] * model
-    n, m = seen.shape[1], model.shape[1]
-    weight = float(structure.shares.sum())
-    if weight <= 0.0:
-        return Moments(0, 0.0, np.zeros(n + m), np.zeros((n + m, n + m)), n, cosine)
-    mean = np.concatenate([structure.first, w @ model]) / weight
-    photo_model = seen.T @ weighted
-    joint = np.block([[structure.second, photo_model], [photo_model.T, weighted.T @ model]])
-    covariance = joint / weight - np.outer(mean, mean)
-    return Moments(len(model), weight, mean, covariance, n, cosine)
+        return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n, cosine)
+    joint, origin = np.concatenate([seen, model], axis=1), np.zeros(size)
+    if photo.clipped:
+        origin = w @ joint / total
+    elif photo.structure is None:
+        origin[:n] = photo.origin
+    joint -= origin
+    first, second = w @ joint, (w[:, None] * joint).T @ joint
+    if not photo.clipped:
+        first[:n], second[:n, :n] = photo.photo_sums.first, photo.photo_sums.second
+    mean = first / total
+    covariance = second / total - np.outer(mean, mean)
+    covariance = 0.5 * (covariance + covariance.T)
+    return Moments(len(w), total, mean + origin, covariance, n, cosine)
 
 
 def _edge_cosine(

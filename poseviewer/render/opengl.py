@@ -20,7 +20,7 @@ from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.texture import TexturePyramid, doubled_areas, flatten_textures, mip_levels
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
 MAX_FACES = (1 << 24) - 1
@@ -114,7 +114,7 @@ def opengl_renderer_name() -> str | None:
     return gl.glGetString(gl.GL_RENDERER).decode(errors="replace")
 
 
-class OpenGLRenderer:
+class OpenGLRenderer(Renderer):
     """A mesh drawn by OpenGL, with textures sampled here; for one thread of the process alone."""
 
     def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:

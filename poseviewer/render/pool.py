@@ -9,7 +9,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
@@ -21,15 +21,6 @@ CHUNK = 8
 """Items handed out at a time: few enough that stopping waits some ten milliseconds at most."""
 
 
-@runtime_checkable
-class Cloneable(Protocol):
-    """A renderer that can be had once for each thread."""
-
-    def clone(self) -> Any:
-        """Another renderer of the same model, with buffers of its own."""
-        ...
-
-
 def processors() -> int:
     """How many processors this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -38,26 +29,30 @@ def processors() -> int:
 
 
 class RendererPool:
-    """Renderers of one model, one for each of some threads; one alone where it cannot be cloned."""
+    """A renderer, or a tuple of them that are used together, for each of some threads; one thread
+    alone where they have no clones.
+    """
 
     def __init__(
         self,
-        renderer: Renderer | Cloneable,
+        renderer: Renderer | tuple[Renderer, ...],
         threads: int | None = None,
         begin: Callable[[], None] | None = None,
     ) -> None:
         """``threads``: the number of processors by default; each calls ``begin`` first."""
         count = processors() if threads is None else threads
+        each = renderer if isinstance(renderer, tuple) else (renderer,)
         self._renderer = renderer
-        self._free: deque[Any] = deque()
         self._executor: ThreadPoolExecutor | None = None
         self.threads = 1
-        # How a renderer on a GPU has poses judged.
-        self._together: Any = getattr(renderer, "together", None)
-        if self._together is None and count > 1 and isinstance(renderer, Cloneable):
-            self.threads = count
-            self._free.extend(renderer.clone() for _ in range(count))
-            self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
+        self._together: Any = each[0].together
+        if self._together is None and count > 1:
+            clones = [tuple(one.clone() for one in each) for _ in range(count)]
+            if None not in clones[0]:
+                is_one = each is not renderer
+                self._free: deque[Any] = deque(own[0] if is_one else own for own in clones)
+                self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
+                self.threads = count
 
     def map(
         self,

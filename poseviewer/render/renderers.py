@@ -26,11 +26,11 @@ def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
             raise RendererUnavailableError(reason)
         return OpenGLRenderer(mesh)
     from poseviewer.render.software.compiled import compile_kernels
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     compile_kernels()
     if name == "gpu":
-        from poseviewer.render.gpu.renderer import GpuRenderer
+        from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 
         return GpuRenderer(mesh)
     return SoftwareRenderer(mesh)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,8 @@ from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.render.structure import PhotoStructure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PhotoSums:
-    """Sums of the photo's attributes over the whole region, about their ``origin``."""
+class PhotoSums(NamedTuple):
+    """Sums of the photo's attributes over the whole region, about 0 or the photo's ``origin``."""
 
     weight: float
     first: FloatArray
@@ -88,7 +88,10 @@ class PhotoAttributes:
 
     @cached_property
     def photo_sums(self) -> PhotoSums:
-        """What F adds to the moments over the whole region; made once."""
+        """Sums over the whole region, about ``origin``; about 0 where there is a ``structure``."""
+        if self.structure is not None:
+            weight = float(self.structure.shares.sum())
+            return PhotoSums(weight, self.structure.first, self.structure.second)
         first, n = [], self.channels.shape[2]
         second = np.zeros((n, n))
         for weights, rows in zip(self.weights, self.channels, strict=True):
@@ -102,10 +105,10 @@ class PhotoAttributes:
     def photo_moments(self) -> PhotoMoments:
         """What F adds to the moments where there is a ``structure``; made once."""
         assert self.structure is not None
-        weight = float(self.structure.shares.sum())
+        weight, first, second = self.photo_sums
         share = 1.0 / weight if weight > 0.0 else 0.0
-        mean = share * self.structure.first
-        covariance = share * self.structure.second - np.outer(mean, mean)
+        mean = share * first
+        covariance = share * second - np.outer(mean, mean)
         weighted = self.weights[..., None] * self.structure.field
         target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
         return PhotoMoments(weight, mean, covariance, whiten(covariance, mean), target)
@@ -147,21 +150,6 @@ class Moments:
         object.__setattr__(self, "mean", frozen_array(self.mean, (size,)))
         object.__setattr__(self, "covariance", frozen_array(self.covariance, (size, size)))
 
-    @classmethod
-    def from_sums(
-        cls, pixels: int, weight: float, first: FloatArray, second: FloatArray, origin: FloatArray
-    ) -> Moments:
-        """From sums of ``w``, ``w x`` and ``w x x^T``, where x = (F - ``origin`` (n,), M)."""
-        if weight <= 0.0:
-            return cls(0, 0.0, np.zeros_like(first), np.zeros_like(second), len(origin))
-        mean = first / weight
-        covariance = second / weight - mean[:, None] * mean
-        mean[: len(origin)] += origin
-        covariance = 0.5 * (covariance + covariance.T)
-        # They are ours alone: to freeze them here saves two copies for every pose.
-        mean.flags.writeable = covariance.flags.writeable = False
-        return cls(pixels, weight, mean, covariance, len(origin))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttributeImage:
@@ -188,7 +176,28 @@ class AttributeImage:
 
 
 class Renderer(Protocol):
-    """A mesh, ready to be seen from any pose; the picture's size is the camera's."""
+    """A mesh, ready to be seen from any pose, by one thread at a time; the picture's size is the
+    camera's.
+    """
+
+    @property
+    def together(self) -> Callable[..., Iterator[Any]] | None:
+        """Generator of ``function(renderer, item)`` for many items at once; None: one by one."""
+        return None
+
+    def clone(self) -> Renderer | None:
+        """Another renderer of the mesh, for another thread; None: this thread alone may draw."""
+        return None
+
+    def reduced(self, faces: int) -> Renderer:
+        """A renderer of the mesh decimated to ``faces`` triangles, or of the mesh as it is."""
+        del faces
+        return self
+
+    def culled(self, pose: Pose) -> Renderer:
+        """A renderer for poses near ``pose``, that may leave out faces hidden there."""
+        del pose
+        return self
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre."""

@@ -22,20 +22,20 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_points
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, simplified_level
+from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
-from poseviewer.starts.registration import Start, StartCamera, StartInputs
+from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.keypoints import VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Wheels
 
 AUTOMATIC = "auto"
@@ -136,7 +136,7 @@ class StartQuery:
             region = both if both.area > 0.0 else region
         settings = replace(self.settings, method="default", pixels="whole", region=region)
         pose = self.views(rectangle, 1).poses[0]
-        return make_photo_attributes(self.inputs.at(pose), settings)
+        return make_photo_attributes(self.inputs.scene(pose, settings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,8 +165,7 @@ def propose(
     Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
     ``begin``.
 
-    Raises:
-        QuickStartError: there is no rectangle; or it is too small, or not in the photo.
+    Raises ``QuickStartError``: there is no rectangle; or it is too small, or not in the photo.
     """
     if query.rectangle is None:
         raise QuickStartError(
@@ -211,7 +210,7 @@ class _ViewSearch:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""
         area = self.rectangle.area / self.photo.factor**2
         factor = max(1, round(area**0.5 / side_px))
-        return simplified_level(self.photo, self.renderer, factor, COVERED * area)
+        return make_level(self.photo, self.renderer, factor, COVERED * area)
 
     def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
         def score(own: Renderer, pose: Pose) -> Proposal:
@@ -258,10 +257,10 @@ class _ViewSearch:
 
     def _off_rectangle(self, pose: Pose) -> float:
         """Summed squares of the distances of the outline's sides from the rectangle's."""
-        seen = pose.project(self.query.points)
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        wanted = self.rectangle
-        off = np.concatenate([low - wanted[:2], high - [wanted.right, wanted.bottom]])
+        outline, wanted = pose.project(self.query.points), self.rectangle
+        off = np.concatenate(
+            [outline.min(axis=0) - wanted[:2], outline.max(axis=0) - [wanted.right, wanted.bottom]]
+        )
         share = float(off @ off) / wanted.area
         return share if np.isfinite(share) else BEHIND_CAMERA
 
@@ -280,9 +279,8 @@ class _ViewSearch:
 
 
 def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
-    """Proposals by a vehicle's two wheels, and those of ``views`` that put the wheels there.
-
-    Others can have less loss where the paint is not the model's. All ``views`` without wheels.
+    """Proposals by a vehicle's two wheels, and those ``views`` that put them there; without wheels
+    all ``views``. Others can have less loss where the paint is not the model's.
     """
     query = search.query
     if query.keypoints is None:
@@ -325,7 +323,7 @@ def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[
     """Where a short fit from ``start`` ends; ``start`` where none can be made from it."""
     settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
     try:
-        problem = make_problem(query.inputs.at(start), settings)[0]
+        problem = make_problem(query.inputs.scene(start, settings))[0]
     except SettingsError:
         return start
     pose = start
@@ -337,7 +335,7 @@ def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AutoStart:
-    """``find`` is a start for ``starts.registration.load_with_start``."""
+    """``find`` is a start for ``starts.loading.open_photo``."""
 
     rectangle: Rectangle | None = None
     """About the object; None: the settings' region."""

@@ -13,7 +13,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.vehicle.keypoints import VehicleKeypoints, model_axes
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 FILLED = 0.6
 """Share of the photo's width, or of its height, that the model is made to fill."""

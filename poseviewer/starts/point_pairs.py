@@ -28,8 +28,8 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.geometry.scaled_orthographic import scaled_orthographic_poses
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
+from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.starts.placing import surface_point
-from poseviewer.starts.registration import Start, StartCamera, StartInputs
 
 FEWEST_PERSPECTIVE, FEWEST_PARALLEL, FEWEST_FOR_FOCAL = 4, 3, 6
 LEAST_SPREAD = 0.01
@@ -109,8 +109,7 @@ def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tu
 
     Of a parallel ``camera`` the centre counts, and the scale is found.
 
-    Raises:
-        QuickStartError: too few pairs, all on a line, or no pose in front of the camera.
+    Raises ``QuickStartError``: too few pairs, all on a line, or no pose in front of the camera.
     """
     points, pixels = _checked(points, pixels, fewest_pairs(camera))
     if isinstance(camera, Parallel):
@@ -223,8 +222,7 @@ class FocalFit:
 def focal_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Perspective) -> FocalFit:
     """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2).
 
-    Raises:
-        QuickStartError: too few pairs, or all about equally far: the focal length is open.
+    Raises ``QuickStartError``: too few pairs, or all about equally far: the focal length is open.
     """
     points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
     if len(points) < FEWEST_FOR_FOCAL:

@@ -12,7 +12,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform, rotation_about
-from poseviewer.vehicle.keypoints import VehicleKeypoints, model_axes
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 GROUND_STEP_DEG = 10.0
 RISES_DEG = (-2.0, 6.0, 14.0, 24.0, 36.0)

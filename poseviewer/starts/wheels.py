@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,8 +27,9 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts.registration import Start, StartCamera, StartInputs
-from poseviewer.vehicle.keypoints import VehicleKeypoints
+from poseviewer.render.types import Moments
+from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels
 
 COARSE_WIDTH, FINE_WIDTH = 256, 640
@@ -148,12 +150,11 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
             longer, shorter, tilt = shapes[which[y, x]]
             yield np.array([x + 0.5, y + 0.5, np.log(longer), np.log(shorter), tilt])
 
-    return non_maximum_suppression(candidates(), _is_near, MOST_TRIED)
+    def is_near(one: FloatArray, other: FloatArray) -> bool:
+        distance = np.hypot(*(one[:2] - other[:2]))
+        return bool(distance <= 0.25 * np.exp(other[2]) and abs(one[2] - other[2]) <= 0.2)
 
-
-def _is_near(one: FloatArray, other: FloatArray) -> bool:
-    distance = np.hypot(*(one[:2] - other[:2]))
-    return bool(distance <= 0.25 * np.exp(other[2]) and abs(one[2] - other[2]) <= 0.2)
+    return non_maximum_suppression(candidates(), is_near, MOST_TRIED)
 
 
 def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
@@ -228,7 +229,11 @@ def find_wheel_pairs(grey: NDArray[np.float32], rectangle: Rectangle) -> tuple[F
             f"The rectangle {left},{top},{width},{height} has no 16x16 px in the photo of "
             f"{grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height around the car."
         )
-    ellipses = [_shifted(found, corner) for found in find_ellipses(inside)]
+    ellipses = [
+        replace(one, ellipse=replace(e, cx=e.cx + corner[0], cy=e.cy + corner[1]))
+        for one in find_ellipses(inside)
+        for e in (one.ellipse,)
+    ]
     pairs = [pair for two in combinations(ellipses, 2) if (pair := _pair(*two)) is not None]
     if not pairs:
         raise QuickStartError(
@@ -253,17 +258,13 @@ def _pair(one: Supported, other: Supported) -> FoundPair | None:
     return FoundPair(a, b, 0.5 * (support_a + support_b) - 0.3 * taller - 0.3 * flatter)
 
 
-def _shifted(found: Supported, corner: tuple[int, int]) -> Supported:
-    ellipse = found.ellipse
-    x, y = ellipse.cx + corner[0], ellipse.cy + corner[1]
-    return replace(found, ellipse=replace(ellipse, cx=x, cy=y))
-
-
 def start_from_wheels(inputs: StartInputs, wheels: Wheels, known: StartCamera) -> Start:
     """The start that the wheels' ellipses give; of equal ones the one of least loss."""
     fits = poses_from_wheels(wheels, _wheels_known(inputs), known.of(inputs.photo))
-    fit = fits[0] if len(fits) == 1 else _least_loss(inputs, fits)
-    return _placed(fit, "two wheels")
+    losses = [0.0]
+    if len(fits) > 1:  # scored over the whole photo, by what some lighting explains
+        losses = list(map(lighting_loss, _moments(inputs, fits, FitSettings(pixels="whole"))))
+    return _placed(fits[int(np.argmin(losses))], "two wheels")
 
 
 def _wheels_known(inputs: StartInputs) -> VehicleKeypoints:
@@ -280,8 +281,7 @@ def _placed(fit: WheelFit, what: str) -> Start:
     return Start(fit.pose, (note,))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundWheels:
+class FoundWheels(NamedTuple):
     """The wheels that were found, and the pose that they give."""
 
     wheels: Wheels
@@ -324,15 +324,13 @@ def likely_wheels(
     across, down = round(MARGIN * width), round(MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
-    seen = make_photo_attributes(inputs.at(found[0].fit.pose), settings)
-    renderer = make_renderer(inputs.mesh)
-    losses = [registration_loss(renderer.moments(one.fit.pose, seen)) for one in found]
-    return [found[index] for index in np.argsort(losses, kind="stable")]
+    losses = map(registration_loss, _moments(inputs, [one.fit for one in found], settings))
+    return [found[index] for index in np.argsort(list(losses), kind="stable")]
 
 
-def _least_loss(inputs: StartInputs, fits: Sequence[WheelFit]) -> WheelFit:
-    """The pose that some lighting explains best, all scored over the whole photo."""
-    attributes = make_photo_attributes(inputs.at(fits[0].pose), FitSettings(pixels="whole"))
+def _moments(
+    inputs: StartInputs, fits: Sequence[WheelFit], settings: FitSettings
+) -> Iterator[Moments]:
+    photo = make_photo_attributes(inputs.scene(fits[0].pose, settings))
     renderer = make_renderer(inputs.mesh)
-    losses = [lighting_loss(renderer.moments(fit.pose, attributes)) for fit in fits]
-    return fits[int(np.argmin(losses))]
+    return (renderer.moments(fit.pose, photo) for fit in fits)

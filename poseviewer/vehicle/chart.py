@@ -26,7 +26,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
 LEAST_AXLE_COMPONENT = 0.05
 """Where less of the unit axle than this lies along the line of sight, the chart is singular: the
@@ -66,8 +66,7 @@ class VehicleChart:
     ) -> VehicleChart:
         """The chart for poses near ``pose``: of the side that the camera sees there.
 
-        Raises:
-            SingularChartError: the vehicle is seen (nearly) head-on or from straight behind.
+        Raises ``SingularChartError``: the vehicle is seen (nearly) head-on or from straight behind.
         """
         side = visible_side(keypoints, pose)
         depth = 4.0 * side.wheelbase

@@ -24,7 +24,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints, model_axes
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints, model_axes
 
 FEWEST_RIM_POINTS = 5
 LARGEST_RIM_ERROR = 0.1
@@ -101,8 +101,7 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
 
     A. Fitzgibbon, M. Pilu, R. Fisher, *Direct least square fitting of ellipses*, 1999 (OpenCV's).
 
-    Raises:
-        QuickStartError: too few points, or no ellipse is near all of them.
+    Raises ``QuickStartError``: too few points, or no ellipse is near all of them.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     if len(np.unique(points, axis=0)) < FEWEST_RIM_POINTS:
@@ -207,8 +206,7 @@ def poses_from_wheels(
 
     Of a parallel ``camera`` the centre counts, and the scale is found.
 
-    Raises:
-        QuickStartError: no pose shows the wheels as these ellipses.
+    Raises ``QuickStartError``: no pose shows the wheels as these ellipses.
     """
     fits = [
         fit

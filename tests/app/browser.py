@@ -195,8 +195,24 @@ class AppPage:
             self.page.get_by_role("button", name=button).click()
         chooser.value.set_files(str(path))
 
-    def saved_pose(self, path: Path) -> dict[str, Any]:
-        """Press S, and read the pose file that appears."""
+    def fit_to_box(self, shown: np.ndarray, photo: tuple[int, int]) -> None:
+        """Draw a box about points (n, 2) of the photo, and start from what is proposed there."""
+        self.open_step(2)
+        self.page.get_by_role("button", name="Fit to box").click()
+        self.drag(shown.min(axis=0) - 4.0, shown.max(axis=0) + 4.0, photo)
+        self.wait_for_text("proposal 1 of")
+        self.page.get_by_role("button", name="Start from it").click()
+
+    def add_object(self, path: Path) -> None:
+        """Add a model as a further object."""
+        self.open_step(1)
+        button = self.page.get_by_role("button", name="Add another object")
+        if not button.is_visible():
+            self.page.get_by_text("Several objects", exact=True).click()
+        self.choose_file("Add another object", path)
+
+    def saved(self, path: Path) -> dict[str, Any]:
+        """Press S, and read the file that appears."""
         before = path.stat().st_mtime_ns if path.exists() else 0
         self.page.keyboard.press("s")
         self.until(lambda: path.exists() and path.stat().st_mtime_ns != before)

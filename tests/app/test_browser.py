@@ -107,10 +107,10 @@ def test_each_pin_is_its_two_numbers(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
     page.page.keyboard.press("r")
     for pin, shift in ((0, (9.0, -7.0)), (1, (-12.0, 5.0)), (2, (6.0, 8.0))):
-        before = page.saved_pose(path)["chart"]["numbers"]
+        before = page.saved(path)["chart"]["numbers"]
         pins = demo_pins(before)
         page.drag(pins[pin], pins[pin] + np.array(shift), DEMO_PHOTO)
-        after = page.saved_pose(path)["chart"]["numbers"]
+        after = page.saved(path)["chart"]["numbers"]
         moved = demo_pins(after)
         others = [i for i in range(3) if i != pin]
         np.testing.assert_allclose(moved[pin], pins[pin] + np.array(shift), atol=0.8)
@@ -136,20 +136,20 @@ FIRST_CELL = """() => {
 
 def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: AppProcess):
     path = demo.folder / "demo_photo.pose.json"
-    before = page.saved_pose(path)["chart"]["numbers"]
+    before = page.saved(path)["chart"]["numbers"]
     page.page.wait_for_function("document.querySelectorAll('.pv-cell image').length === 15")
     # A press on maps about an older pose leads to their pose.
     page.page.wait_for_function(MAPS_ABOUT, arg=before)
     width, height = page.page.wait_for_function(FIRST_CELL).json_value()[2:]
     cell = page.page.locator(".pv-cell").first  # it waits until the page has come to rest
     cell.click(position={"x": 0.75 * width, "y": 0.4 * height})
-    after = page.saved_pose(path)["chart"]["numbers"]
+    after = page.saved(path)["chart"]["numbers"]
     changed = np.flatnonzero(np.abs(np.array(after) - before) > 1e-9)
     assert list(changed) == [0, 1]
     assert after[0] > before[0]
     assert after[1] > before[1]  # upwards on the map is more
     page.page.keyboard.press("z")
-    assert page.saved_pose(path)["chart"]["numbers"] == before
+    assert page.saved(path)["chart"]["numbers"] == before
 
 
 def is_registered(page: AppPage) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -118,7 +117,7 @@ def test_what_is_painted_over_is_kept_and_compared_alike(
     tab.page.keyboard.press("Space")
     tab.wait_for_text("Verdict:")
     path, mask = folder / "p.pose.json", folder / "p.mask.png"
-    record = tab.saved_pose(path)
+    record = tab.saved(path)
     assert record["mask"] == mask.name
     hidden = hidden_in(mask)
     assert hidden[53:59, 30:110].all()
@@ -129,8 +128,9 @@ def test_what_is_painted_over_is_kept_and_compared_alike(
     by_pose = load(scene.photo, scene.model, path, settings)
     by_option = load(scene.photo, scene.model, scene.start, settings, mask=mask)
     for case in (by_pose, by_option):
-        assert case.registration.mask is not None
-        assert np.array_equal(case.registration.mask.weights == 0.0, hidden)
+        kept = case.data.mask(0)
+        assert kept is not None
+        assert np.array_equal(kept.weights == 0.0, hidden)
     again = load(scene.photo, scene.model, path, settings, mask=mask)
     assert np.array_equal(again.problem.photo.weights, by_pose.problem.photo.weights)
 
@@ -154,8 +154,7 @@ def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
         tab.wait_for_text("of the photo is hidden")
         tab.page.keyboard.press("Escape")
         session = tmp_path / "state" / "sessions"
-        kept = lambda: [json.loads(f.read_text()).get("mask") for f in session.glob("*.json")]  # noqa: E731
-        tab.until(lambda: any(kept()))
+        tab.until(lambda: any("data:image/png" in f.read_text() for f in session.glob("*.json")))
         tab.page.close()
         app.kill()
     with AppProcess(tmp_path, *arguments) as app:
@@ -163,7 +162,7 @@ def test_a_scribble_hides_the_thing_to_its_edge_and_a_crash_loses_nothing(
         tab.page.get_by_role("button", name="Open it again").click()
         tab.open_step(3)
         tab.wait_for_text("of the photo is hidden")
-        tab.saved_pose(scene.photo.with_name("p.pose.json"))
+        tab.saved(scene.photo.with_name("p.pose.json"))
         assert tab.errors == []
         tab.page.close()
     hidden, bar = hidden_in(scene.photo.with_name("p.mask.png")), np.zeros((120, 160), bool)
@@ -197,12 +196,12 @@ def test_a_part_is_left_out_and_comes_back(tab: AppPage, scene: Scene) -> None:
     tab.page.mouse.click(*tab.on_screen(pose.project(middle).tolist(), PHOTO))
     tab.wait_for_text("Left out of the model")
     keep_picture(tab, "left_out")
-    (name,) = tab.saved_pose(path)["without"]
+    (name,) = tab.saved(path)["without"]
     assert tab.page.locator(".pv-parts li").inner_text().startswith(name)
     tab.page.get_by_role("button", name="Bring back").click()
     tab.page.get_by_text("Left out of the model").wait_for(state="hidden")
     case = load(scene.photo, scene.model, path)
-    assert case.registration.mesh.left_out == (name,)
+    assert case.mesh.left_out == (name,)
     seen = case.renderer.covers(pose)
     whole = load(scene.photo, scene.model, scene.start).renderer.covers(pose)
     assert 0.2 < np.count_nonzero(seen) / np.count_nonzero(whole) < 0.8

@@ -63,7 +63,7 @@ def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped: the best pose so far is shown")
     page.page.wait_for_function(f"{DOTS} === 0")
-    found = page.saved_pose(demo.folder / "demo_photo.pose.json")
+    found = page.saved(demo.folder / "demo_photo.pose.json")
     settings = found["settings"]
     assert (settings["method"], settings["pixels"], settings["grey"]) == ("paper", "clip", True)
     case = demo_case()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from poseviewer.files.scene import load_scene
+from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
@@ -41,11 +41,7 @@ def test_objects_are_added_placed_fitted_saved_and_opened_again(browser: Browser
         assert words(tab) == dict.fromkeys(IDS, "not searched")
         tab.page.get_by_role("button", name="remove 3").click()
         tab.until(lambda: list(words(tab)) == ["ball", "front"])
-        tab.open_step(1)
-        tab.page.get_by_text("Several objects", exact=True).click()
-        with tab.page.expect_file_chooser() as chooser:
-            tab.page.get_by_role("button", name="Add another object").click()
-        chooser.value.set_files(str(tmp_path / "apart.ply"))
+        tab.add_object(tmp_path / "apart.ply")
         tab.until(lambda: words(tab).get("apart.ply") == "not placed")
         tab.page.mouse.click(*tab.on_screen(middle(2).tolist(), SIZE))
         tab.until(lambda: words(tab)["apart.ply"] == "not searched")
@@ -67,14 +63,14 @@ def test_objects_are_added_placed_fitted_saved_and_opened_again(browser: Browser
         tab.until(lambda: words(tab)["front"] == "not searched")
         tab.page.keyboard.press("y")
         tab.until(lambda: words(tab)["front"] == "found")
-        tab.saved_pose(tmp_path / "three.pose.json")
+        tab.saved(scene)
         tab.wait_for_text("Saved three.scene.json")
         said = words(tab)
         assert tab.errors == []
         tab.page.close()
-    objects = load_scene(scene).objects
-    for one, mesh, truth in zip(objects[:2], MESHES, TRUTH, strict=False):
-        assert pose_error(mesh, one.record.pose, truth.pose).percent < 2.0, one.id
+    saved = load_scene(scene)
+    for index, (mesh, truth) in enumerate(zip(MESHES[:2], TRUTH, strict=False)):
+        assert pose_error(mesh, saved.pose(index), truth.pose).percent < 2.0
     (tmp_path / "again").mkdir()
     with AppProcess(tmp_path / "again", scene) as app:
         tab = AppPage(browser, app.url)

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.batch.job import run_job
-from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
@@ -27,7 +27,9 @@ def test_rows_are_accepted_rejected_corrected_and_noted(
     (tmp_path / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
     out = tmp_path / "out"
     batch = open_batch(tmp_path / "jobs.csv", out, FitSettings(limits=Limits(10, 600.0)))
-    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    for job in batch.to_do():
+        run_job(job, batch.plan)
+    save_summaries(batch)
     with AppProcess(tmp_path, "review", out) as app:
         tab = AppPage(browser, app.url)
         is_open = tab.page.locator(".pv-rows .pv-at")

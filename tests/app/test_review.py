@@ -22,8 +22,8 @@ from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import restore
 from poseviewer.app.workers.tasks import Found
 from poseviewer.batch.job import run_job
-from poseviewer.batch.results import load_manifest
-from poseviewer.batch.run import open_batch, save_outcome
+from poseviewer.batch.results import load_batch
+from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
@@ -45,7 +45,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(scene.photo, folder / f"{name}.png")
     (folder / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
     batch = open_batch(folder / "jobs.csv", folder / "out", BRIEFLY)
-    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    for job in batch.to_do():
+        run_job(job, batch.plan)
+    save_summaries(batch)
     return folder / "out"
 
 
@@ -55,7 +57,7 @@ class Review:
     def __init__(self, out: Path) -> None:
         self.reviewer = Reviewer(out)
         document = self.reviewer.open_first().document
-        list(prepare(document.registration.mesh))
+        list(prepare(document.mesh))
         self.session = Session(document, saved=document)
 
     def do(self, *requests: q.Request) -> tuple[str, ...]:
@@ -153,7 +155,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
 def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     points = np.array([[40.0, 60.0], [90.0, 60.0]])
     review.do(Paint(Stroke("brush", points, 9.0, False)))
-    mask = review.session.document.registration.mask
+    mask = review.session.document.mask
     assert mask is not None
     review.do(q.Decide("accepted"))
     path = out / review.reviewer.queue.rows[1].result.pose
@@ -162,7 +164,7 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)
     review.do(q.OpenRow(1))
-    assert review.session.document.registration.mask is not None
+    assert review.session.document.mask is not None
 
 
 def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path: Path) -> None:
@@ -175,7 +177,7 @@ def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path
 
 def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
     (out / "review").mkdir()
-    for job in load_manifest(out).jobs:
+    for job in load_batch(out).jobs:
         (out / "review" / f"{job.key}.json").write_text("{}")
     assert any("drop it" in text for text in Reviewer(out).open_first().warnings)
 
@@ -200,7 +202,9 @@ def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
     row = f"{scene.photo},{scene.model},{scene.start}\n"
     (tmp_path / "jobs.csv").write_text("photo,model,start\n" + row)
     batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", replace(BRIEFLY, keep_start=True))
-    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    for job in batch.to_do():
+        run_job(job, batch.plan)
+    save_summaries(batch)
     review = Review(tmp_path / "out")
     row = review.reviewer.queue.rows[0]
     assert "The start was kept: the search ended" in row_text(row, unsaved=False)

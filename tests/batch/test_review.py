@@ -13,9 +13,8 @@ import pytest
 
 from poseviewer.batch import review
 from poseviewer.batch.job import run_job
-from poseviewer.batch.results import ACCEPTED, worst_first
-from poseviewer.batch.run import Batch, open_batch, save_outcome
-from poseviewer.batch.scene import SceneOptions
+from poseviewer.batch.results import ACCEPTED, Batch, worst_first
+from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -54,7 +53,9 @@ def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
 
 def fit_all(batch: Batch) -> None:
     """In this process: how jobs are handed out is tested elsewhere."""
-    save_outcome(batch, [run_job(job, batch.plan) for job in batch.to_do])
+    for job in batch.to_do():
+        run_job(job, batch.plan)
+    save_summaries(batch)
 
 
 def table_of(out: Path) -> list[dict[str, str]]:
@@ -67,7 +68,7 @@ def fitted(scene, tmp_path_factory) -> tuple[Path, Path]:
     """A scene, and the folder of results of a batch on it."""
     folder = tmp_path_factory.mktemp("bop")
     bop, models = make_bop(scene, folder)
-    fit_all(open_batch(bop, folder / "out", QUICK, scene_options=SceneOptions(models)))
+    fit_all(open_batch(bop, folder / "out", QUICK, models=models))
     return bop, folder / "out"
 
 
@@ -100,9 +101,7 @@ def test_a_bop_scene_comes_out_as_one(fitted):
 def test_accept_mend_and_note_are_kept_and_read_again(out):
     queue = review.load_queue(out)
     first, second, third = queue.rows
-    assert [r.result.row for r in queue.rows] == [
-        r.row for r in worst_first([r.result for r in queue.rows])
-    ]
+    assert [r.job.row for r in queue.rows] == [r.job.row for r in worst_first(queue.rows)]
     review.decide(queue, first, ACCEPTED)
     review.annotate(queue, second, " blurred,\n half <b>hidden ")
     record = load_pose(out / third.result.pose, 160, 120)
@@ -133,10 +132,9 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     queue = review.load_queue(out)
     bop = fitted[0]
-    batch = open_batch(bop, out, QUICK, scene_options=SceneOptions(bop.parent / "models"))
-    same = replace(batch, manifest=queue.manifest)
+    batch = open_batch(bop, out, QUICK, models=bop.parent / "models")
     review.decide(queue, queue.rows[0], ACCEPTED)  # while the batch is open
-    save_outcome(same, [])
+    save_summaries(replace(batch, jobs=queue.batch.jobs))
     assert sum(row["review"] == "accepted" for row in table_of(out)) == 1
 
 
@@ -154,17 +152,16 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
 
 
 @pytest.mark.parametrize(
-    ("rule", "words"),
+    ("models", "words"),
     [
-        (SceneOptions(), "--models"),
-        (SceneOptions(Path("models")), "scene_gt.json: no such file"),
-        (SceneOptions(Path("none")), "no such folder"),
+        (None, "--models"),
+        ("models", "scene_gt.json: no such file"),
+        ("none", "no such folder"),
     ],
     ids=["no models", "no poses", "no folder"],
 )
-def test_a_scene_that_lacks_something_is_said(scene, tmp_path, rule, words):
+def test_a_scene_that_lacks_something_is_said(scene, tmp_path, models, words):
     bop, _ = make_bop(scene, tmp_path, posed=False)
-    if rule.models is not None:
-        rule = replace(rule, models=tmp_path / rule.models)
+    models = models and tmp_path / models
     with pytest.raises(PoseViewerError, match=words):
-        open_batch(bop, tmp_path / "out", QUICK, scene_options=rule)
+        open_batch(bop, tmp_path / "out", QUICK, models=models)

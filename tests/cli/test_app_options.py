@@ -50,8 +50,8 @@ def test_a_folder_or_a_zip_is_opened(
     assert main(["app", str(named(scene.photo.parent))]) == 0
     (opened,) = served
     document = opened.document
-    assert document.registration.photo.name == "p.png"
-    assert document.registration.mesh_name == "m.ply"
+    assert document.photo.name == "p.png"
+    assert document.model.name == "m.ply"
     start = load_pose(scene.start, 160, 120).pose
     np.testing.assert_array_equal(
         document.pose.camera_from_model.translation, start.camera_from_model.translation
@@ -64,10 +64,8 @@ def test_a_folder_with_a_set_of_photos_opens_it(tmp_path: Path, served: list[Ope
     start.rename(tmp_path.with_suffix(".json"))
     assert main(["app", str(tmp_path), "--pose", str(tmp_path.with_suffix(".json"))]) == 0
     for opened in served:
-        views = opened.document.views
-        assert views is not None
-        assert len(views.views.views) == 3
-        assert not opened.document.awaits_place
+        assert len(opened.document.scene.views) == 3
+        assert opened.document.object.is_placed
     assert served[0].document.settings.method == "paper"
     model.unlink()
     assert main(["app", str(tmp_path)]) == 2
@@ -79,6 +77,6 @@ def test_a_folder_without_a_model_takes_one_by_name(
     model = scene.model.rename(tmp_path / "m.ply")
     folder = scene.photo.parent
     assert main(["app", str(folder)]) == 2
-    assert f"{folder}: no model was found in it; name PHOTO and MODEL" in capsys.readouterr().err
+    assert f"{folder}: no model was found; name PHOTO and MODEL" in capsys.readouterr().err
     assert main(["app", str(folder), str(model)]) == 0
-    assert served[0].document.model_path == model
+    assert served[0].document.model.path == model

@@ -22,7 +22,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.registration import load_registration
+from poseviewer.starts.loading import open_photo
 from tests.lenses import from_taken
 from tests.scene import Scene
 from tests.schemas import json_schema
@@ -93,11 +93,14 @@ def test_the_calibrated_camera_stands_in_for_the_starts(scene, tmp_path, capsys)
     start = load_pose(scene.start, 160, 120)
     camera = replace(start.pose.camera, fx=200.0, fy=200.0)
     save_pose(tmp_path / "guess.json", replace(start, pose=replace(start.pose, camera=camera)))
-    found = load_registration(
-        tmp_path / "taken.png", scene.model, tmp_path / "guess.json", Calibration(calibration)
+    found = open_photo(
+        tmp_path / "taken.png",
+        scene.model,
+        tmp_path / "guess.json",
+        calibration=Calibration(calibration),
     )
-    assert found.start.camera == TAKEN
-    assert any("fx 300.0" in note and "fx 200.0" in note for note in found.warnings)
+    assert found.views[0].camera == TAKEN
+    assert any("fx 300.0" in note and "fx 200.0" in note for note in found.notes)
     flat = replace(start, pose=replace(start.pose, camera=Parallel(40.0, 80.0, 60.0, 160, 120)))
     save_pose(tmp_path / "flat.json", flat)
     assert run("overlay", tmp_path / "taken.png", scene.model, "--pose", tmp_path / "flat.json",
@@ -109,11 +112,13 @@ def test_pixels_that_the_photo_does_not_show_count_nothing(scene, tmp_path):
     pincushion = Lens("opencv", (2.0, 0.0, 0.0, 0.0, 0.0))
     _, calibration = taken_through(pincushion, scene, tmp_path)
     choice = Calibration(calibration)
-    found = load_registration(tmp_path / "taken.png", scene.model, scene.start, choice)
-    assert found.photo.covered is not None
-    problem, _ = make_problem(found, FitSettings(pixels="whole"))
-    np.testing.assert_array_equal(problem.photo.weights > 0, found.photo.covered)
-    assert 0.1 < found.photo.covered.mean() < 0.9
+    settings = FitSettings(pixels="whole")
+    found = open_photo(tmp_path / "taken.png", scene.model, scene.start, settings, choice)
+    covered = found.views[0].photo.covered
+    assert covered is not None
+    problem, _ = make_problem(found)
+    np.testing.assert_array_equal(problem.photo.weights > 0, covered)
+    assert 0.1 < covered.mean() < 0.9
 
 
 def test_undistort_writes_the_photo_that_poses_belong_to(scene, tmp_path, capsys):

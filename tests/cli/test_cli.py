@@ -191,7 +191,8 @@ def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):
     ("code", "heavy"),
     [
         (
-            "from poseviewer.cli.main import make_parser; make_parser().format_help()",
+            "from poseviewer.cli.main import COMMANDS, make_parser, parser_of; make_parser();"
+            "[parser_of(name, name) for name in COMMANDS if name != 'convert']",
             {"numpy", "scipy", "cv2", "numba", "trimesh", "viser", "matplotlib"},
         ),
         (

@@ -162,9 +162,9 @@ def test_half_a_character_in_a_pose_file_does_no_harm(scene: Scene, tmp_path: Pa
 
 def test_the_log_says_where_it_happened() -> None:
     script = (
-        "from poseviewer.cli import info, main\n"
+        "from poseviewer.cli import info_command, main\n"
         "def fails(options): raise RuntimeError('boom')\n"
-        "info.run = fails\n"
+        "info_command.run = fails\n"
         "raise SystemExit(main.main(['info', 'p.png']))\n"
     )
     for log, traced in (("", False), ("1", True)):

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.evaluation.bop import MSPD_THRESHOLDS, average_recall
+from poseviewer.evaluation.bop_estimates import MSPD_THRESHOLDS, average_recall
 from poseviewer.evaluation.trials import symmetric_distances
 from poseviewer.files.formats.bop_models import RESULTS, load_bop_models
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.symmetry import NO_SYMMETRY
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY
 from poseviewer.geometry.transform import RigidTransform
 from tests.scene import Scene
 

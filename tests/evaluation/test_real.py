@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import json
 
+import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
-from poseviewer.confidence.model import judge_end
 from poseviewer.evaluation.study import real_tasks
+from poseviewer.fit.search import Search
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.together import ModelToPlace, search_together
 from tests.evaluation.real_folder import write_real_folder
 
 WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
@@ -102,18 +102,19 @@ def test_a_folder_without_cases_or_starts_is_said(folder, tmp_path, capsys, name
 def test_the_other_cases_of_the_photo_can_be_given(folder):
     (task,) = real_tasks(folder, [5], 1, "*-a", FitSettings(), among_others=True)
     assert [one.name for one in task.others] == ["ball-b"]
-    (other,) = task.open()[0].others
-    assert other.pose is task.others[0].truth
+    scene, _ = task.open()
+    assert [one.locked for one in scene.objects] == [False, True]
+    shown = scene.pose(1).camera_from_model
+    assert np.array_equal(shown.translation, task.others[0].truth.camera_from_model.translation)
     (alone,) = real_tasks(folder, [5], 1, "*-a", FitSettings())
-    assert alone.open()[0].others == ()
+    assert len(alone.open()[0].objects) == 1
 
 
 def test_a_trial_among_others_is_a_search_of_their_scene(folder):
     settings = FitSettings(chart="free-body", limits=Limits(evaluations=900))
     (task,) = real_tasks(folder, [5], 1, "*-a", settings, among_others=True)
-    registration, renderer = task.open()
-    model = ModelToPlace(registration, settings, renderer)
-    *_, last = search_together([model], judge_end)
+    scene, renderer = task.open()
+    *_, last = Search(scene, {0: renderer}).run()
     trial = task.run()
     assert trial.evaluations == last.progress.evaluations
     assert trial.loss_end == last.progress.loss < trial.loss_start

@@ -13,17 +13,18 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
-from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
-from poseviewer.starts.registration import load_registration
+from poseviewer.starts.loading import open_photo
 from poseviewer.vehicle.chart import VehicleChart
+from tests.opened import by, scene_of
 from tests.opengl import require_opengl
 
 pytestmark = pytest.mark.slow
@@ -45,15 +46,9 @@ def make_photo(mesh: Mesh, chart: VehicleChart, seed: int) -> Photo:
     return Photo(pixels, "synthetic.png", "0" * 64)
 
 
-def fit_from(
-    registration: Registration, renderer: Renderer, parameters, chart: VehicleChart
-) -> FitProgress:
-    start = chart.to_pose(parameters)
-    registration = Registration(
-        registration.photo, registration.mesh, "", "", registration.keypoints, start, ()
-    )
-    problem, note = make_problem(registration, FitSettings(chart="vehicle"))
-    assert note == ""
+def fit_from(scene: FitScene, renderer: Renderer, start: Pose) -> FitProgress:
+    problem, note = make_problem(by(scene.with_pose(0, start), chart="vehicle"))
+    assert not note
     *_, end = fit_pose(problem, renderer)
     return end
 
@@ -66,24 +61,24 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     assert keypoints is not None
     chart = VehicleChart(keypoints.left, CAMERAS[projection], depth=10.0)
     photo = make_photo(mesh, chart, seed=1)
-    registration = Registration(photo, mesh, "", "", keypoints, chart.to_pose(THETA), ())
+    scene = scene_of(photo, mesh, chart.to_pose(THETA), keypoints=keypoints)
     renderer, random = make_renderer(mesh), np.random.default_rng(8)
     for _ in range(2):
         start = THETA * (1.0 + 0.08 * random.choice([-1.0, 1.0], 6))
-        end = fit_from(registration, renderer, start, chart)
+        end = fit_from(scene, renderer, chart.to_pose(start))
         assert pose_error(mesh, end.pose, chart.to_pose(THETA)).reprojection_px < 1.0
 
 
 def demo_error(projection: str, settings: FitSettings) -> tuple[PoseError, PoseError]:
     """Errors of the bundled start and of where a fit from it ends."""
     case = demo_case(projection)
-    registration = load_registration(case.photo, case.model, case.start)
+    scene = open_photo(case.photo, case.model, case.start, settings)
     photo = load_photo(case.photo)
     truth = load_pose(case.truth, photo.width, photo.height).pose
-    problem, _ = make_problem(registration, settings)
-    *_, end = fit_pose(problem, make_renderer(registration.mesh))
-    before = pose_error(registration.mesh, registration.start, truth)
-    return before, pose_error(registration.mesh, end.pose, truth)
+    problem, _ = make_problem(scene)
+    *_, end = fit_pose(problem, make_renderer(scene.objects[0].mesh))
+    before = pose_error(scene.objects[0].mesh, scene.pose(0), truth)
+    return before, pose_error(scene.objects[0].mesh, end.pose, truth)
 
 
 @pytest.mark.parametrize("projection", CAMERAS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
-from poseviewer.fit.landscape import Slice
+from poseviewer.fit.slices import Slice
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
 

@@ -11,7 +11,7 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
-from poseviewer.fit.landscape import Slice
+from poseviewer.fit.slices import Slice
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import frozen_array
 

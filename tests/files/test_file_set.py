@@ -12,8 +12,8 @@ from PIL import ExifTags, Image
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import FileSet, files_below, model_files, sort_set
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo_sets import load_views
 from poseviewer.files.state.uploads import gathered
-from poseviewer.files.view_set import load_view_set
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
 
@@ -227,7 +227,7 @@ def test_a_set_of_photos_comes_with_its_model_and_start(
     assert (files.views, files.pose, files.photo) == (views, start, None)
     assert [one.path for one in files.models] == [model]
     assert files.unused == ()
-    assert len(load_view_set(views).views) == 3
+    assert len(load_views(views).views) == 3
     write(tmp_path / "b.obj", PLAIN)
     with pytest.raises(FileSetError, match=r"2 models of one set of photos: b\.obj, m"):
         sort(tmp_path)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.files.landscape import landscape_npz_bytes
-from poseviewer.fit.landscape import Slice
+from poseviewer.fit.slices import Slice
 
 NAMES = ("mu_x", "mu_y", "psi_x")
 KEYS = {"names", "centre", "spans", "pairs", "first_values", "second_values", "losses", "photo"}

@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
+from msgspec import structs
 
+from assets.source.schemas import KINDS, schema
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose import ChartParameters, RecordedVerdict, save_pose
-from poseviewer.files.scene import load_scene, save_scene
+from poseviewer.files.masks import save_pose_and_mask
+from poseviewer.files.pose import ChartParameters, PoseRecord, RecordedVerdict, save_pose
+from poseviewer.files.scene_file import (
+    InViewRecord,
+    ObjectRecord,
+    Place,
+    SceneRecord,
+    ViewRecord,
+    load_scene,
+    mask_text,
+    save_scene,
+)
+from poseviewer.files.state.uploads import taken_out
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.starts.registration import load_scene_registrations
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema
-from tests.several import IDS, STARTS, TRUTH, make_three
+from tests.several import CAMERA, IDS, STARTS, TRUTH, make_three
+
+V1 = Path(__file__).parents[1] / "fixtures" / "v0_1_0" / "three.scene.json"
 
 
 @pytest.fixture
@@ -32,99 +50,166 @@ def changed(path: Path, change) -> Path:
     return path
 
 
-def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
-    scene = load_scene(path)
-    assert [one.id for one in scene.objects] == list(IDS)
-    first = replace(
-        scene.objects[0].record,
+def told(scene: SceneRecord, folder: Path) -> SceneRecord:
+    """The scene with two photos, and all that a scene can say of an object."""
+    turned = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [1.0 / 3.0, 0.0, 0.1])
+    shutil.copy(folder / "three.png", folder / "again.png")
+    mask = Mask.of(np.tri(240, 320))
+    second = ViewRecord.of(folder / "again.png", CAMERA, "0" * 64, None, turned, mask)
+    factor = np.random.default_rng(0).normal(size=(6, 6))
+    sure = PoseCovariance(STARTS[0].pose, np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7)
+    record = PoseRecord(
+        STARTS[0].pose,
         chart=ChartParameters("free-body", ("x",), (1.0 / 3.0,)),
         loss=-1.5,
         unexplained=0.25,
+        seen=0.625,
         verdict=RecordedVerdict("found", 0.9, ("It is seen.",), {"a": 0.5}),
         notes=("The focal length is assumed.",),
         settings={"grey": True},
+        covariance=sure,
+        without=("mirror",),
     )
-    named = replace(scene.objects[0], record=first, name="the ball")
-    told = replace(scene, objects=(named, *scene.objects[1:]))
-    elsewhere = tmp_path / "below"
-    elsewhere.mkdir()
-    save_scene(elsewhere / "s.json", told)
-    again = load_scene(elsewhere / "s.json")
-    jsonschema.validate(json.loads((elsewhere / "s.json").read_text()), json_schema("scene"))
-    assert again.camera == scene.camera
-    assert again.photo.resolve() == scene.photo.resolve()
-    assert again.objects[0].name == "the ball"
-    for one, other, start in zip(told.objects, again.objects, STARTS, strict=True):
-        assert other.model.resolve() == one.model.resolve()
-        place, wanted = other.record.pose.camera_from_model, start.pose.camera_from_model
-        assert np.array_equal(place.rotation, wanted.rotation)
-        assert np.array_equal(place.translation, wanted.translation)
-        for name in ("chart", "loss", "unexplained", "verdict", "notes", "settings"):
-            assert getattr(other.record, name) == getattr(one.record, name), name
-
-
-def test_a_pose_may_be_a_file_with_its_mask(path, tmp_path):
-    record = replace(load_scene(path).objects[1].record, pose=TRUTH[1].pose, mask="m.png")
-    save_pose(tmp_path / "front.json", record)
-    white = np.ones((240, 320))
-    save_scene(tmp_path / "other.json", load_scene(path), {"front": Mask.of(white)})
-    (tmp_path / "other.2.mask.png").rename(tmp_path / "m.png")
-    changed(path, lambda data: data["objects"][1].update(pose="front.json"))
-    found = load_scene(path).objects[1]
-    assert np.array_equal(
-        found.record.pose.camera_from_model.translation,
-        TRUTH[1].pose.camera_from_model.translation,
+    first = ObjectRecord.of("ball", scene.objects[0].path, record, scene.views[0], "the ball")
+    own = (InViewRecord(region=(1.0, 2.0, 30.5, 40.0)), InViewRecord(mask_text(mask), None, False))
+    first = structs.replace(
+        first,
+        in_views=own,
+        start=Place.of(turned, scale=0.001),
+        settings={"seed": 1},
+        locked=True,
+        hidden=True,
+        is_placed=False,
+        notes=("It is round.",),
     )
-    assert found.mask == tmp_path / "m.png"
-    _, opened = load_scene_registrations(load_scene(path))
-    assert opened[1].mask is not None
-    assert np.array_equal(opened[1].mask.weights, white)
-    assert opened[0].mask is None
+    objects = (first, *scene.objects[1:])
+    return structs.replace(scene, views=(*scene.views, second), objects=objects, unit="m")
 
 
-def test_each_object_is_opened_among_the_others(path):
-    _, opened = load_scene_registrations(load_scene(path))
-    assert [len(one.others) for one in opened] == [2, 2, 2]
-    assert opened[0].others[0].mesh is opened[1].mesh
-    assert opened[2].others[1].pose.camera_from_model is opened[1].start.camera_from_model
-    assert len({id(one.photo) for one in opened}) == 1
+def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
+    scene = told(load_scene(path), tmp_path)
+    (tmp_path / "below").mkdir()
+    save_scene(tmp_path / "below" / "s.json", scene)
+    data = json.loads((tmp_path / "below" / "s.json").read_text())
+    jsonschema.validate(data, json_schema("scene"))
+    assert data["objects"][0]["model"]["file"] == "../ball.ply"
+    assert data["views"][1]["mask"] == "s.1.mask.png"
+    again = load_scene(tmp_path / "below" / "s.json")
+    assert [one.path.resolve() for one in again.objects] == [one.path for one in scene.objects]
+    save_scene(tmp_path / "below" / "t.json", again)
+    written = json.loads((tmp_path / "below" / "t.json").read_text())
+    assert written == data
+    read = again.pose_record(0)
+    assert read.covariance is not None
+    assert (read.loss, read.seen) == (-1.5, 0.625)
+    assert read.verdict == RecordedVerdict("found", 0.9, ("It is seen.",), {"a": 0.5})
+    assert again.objects[0].start == scene.objects[0].start
+
+
+def test_a_view_and_an_object_are_a_pose_file(path):
+    scene = load_scene(path)
+    for index, one in enumerate(STARTS):
+        record, wanted = scene.pose_record(index), one.pose.camera_from_model
+        assert record.pose.camera == CAMERA
+        assert np.array_equal(record.pose.camera_from_model.rotation, wanted.rotation)
+        assert np.array_equal(record.pose.camera_from_model.translation, wanted.translation)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_schemas_are_those_of_the_structs(kind):
+    assert json.loads(schema(kind)) == json_schema(kind)
+
+
+def version_1(path: Path) -> Path:
+    """The scene file of version 0.1.0 in the place of another."""
+    shutil.copy(V1, path)
+    return path
+
+
+def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
+    white = Mask.of(np.ones((240, 320)))
+    camera = json.loads(V1.read_text())["camera"]
+    pose = Pose(replace(CAMERA, fx=camera["fx"], fy=camera["fy"]), TRUTH[1].pose.camera_from_model)
+    save_pose_and_mask(tmp_path / "front.json", PoseRecord(pose), white)
+    changed(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
+    scene = load_scene(path)
+    place = scene.pose(1).camera_from_model
+    assert np.array_equal(place.translation, pose.camera_from_model.translation)
+    mask = open_scene(scene).mask(1)
+    assert mask is not None
+    assert np.array_equal(mask.weights, white.weights)
+    assert open_scene(scene).mask(0) is None
 
 
 def test_the_same_model_may_be_there_twice(path):
     changed(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
-    _, opened = load_scene_registrations(load_scene(path))
-    assert opened[3].mesh is opened[0].mesh
+    opened = open_scene(path)
+    assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
+        (lambda d: d["objects"][1]["model"].update(file="/x/y.ply"), "/x/y.ply, and there is no"),
+        (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
+        (lambda d: d["objects"][1].pop("model"), r"objects\[1\].model is missing; wanted an obj"),
         (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
         (lambda d: d["objects"][1].update(id=7), r"objects\[1\].id is 7; wanted a text"),
-        (lambda d: d["objects"][1].update(pose="gone.json"), "gone.json, and there is no"),
-        (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
-        (lambda d: d["objects"][1]["pose"].clear(), r"objects\[1\]: camera_from_model is missing"),
-        (lambda d: d["objects"][1].update(mask="gone.png"), "gone.png, and there is no"),
-        (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
+        (lambda d: d["objects"][1].pop("world_from_model"), "world_from_model is missing"),
+        (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
+        (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\]: in_views is a list of 2"),
+        (lambda d: d["objects"][1]["world_from_model"].update(scale=-1), "scale is -1; wanted a n"),
+        (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
+        (lambda d: d.update(free_scale="yes"), "free_scale is 'yes'; wanted true or false"),
         (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
-        (lambda d: d.update(version=2), "version is 2"),
-        (lambda d: d["photo"].update(file="gone.png"), "gone.png, and there is no"),
-        (lambda d: d["photo"].pop("width"), "photo.width or photo.height is missing"),
-        (lambda d: d.pop("camera"), "camera is missing"),
+        (lambda d: d.update(version=3), "version is 3"),
+        (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of one or more"),
+        (lambda d: d["views"][0]["photo"].update(file="gone.png"), "gone.png, and there is no"),
+        (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
+        (lambda d: d["views"][0].pop("camera"), r"views\[0\].camera is missing"),
+        (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\]: fx is 1e\+09 px"),
+        (lambda d: d["views"][0].update(projection="x"), "wanted 'parallel' or 'perspective'"),
+        (lambda d: d["views"][0]["camera"].update(cy="x"), r"camera.cy is 'x'; wanted a finite n"),
     ],
 )
 def test_what_is_wrong_is_said(path, change, words):
     changed(path, change)
+    with pytest.raises(PoseViewerError, match=words) as error:
+        load_scene(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d["objects"][1].update(pose="gone.json"), "gone.json, and there is no"),
+        (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
+        (lambda d: d["objects"][1]["pose"].clear(), r"objects\[1\].world_from_model is missing"),
+        (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
+        (lambda d: d["photo"].pop("width"), "photo.width is missing"),
+        (lambda d: d.pop("camera"), "camera is missing"),
+    ],
+)
+def test_what_is_wrong_in_version_1_is_said(path, change, words):
+    changed(version_1(path), change)
     with pytest.raises(PoseViewerError, match=words):
         load_scene(path)
 
 
-def test_another_size_unit_or_camera_is_said(path, tmp_path):
+def test_a_pose_file_by_another_camera_is_said(path, tmp_path):
+    other = Pose(replace(CAMERA, fx=500.0), STARTS[0].pose.camera_from_model)
+    save_pose(tmp_path / "other.json", PoseRecord(other))
+    changed(version_1(path), lambda data: data["objects"][0].update(pose="other.json"))
+    with pytest.raises(PoseViewerError, match="'ball' is by another camera than the scene's"):
+        load_scene(path)
+
+
+def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
-    small = changed(path, lambda data: data["photo"].update(width=100))
+    changed(path, lambda data: data["views"][0]["photo"].update(width=100))
     with pytest.raises(PoseViewerError, match="320x240 px, and the scene is one for 100x240"):
-        load_scene_registrations(load_scene(small))
+        open_scene(path)
     save_scene(path, scene)
 
     def set_units(data) -> None:
@@ -132,51 +217,81 @@ def test_another_size_unit_or_camera_is_said(path, tmp_path):
         data["objects"][2]["model"]["unit"] = "m"
 
     with pytest.raises(PoseViewerError, match="ball is in mm and apart in m"):
-        load_scene_registrations(load_scene(changed(path, set_units)))
-    save_scene(path, scene)
-    other = replace(scene.camera, fx=500.0)
-    record = replace(scene.objects[0].record, pose=replace(STARTS[0].pose, camera=other))
-    save_pose(tmp_path / "other.json", record)
-    changed(path, lambda data: data["objects"][0].update(pose="other.json"))
-    with pytest.raises(PoseViewerError, match="'ball' is by another camera than the scene's"):
-        load_scene(path)
-    first = replace(scene.objects[0], record=record)
-    with pytest.raises(PoseViewerError, match="by another camera"):
-        save_scene(tmp_path / "new.json", replace(scene, objects=(first, *scene.objects[1:])))
-    assert not (tmp_path / "new.json").exists()
+        open_scene(changed(path, set_units))
 
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
-    save_scene(path, load_scene(path), {"ball": Mask.of(np.ones((10, 20)))})
+    scene = load_scene(path)
+    own = (InViewRecord(mask_text(Mask.of(np.ones((10, 20))))),)
+    masked = structs.replace(scene.objects[0], in_views=own)
+    save_scene(path, structs.replace(scene, objects=(masked, *scene.objects[1:])))
     assert (tmp_path / "three.scene.1.mask.png").is_file()
     with pytest.raises(PoseViewerError, match="20x10 px, the photo 320x240"):
-        load_scene_registrations(load_scene(path))
+        open_scene(path)
 
 
 def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_path):
-    scene = load_scene(path)
-    flat = Parallel(40.0, 160.5, 120.5, 320, 240)
+    flat, scene = Parallel(40.0, 160.5, 120.5, 320, 240), load_scene(path)
+    view = ViewRecord.of(tmp_path / "three.png", flat)
     cameras = (replace(flat, scale=30.0), replace(flat, scale=55.5), flat)
-    records = [
-        replace(one.record, pose=Pose(camera, one.record.pose.camera_from_model), seen=0.625)
-        for one, camera in zip(scene.objects, cameras, strict=True)
-    ]
-    save_scene(tmp_path / "flat.json", replace(scene.with_records(records), camera=flat))
-    data = json.loads((tmp_path / "flat.json").read_text())
-    jsonschema.validate(data, json_schema("scene"))
-    assert [one["pose"].get("scale") for one in data["objects"]] == [30.0, 55.5, None]
-    again = load_scene(tmp_path / "flat.json")
-    assert [one.record.pose.camera for one in again.objects] == list(cameras)
-    assert [one.record.seen for one in again.objects] == [0.625] * 3
-    _, opened = load_scene_registrations(again)
-    assert [one.start.camera for one in opened] == list(cameras)
-    # Another centre is another camera.
-    aside = replace(records[1], pose=Pose(replace(flat, cx=9.0), records[1].pose.camera_from_model))
-    with pytest.raises(PoseViewerError, match="by another camera"):
-        save_scene(
-            tmp_path / "no.json",
-            replace(scene.with_records([records[0], aside, records[2]]), camera=flat),
+    poses = [Pose(c, one.pose.camera_from_model) for c, one in zip(cameras, STARTS, strict=True)]
+    objects = tuple(
+        ObjectRecord.of(one.id, one.path, PoseRecord(pose), view)
+        for one, pose in zip(scene.objects, poses, strict=True)
+    )
+    save_scene(path, SceneRecord(views=(view,), objects=objects))
+    again = load_scene(path)
+    for index, wanted in enumerate(poses):
+        found = again.pose(index)
+        assert isinstance(found.camera, Parallel)
+        assert found.camera.scale == pytest.approx(cameras[index].scale, rel=1e-15)
+        np.testing.assert_allclose(
+            found.camera_from_model.translation, wanted.camera_from_model.translation, rtol=1e-15
         )
-    changed(tmp_path / "flat.json", lambda data: data["objects"][1]["pose"].update(scale=-1))
-    with pytest.raises(PoseViewerError, match=r"objects\[1\].*scale"):
-        load_scene(tmp_path / "flat.json")
+
+
+def test_files_are_sought_where_they_may_lie(path, tmp_path):
+    (tmp_path / "drop").mkdir()
+    path = Path(shutil.move(path, tmp_path / "drop"))
+    with pytest.raises(PoseViewerError, match=r"three\.png, and there is no such file"):
+        load_scene(path)
+    changed(path, lambda data: data["views"][0]["photo"].update(file="../three.png"))
+    for name in IDS:
+        shutil.copy(tmp_path / f"{name}.ply", tmp_path / "drop")
+    assert load_scene(path).views[0].path.is_file()
+    with pytest.raises(PoseViewerError, match=r"three\.png, outside of the folder that was"):
+        load_scene(path, inside=tmp_path / "drop")
+    assert load_scene(path, inside=tmp_path)
+
+
+def test_what_lies_in_a_private_folder_is_copied_beside_the_scene(path, tmp_path):
+    private, out = tmp_path / "uploads" / "00ff", tmp_path / "out"
+    private.mkdir(parents=True)
+    out.mkdir()
+    (out / "front.ply").write_text("another one\n")
+    for name in ("ball.ply", "front.ply", "three.png"):
+        shutil.move(tmp_path / name, private / name)
+    (private / "ball.symmetry.json").write_text("{}")
+    data = json.loads(path.read_text())
+    for one in (data["views"][0]["photo"], *(one["model"] for one in data["objects"][:2])):
+        one["file"] = f"uploads/00ff/{one['file']}"
+    path.write_text(json.dumps(data))
+    scene = load_scene(path)
+    for _ in range(2):
+        save_scene(out / "s.json", taken_out(out / "s.json", scene, tmp_path / "uploads"))
+    data = json.loads((out / "s.json").read_text())
+    names = ["ball.ply", "s.2/front.ply", "../apart.ply"]
+    assert [one["model"]["file"] for one in data["objects"]] == names
+    assert sorted(one.name for one in out.iterdir()) == [
+        *("ball.ply", "ball.symmetry.json", "front.ply", "s.2", "s.json", "three.png"),
+    ]
+    shutil.rmtree(tmp_path / "uploads")
+    assert load_scene(out / "s.json").views[0].path == out / "three.png"
+
+
+def test_files_that_are_not_there_are_not_written(path, tmp_path):
+    scene = load_scene(path)
+    (tmp_path / "ball.ply").unlink()
+    with pytest.raises(PoseViewerError, match=r"objects\[0\].model.file is ball.ply, and there is"):
+        save_scene(tmp_path / "new.json", scene)
+    assert not (tmp_path / "new.json").exists()

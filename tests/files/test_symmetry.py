@@ -16,7 +16,7 @@ from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.symmetry import load_symmetry, symmetry_path
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
-from poseviewer.geometry.symmetry import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from tests.schemas import json_schema
 

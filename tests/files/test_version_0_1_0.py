@@ -10,19 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from poseviewer.batch.results import load_manifest, load_result
+from poseviewer.batch.results import load_batch, load_result
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.photo import save_image
-from poseviewer.files.pose import PoseRecord, load_pose, set_frame
-from poseviewer.files.scene import load_scene
+from poseviewer.files.photo_sets import load_views
+from poseviewer.files.pose import PoseRecord, load_pose
+from poseviewer.files.scene_file import load_scene, mask_in, scene_of_set
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
 from poseviewer.files.symmetry import read_symmetry
-from poseviewer.files.view_set import load_view_set, recorded_masks
+from poseviewer.files.writing import sha256_of
 from poseviewer.fit.settings import settings_from_json
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
 from tests.meshes import make_bumpy
+from tests.view_sets import write_views
 
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "v0_1_0"
 SIZES = {"paper_parallel": (960, 720), "in_set": (320, 240)}
@@ -105,21 +107,29 @@ def test_what_pose_files_say_beside_the_pose_opens() -> None:
 
 def test_a_pose_in_a_set_of_photos_opens(tmp_path: Path) -> None:
     record, data = opened("in_set")
-    frame = set_frame(record)
-    assert frame is not None
-    assert frame.size == data["set"]["set_from_model"]["size"]
-    assert [one.photo and one.photo.file for one in frame.others] == ["b.png", "c.png"]
+    scene = scene_of_set(tmp_path / "in_set.pose.json", record)
+    assert scene is not None
+    assert scene.objects[0].place.scale == data["set"]["set_from_model"]["size"]
+    for view, entry in enumerate(data["set"]["views"]):
+        pose, wanted = scene.pose(0, view), entry["camera_from_model"]
+        assert scene.views[view].path == tmp_path / entry["photo"]["file"]
+        assert pose.camera == record.pose.camera
+        np.testing.assert_allclose(pose.camera_from_model.rotation, wanted["rotation"], atol=1e-12)
+        moved = pose.camera_from_model.translation
+        np.testing.assert_allclose(moved, wanted["translation"], rtol=1e-12)
+
+
+def test_a_set_of_photos_opens(tmp_path: Path) -> None:
     shutil.copy(FIXTURES / "views.json", tmp_path)
     for number, name in enumerate(("a.png", "b.png", "c.png")):
         save_image(tmp_path / name, np.full((240, 320, 3), 50 * number, np.uint8))
-    views = load_view_set(tmp_path / "views.json")
+    views = load_views(tmp_path / "views.json")
     entries = json.loads((FIXTURES / "views.json").read_text())["views"]
     for view, entry in zip(views.views, entries, strict=True):
         assert view.name == entry["photo"]
         assert np.array_equal(
-            view.camera_from_set.translation, entry["camera_from_set"]["translation"]
+            view.camera_from_world.translation, entry["camera_from_set"]["translation"]
         )
-    assert recorded_masks(FIXTURES / "in_set.pose.json", record, views) == {}
 
 
 def test_a_scene_opens(tmp_path: Path) -> None:
@@ -130,12 +140,13 @@ def test_a_scene_opens(tmp_path: Path) -> None:
     scene = load_scene(tmp_path / "three.scene.json")
     entries = json.loads((FIXTURES / "three.scene.json").read_text())["objects"]
     assert tuple(one.id for one in scene.objects) == names
-    for one, entry in zip(scene.objects, entries, strict=True):
-        transform = one.record.pose.camera_from_model
+    for index, entry in enumerate(entries):
+        record = scene.pose_record(index)
+        transform = record.pose.camera_from_model
         assert np.array_equal(transform.rotation, entry["pose"]["camera_from_model"]["rotation"])
-        assert one.record.verdict is not None
-        assert one.record.verdict.word == entry["pose"]["verdict"]["word"]
-    assert scene.objects[2].record.covariance is not None
+        assert record.verdict is not None
+        assert record.verdict.word == entry["pose"]["verdict"]["word"]
+    assert scene.pose_record(2).covariance is not None
 
 
 def session(name: str) -> AutosavedSession:
@@ -145,26 +156,39 @@ def session(name: str) -> AutosavedSession:
 @pytest.mark.parametrize("name", ["autosaved", "autosaved_candidates"])
 def test_autosaved_sessions_open(name: str) -> None:
     kept = session(name)
-    exact = json.loads((FIXTURES / f"{name}.json").read_text())["pose"]["exact"]
-    assert kept.photo == Path("/photos/one/p.png")
-    assert kept.model == Path("/photos/one/m.ply")
-    assert np.array_equal(kept.pose.pose.camera_from_model.rotation, exact["rotation"])
-    assert kept.pose.pose.camera.cx == exact["cx"]
-    assert settings_from_json(kept.settings).method == "default"
-    assert kept.mask is not None
-    assert kept.mask.weights.shape == (120, 160)
+    data = json.loads((FIXTURES / f"{name}.json").read_text())
+    (view,), (one,), pose = kept.scene.views, kept.scene.objects, kept.scene.pose(0)
+    assert view.path == Path("/photos/one/p.png")
+    assert one.path == Path("/photos/one/m.ply")
+    assert np.array_equal(pose.camera_from_model.rotation, data["pose"]["exact"]["rotation"])
+    assert pose.camera.cx == data["pose"]["exact"]["cx"]
+    assert one.start is not None
+    assert np.array_equal(one.start.rotation, data["start"]["exact"]["rotation"])
+    assert settings_from_json(one.settings or {}).method == "default"
+    (own,) = one.in_views
+    assert own.mask is not None
+    assert mask_in(own.mask).weights.shape == (120, 160)
 
 
-def test_autosaved_sessions_of_several_objects_and_photos_open() -> None:
+def test_autosaved_sessions_of_several_objects_and_photos_open(tmp_path: Path) -> None:
     kept = session("autosaved_three")
-    assert sorted(one.model_name for one in (kept, *kept.others)) == [
-        "apart.ply",
-        "ball.ply",
-        "front.ply",
-    ]
-    views = session("autosaved_set").views
-    assert views is not None
-    assert (views.path, views.left_out) == (Path("/photos/views/set.json"), ())
+    names = sorted(one.path.name for one in kept.scene.objects)
+    assert names == ["apart.ply", "ball.ply", "front.ply"]
+    assert kept.active_object in [one.id for one in kept.scene.objects]
+    views, model, _ = write_views(tmp_path)
+    data = json.loads((FIXTURES / "autosaved_set.json").read_text())
+    data["views"].update(path=str(views), left_out=["c.png"])
+    data["photo_sha256"] = sha256_of(tmp_path / "b.png")
+    (tmp_path / "session.json").write_text(json.dumps(data | {"model": str(model)}))
+    kept = load_autosave(tmp_path / "session.json")
+    assert kept.photo_names == ("a.png", "b.png", "c.png")
+    assert (kept.active_view, kept.scene.free_scale) == (1, data["views"]["free_size"])
+    (one,), pose = kept.scene.objects, kept.scene.pose(0, 1)
+    assert [own.is_compared for own in one.in_views] == [True, True, False]
+    exact = data["pose"]["exact"]["rotation"]
+    np.testing.assert_allclose(pose.camera_from_model.rotation, exact, atol=1e-12)
+    wanted = data["pose"]["file"]["camera_from_model"]["translation"]
+    np.testing.assert_allclose(pose.camera_from_model.translation, wanted, atol=1e-9)
 
 
 def test_symmetry_and_key_points_open() -> None:
@@ -178,12 +202,12 @@ def test_symmetry_and_key_points_open() -> None:
 
 def test_a_batch_opens(tmp_path: Path) -> None:
     shutil.copytree(FIXTURES / "batch", tmp_path / "batch")
-    manifest = load_manifest(tmp_path / "batch")
-    (job,) = manifest.jobs
-    assert manifest.settings.colour_reflectance
+    batch = load_batch(tmp_path / "batch")
+    (job,) = batch.jobs
+    assert batch.settings.colour_reflectance
     (tmp_path / "batch" / "pictures").mkdir()
     (tmp_path / "batch" / "pictures" / f"p-{job.key}.jpg").touch()
     result = load_result(tmp_path / "batch", job.key)
     assert result is not None
-    assert (result.verdict, result.photo, result.evaluations) == ("lost", "p.png", 100)
+    assert (result.verdict, result.evaluations) == ("lost", 100)
     assert load_pose(tmp_path / "batch" / result.pose, 160, 120).settings is not None

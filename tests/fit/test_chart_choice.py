@@ -9,7 +9,7 @@ from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.problem import choose_chart
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box
 
 MESH = make_box()

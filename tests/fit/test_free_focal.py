@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from poseviewer.api import load
-from poseviewer.app.state.cameras import with_camera
+from poseviewer.app.state.camera_change import with_camera
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.loading import load_model
 
 
 def fit_demo(factor: float, free: bool) -> tuple[float, float, int]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.api import FitResult, load, make_case
+from poseviewer.api import Scene, load, make_scene
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
@@ -25,21 +25,19 @@ def demo():
     """The demo's case, and the true pose."""
     files = demo_case()
     case = load(files.photo, files.model, files.start)
-    photo = case.registration.photo
-    return case, load_pose(files.truth, photo.width, photo.height).pose
+    return case, load_pose(files.truth, case.photo.width, case.photo.height).pose
 
 
 @pytest.fixture(scope="module")
 def behind_slab(demo):
     """The same with a post in front of the car."""
     case, _ = demo
-    pixels = case.registration.photo.pixels.copy()
+    pixels = case.photo.pixels.copy()
     left, right = SLAB
     noise = np.random.default_rng(0).normal(0.0, 6.0, (*pixels[:, left:right].shape[:2], 3))
     pixels[:, left:right] = np.clip(np.array([70, 110, 60]) + noise, 0, 255)
-    photo = replace(case.registration.photo, pixels=pixels)
-    registration = replace(case.registration, photo=photo)
-    return make_case(registration, case.settings, renderer=case.renderer)
+    view = replace(case.views[0], photo=replace(case.photo, pixels=pixels))
+    return make_scene(replace(case.data, views=(view,)), case.renderer)
 
 
 def test_nothing_is_in_front_of_a_car_that_is_seen_whole(demo):
@@ -51,7 +49,7 @@ def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
     case, truth = demo
     hidden = find_hidden(behind_slab.problem.photo, case.renderer, truth)
     assert hidden is not None
-    photo = case.registration.photo
+    photo = case.photo
     full = enlarged(hidden, case.problem.photo.factor, photo.width, photo.height)
     covered = case.renderer.covers(truth)
     post = np.zeros_like(covered)
@@ -65,29 +63,29 @@ def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
     problem = behind_slab.problem
     hidden = find_hidden(problem.photo, behind_slab.renderer, truth)
     assert hidden is not None
-    assert problem.fine_photo is not None
-    rest = behind(problem, hidden)
-    assert rest.fine_photo is not None
+    rest = behind(problem, (hidden,))
     assert not np.any(rest.photo.weights[hidden])
     assert np.array_equal(rest.photo.weights[~hidden], problem.photo.weights[~hidden])
-    height, width = rest.fine_photo.weights.shape
-    ratio = problem.photo.factor / rest.fine_photo.factor
-    larger = enlarged(hidden, ratio, width, height)
+    fine = rest.views[0].fine_photo
+    assert fine is not None
+    height, width = fine.weights.shape
+    larger = enlarged(hidden, problem.photo.factor / fine.factor, width, height)
     assert larger.any()
-    assert not np.any(rest.fine_photo.weights[larger])
+    assert not np.any(fine.weights[larger])
 
 
 @pytest.mark.slow
 def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     _, truth = demo
     found = behind_slab.fit()
-    assert pose_error(behind_slab.registration.mesh, found.pose, truth).percent < 0.3
+    assert pose_error(behind_slab.mesh, found.pose, truth).percent < 0.3
     assert found.hidden is not None
     assert 0.6 < found.seen < 0.8
-    assert found.case.registration.mask is not None
-    assert not np.any(found.case.registration.mask.weights[found.hidden])
+    mask = found.data.mask(0)
+    assert mask is not None
+    assert not np.any(mask.weights[found.hidden])
     found.save(tmp_path / "car.pose.json")
-    photo = found.case.registration.photo
+    photo = found.photo
     record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
     assert record.seen == found.seen
     assert record.mask == "car.mask.png"
@@ -95,9 +93,8 @@ def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
 
 @pytest.mark.slow
 def test_the_paper_looks_for_nothing_in_front(behind_slab):
-    settings = FitSettings("paper")
-    case = make_case(behind_slab.registration, settings, renderer=behind_slab.renderer)
-    assert case.fit(evaluations=60).hidden is None
+    data = behind_slab.data.with_object(0, settings=FitSettings("paper"))
+    assert make_scene(data, behind_slab.renderer).fit(evaluations=60).hidden is None
 
 
 @pytest.mark.slow
@@ -107,12 +104,12 @@ def test_a_toy_behind_others_is_found_by_leaving_them_out(shared_data, monkeypat
         pytest.skip(f"no {folder}")
     settings = FitSettings(chart="free-body")
     (task,) = real_tasks(folder, [15], 1, name, settings)
-    registration, renderer = task.open()
+    scene, renderer = task.open()
 
-    def off(found: FitResult) -> float:
-        return pose_error(registration.mesh, found.pose, task.case.truth).percent
+    def off(found: Scene) -> float:
+        return pose_error(scene.objects[0].mesh, found.pose, task.case.truth).percent
 
-    toy = make_case(registration, settings, renderer=renderer)
+    toy = make_scene(scene, renderer, 0)
     found = toy.fit()
     assert off(found) < 2.0
     assert found.progress is not None

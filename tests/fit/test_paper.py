@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.paper import PATIENCE, paper_loss
-from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
@@ -17,7 +17,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
@@ -62,9 +62,11 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
 @pytest.mark.parametrize("clipped", [True, False])
 def test_it_searches_the_photo_alone_and_from_one_start(clipped):
     usual, photo = RestartOptions(), make_photo(clipped, 0.0)
-    problem = FitProblem(photo, FreeBodyChart.near(MESH, POSE), np.zeros(6), method="paper")
+    problem = FitProblem(
+        (ComparedView(photo, FreeBodyChart.near(MESH, POSE)),), np.zeros(6), method="paper"
+    )
     (stage,) = make_stages(problem, RENDERER)
-    assert stage.level.factor == 1
+    assert stage.factor == 1
     assert (stage.options.multi_starts, stage.options.patience) == (0, PATIENCE)
     assert stage.options.step == usual.step if clipped else stage.options.step > usual.step
 
@@ -73,7 +75,7 @@ def test_it_searches_the_photo_alone_and_from_one_start(clipped):
 def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     chart = FreeBodyChart.near(MESH, POSE)
     start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
-    problem = FitProblem(make_photo(clipped, 0.0), chart, start, method="paper")
+    problem = FitProblem((ComparedView(make_photo(clipped, 0.0), chart),), start, method="paper")
     search = list(fit_pose(problem, RENDERER))
     end = search[-1]
     assert end.status is Status.CONVERGED

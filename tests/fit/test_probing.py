@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from poseviewer.confidence.features import gather_features
-from poseviewer.confidence.model import judge, judge_end
 from poseviewer.evaluation.synthetic import photograph, random_lighting
+from poseviewer.fit.judge import gather_features, judge
 from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
 from poseviewer.fit.problem import FitProblem, make_problem
-from poseviewer.fit.registration import Registration
-from poseviewer.fit.search import search
+from poseviewer.fit.scene import Scene
+from poseviewer.fit.search import Search
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, principal_axes
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from tests.meshes import make_mesh
+from tests.opened import scene_of
 from tests.opengl import require_opengl
 
 ACROSS, _, AXIS = np.eye(3)
@@ -67,10 +67,13 @@ def photo_of(mesh: Mesh) -> Photo:
     return Photo(pixels, "can.png", "0" * 64)
 
 
-def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
+def scene_from(start: Pose, mesh: Mesh = CAN) -> Scene:
     """A photo of the can and a start beside its pose."""
-    registration = Registration(photo_of(mesh), mesh, "", "", None, start, ())
-    return make_problem(registration, FitSettings(chart="free-body"))[0]
+    return scene_of(photo_of(mesh), mesh, start, FitSettings(chart="free-body"))
+
+
+def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
+    return make_problem(scene_from(start, mesh))[0]
 
 
 @pytest.mark.slow
@@ -125,8 +128,8 @@ def test_the_right_turn_is_found(degrees):
 @pytest.mark.slow
 def test_a_fit_that_would_end_turned_ends_right():
     start = turned(TRUTH, -35.0)  # without the turns: 31.6 degrees off, and `lost`
-    problem = fitted_from(start)
-    *_, end = search(problem, CAN, make_renderer(CAN), judge_end, 2)
+    *_, now = Search(scene_from(start), {0: make_renderer(CAN)}, threads=2).run()
+    end = now.progress
     assert end.verdict is not None
     assert end.verdict.word == "found"
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0

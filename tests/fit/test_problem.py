@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import FEWEST_PIXELS, fit_pose, make_stages
@@ -17,7 +17,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
@@ -44,7 +44,11 @@ def make_problem(width: int, **settings) -> FitProblem:
     weights = np.ones(lit.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
-    return FitProblem(photo, chart, np.zeros(6), **settings)
+    return FitProblem((ComparedView(photo, chart),), np.zeros(6), **settings)
+
+
+def with_photo(problem: FitProblem, photo: PhotoAttributes, fine=None) -> FitProblem:
+    return replace(problem, views=(ComparedView(photo, problem.chart, fine),))
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +126,7 @@ def test_a_population_evaluated_on_several_threads_is_the_same_search():
     """Also where a limit ends it within a generation, and where nobody asks any more."""
     lit = make_problem(160, limits=Limits(evaluations=150))
     small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = replace(lit, photo=structured(small, 1))
+    problem = with_photo(lit, structured(small, 1))
     alone = list(fit_pose(problem, RENDERER))
     assert alone[-1].loss < alone[0].loss
     for threads in (2, 3):
@@ -142,9 +146,9 @@ def test_a_population_evaluated_on_several_threads_is_the_same_search():
 def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
     lit = make_problem(480)
     small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = replace(lit, photo=structured(small, 4))
+    problem = with_photo(lit, structured(small, 4))
     *_, coarse = fit_pose(problem, RENDERER)
-    *_, fine = fit_pose(replace(problem, fine_photo=smaller(small, 1)), RENDERER)
+    *_, fine = fit_pose(with_photo(problem, problem.photo, smaller(small, 1)), RENDERER)
     assert coarse.status is fine.status is Status.CONVERGED
     assert fine.evaluations > coarse.evaluations
     truth = true_pose(480).project(MESH.vertices)
@@ -161,16 +165,16 @@ def test_small_models_are_searched_on_the_photo_alone():
     start = problem.chart.to_pose(problem.start)
     assert np.count_nonzero(RENDERER.covers(start)) < 4 * FEWEST_PIXELS
     (stage,) = make_stages(problem, RENDERER)
-    assert stage.level.photo is problem.photo
+    assert stage.levels[0].photo is problem.photo
     assert stage.options is problem.options
 
 
 def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
     lit = make_problem(160)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
-    wide, population, last = make_stages(replace(lit, photo=structured(plain, 2)), RENDERER)
-    assert wide.level.factor == population.level.factor == last.level.factor == 1
-    renderers: list[Any] = [stage.level.renderer for stage in (wide, population, last)]
+    wide, population, last = make_stages(with_photo(lit, structured(plain, 2)), RENDERER)
+    assert wide.factor == population.factor == last.factor == 1
+    renderers: list[Any] = [stage.levels[0].renderer for stage in (wide, population, last)]
     faces = [len(renderer.mesh.faces) for renderer in renderers]
     assert faces[0] == faces[1] < faces[2] == len(MESH.faces)
 
@@ -185,7 +189,7 @@ def test_a_search_ends_without_what_is_hidden_there():
 
     lit = make_problem(160)
     small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = replace(lit, photo=structured(small, 2), fine_photo=smaller(small, 1))
+    problem = with_photo(lit, structured(small, 2), smaller(small, 1))
     *_, end = fit_pose(problem, Recording(MESH))
     (pose,) = culled_at  # of the fine photo: on the photo the model is a lighter one
     assert (pose.camera.width, pose.camera.height) == (160, 120)
@@ -199,5 +203,5 @@ def test_a_model_out_of_sight_is_said():
     empty = PhotoAttributes(
         problem.photo.channels, np.zeros_like(problem.photo.weights), clipped=False
     )
-    *_, end = fit_pose(FitProblem(empty, problem.chart, problem.start), RENDERER)
+    *_, end = fit_pose(FitProblem((ComparedView(empty, problem.chart),), problem.start), RENDERER)
     assert end.status is Status.NOTHING_SEEN

@@ -10,17 +10,19 @@ import pytest
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.demo import demo_case
+from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.occlusion import behind
-from poseviewer.fit.problem import make_photo_attributes, make_problem, shown_attributes
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.problem import make_photo_attributes, make_problem
+from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_box
+from tests.opened import by, scene_of
 
 MESH = make_box()
 START = Pose(
@@ -37,12 +39,12 @@ def make_photo(chroma: float, channels: int = 3) -> Photo:
     return Photo(np.clip(np.rint(pixels), 0, 255).astype(np.uint8), "p.png", "0" * 64)
 
 
-def opened(photo: Photo, mask: Mask | None = None) -> Registration:
-    return Registration(photo, MESH, "box.ply", "", None, START, (), mask=mask)
+def opened(photo: Photo, mask: Mask | None = None, settings: FitSettings | None = None) -> FitScene:
+    return scene_of(photo, MESH, START, settings, mask)
 
 
 def compared(photo: Photo, settings: FitSettings) -> PhotoAttributes:
-    return make_photo_attributes(opened(photo), settings)
+    return make_photo_attributes(opened(photo, settings=settings))
 
 
 @pytest.mark.parametrize(("chroma", "channels"), [(1.0, 1), (2.0, 1), (10.0, 3), (30.0, 3)])
@@ -98,27 +100,27 @@ def test_what_a_mask_hides_does_not_count():
     weights[:, :80], weights[50, 100] = 0.0, 0.25
     registration = opened(make_photo(30.0), Mask.of(weights))
     for pixels in ("whole", "clip"):
-        made = make_photo_attributes(registration, FitSettings(pixels=pixels))
+        made = make_photo_attributes(by(registration, pixels=pixels))
         assert np.array_equal(made.weights, weights)
     near = compared(make_photo(30.0), FitSettings()).weights
-    problem, _ = make_problem(registration, FitSettings())
-    found = problem.fine_photo or problem.photo
+    problem, _ = make_problem(registration)
+    found = problem.views[0].fine_photo or problem.photo
     assert found.weights.sum() == pytest.approx((near * weights).sum())
 
 
 def test_blurred_edges_are_made_steep_on_the_finest_photo():
-    small, _ = make_problem(opened(make_photo(30.0)), FitSettings())
-    assert small.fine_photo is None
+    small, _ = make_problem(opened(make_photo(30.0)))
+    assert small.views[0].fine_photo is None
     assert small.photo.structure is not None
     assert small.photo.structure.is_steep
     hidden = np.zeros(small.photo.weights.shape, bool)
     hidden[50:60, 70:80] = True
-    rest = behind(small, hidden).photo.structure
+    rest = behind(small, (hidden,)).photo.structure
     assert rest is not None
     assert rest.is_steep
     demo = demo_case()
     large = load(demo.photo, demo.model, demo.start).problem
-    assert large.fine_photo is not None
+    assert large.views[0].fine_photo is not None
     assert large.photo.structure is not None
     assert not large.photo.structure.is_steep
 
@@ -134,25 +136,16 @@ def test_a_start_beside_the_photo_is_refused():
         START, camera_from_model=RigidTransform(np.eye(3), np.array([500.0, 0.0, 9.0]))
     )
     with pytest.raises(SettingsError, match="near the start pose"):
-        make_problem(replace(opened(make_photo(30.0)), start=beside), FitSettings())
+        make_problem(opened(make_photo(30.0)).with_pose(0, beside))
 
 
 def test_a_photo_that_is_all_hidden_is_refused():
     registration = opened(make_photo(30.0), Mask.of(np.zeros((120, 160))))
     with pytest.raises(SettingsError, match="0 pixels count"):
-        make_problem(registration, FitSettings())
+        make_problem(registration)
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "1", None])
 def test_a_seed_that_is_none_is_refused(seed):
     with pytest.raises(SettingsError, match=r"^seed=.*: wanted a whole number of 0 or more\.$"):
         FitSettings(seed=seed)
-
-
-def test_another_mask_is_another_comparison():
-    photo = make_photo(30.0)
-    mask = Mask.of(np.ones((120, 160)))
-    own = opened(photo, mask)
-    assert own.compares_same(opened(photo, mask))
-    assert not own.compares_same(opened(photo))
-    assert not own.compares_same(opened(photo, Mask.of(np.ones((120, 160)))))

@@ -9,24 +9,25 @@ import numpy as np
 import pytest
 
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
+from poseviewer.fit import search as searching
+from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.scene import Scene
+from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.search import (
     SURE_AMONG_OTHERS,
     SURE_FROM,
-    finish,
+    Search,
     is_start_kept,
     is_taken,
     restarted,
-    search,
-    until_focal_settles,
 )
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts.registration import load_registration
+from poseviewer.starts.loading import open_photo
+from tests.opened import by, scene_of
 
 FOUND, UNSURE, LOST = (
     Verdict("found", SURE_FROM, (), None),
@@ -35,49 +36,64 @@ FOUND, UNSURE, LOST = (
 )
 
 
-class Judge:
-    """Gives the same verdict on every pose, and keeps the problems that it was asked about."""
+@pytest.fixture
+def judge(monkeypatch):
+    """Makes every verdict the same, and keeps the poses that were judged."""
+    asked: list[FitProgress] = []
 
-    def __init__(self, verdict: Verdict) -> None:
-        self.verdict = verdict
-        self.asked: list[FitProblem] = []
+    def judging(verdict: Verdict) -> list[FitProgress]:
+        def judged(progress: FitProgress, *_: object) -> Verdict:
+            asked.append(progress)
+            return verdict
 
-    def __call__(self, _progress, problem, *_) -> Verdict:
-        self.asked.append(problem)
-        return self.verdict
+        monkeypatch.setattr(searching, "judge_end", judged)
+        asked.clear()
+        return asked
+
+    return judging
 
 
-def small_demo() -> Registration:
+def run(scene: Scene, renderer, **changes) -> list[FitProgress]:
+    settings = replace(scene.objects[0].settings, **changes)
+    search = Search(scene.with_object(0, settings=settings), {0: renderer})
+    return [now.progress for now in search.run()]
+
+
+def small_demo() -> FitScene:
     """The demo, its photo a third as large."""
     files = demo_case()
-    registration = load_registration(files.photo, files.model, files.start)
-    pixels = cv2.resize(registration.photo.pixels, (320, 240), interpolation=cv2.INTER_AREA)
-    photo = replace(registration.photo, pixels=pixels)
-    return replace(registration, photo=photo, start=registration.start.scaled(1.0 / 3.0))
+    registration = open_photo(files.photo, files.model, files.start)
+    (view,), start = registration.views, registration.pose(0).scaled(1.0 / 3.0)
+    pixels = cv2.resize(view.photo.pixels, (320, 240), interpolation=cv2.INTER_AREA)
+    photo = replace(view.photo, pixels=pixels)
+    model = registration.objects[0].model
+    return scene_of(photo, model.mesh, start, keypoints=model.keypoints)
 
 
 @pytest.fixture(scope="module")
 def small(scene):
-    """A small problem, its mesh and renderer, and where one search ends."""
-    registration = load_registration(scene.photo, scene.model, scene.start)
-    problem, _ = make_problem(registration, FitSettings())
-    renderer = make_renderer(registration.mesh)
+    """A small problem, its scene and renderer, and where one search ends."""
+    registration = open_photo(scene.photo, scene.model, scene.start)
+    data = registration
+    problem, _ = make_problem(data)
+    renderer = make_renderer(registration.objects[0].mesh)
     *_, alone = fit_pose(problem, renderer)
-    return problem, registration.mesh, renderer, alone
+    return problem, data, renderer, alone
 
 
-def test_a_pose_that_is_trusted_ends_the_fit(small):
-    problem, mesh, renderer, alone = small
-    judge = Judge(FOUND)
-    *_, end = search(problem, mesh, renderer, judge)
-    assert len(judge.asked) == 1
+def test_a_pose_that_is_trusted_ends_the_fit(small, judge):
+    _, data, renderer, alone = small
+    asked = judge(FOUND)
+    *_, end = run(data, renderer)
+    assert len(asked) == 1
     assert (end.evaluations, end.loss, end.verdict) == (alone.evaluations, alone.loss, FOUND)
 
 
 @pytest.mark.slow
-def test_a_pose_that_is_not_is_searched_for_again(small):
-    problem, mesh, renderer, alone = small
-    states = list(search(problem, mesh, renderer, Judge(LOST)))
+def test_a_pose_that_is_not_is_searched_for_again(small, judge):
+    _, data, renderer, alone = small
+    judge(LOST)
+    states = run(data, renderer)
     assert all(state.status is Status.RUNNING for state in states[:-1])
     assert all(state.verdict is None for state in states[:-1])
     end = states[-1]
@@ -137,10 +153,11 @@ def test_a_turned_pose_must_be_likely(small, is_turned, before, found, taken):
     assert not is_taken(replace(after, loss=known.loss), known, is_turned)
 
 
-def test_the_limits_are_those_of_all_searches(small):
-    problem, mesh, renderer, alone = small
+def test_the_limits_are_those_of_all_searches(small, judge):
+    _, data, renderer, alone = small
     limits = Limits(evaluations=alone.evaluations + 40)
-    *_, end = search(replace(problem, limits=limits), mesh, renderer, Judge(LOST))
+    judge(LOST)
+    *_, end = run(data, renderer, limits=limits)
     assert end.status is Status.EVALUATIONS_SPENT
     assert limits.evaluations <= end.evaluations < limits.evaluations + 40
 
@@ -154,45 +171,37 @@ def test_an_estimate_is_kept_unless_the_end_is_sure(small):
         assert not is_start_kept(problem, end)
 
 
-def test_an_estimate_that_is_kept_says_why(small):
-    problem, mesh, renderer, _ = small
-    few = replace(problem, keep_start=True, limits=Limits(evaluations=300))
-    judge = Judge(LOST)
-    *before, end = search(few, mesh, renderer, judge)
+def test_an_estimate_that_is_kept_says_why(small, judge):
+    problem, data, renderer, _ = small
+    asked = judge(LOST)
+    *before, end = run(data, renderer, keep_start=True, limits=Limits(evaluations=300))
     assert before[-1].loss < end.loss  # the search had found something
     assert end.status is Status.KEPT
     assert np.array_equal(end.parameters, problem.start)
     assert end.loss == end.start_loss == pose_loss(problem, renderer, problem.start)
-    assert len(judge.asked) == 2  # the verdict is on the start
+    assert len(asked) == 2  # the verdict is on the start
     assert end.verdict is not None
     assert end.verdict.reasons[0].endswith("away, and of such fits 10% are right.")
 
 
-def test_a_search_that_has_just_been_continued_in_vain_is_not_so_again(small):
-    problem, mesh, renderer, alone = small
-    unsure = (problem, alone, mesh, renderer, Judge(UNSURE))
-    *_, vain = finish(*unsure, gain=0.0)
-    *_, end = finish(*unsure)
-    assert vain.evaluations == alone.evaluations < end.evaluations
-
-
 @pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])
-def test_searches_without_a_population_are_not_restarted(scene, more):
-    registration = load_registration(scene.photo, scene.model, scene.start)
-    problem, _ = make_problem(registration, FitSettings(limits=Limits(evaluations=100), **more))
-    judge = Judge(LOST)
-    *_, end = search(problem, registration.mesh, make_renderer(registration.mesh), judge)
-    assert len(judge.asked) == 1
+def test_searches_without_a_population_are_not_restarted(small, judge, more):
+    _, data, renderer, _ = small
+    asked = judge(LOST)
+    *_, end = run(data, renderer, limits=Limits(evaluations=100), **more)
+    assert len(asked) == 1
     assert end.evaluations == 100
 
 
 @pytest.mark.slow
-def test_a_search_goes_on_for_the_focal_length_without_the_coarsest_level():
+def test_a_search_goes_on_for_the_focal_length_without_the_coarsest_level(judge):
     registration = small_demo()
-    problem, _ = make_problem(registration, FitSettings(free_focal=True))
-    renderer = make_renderer(registration.mesh)
-    *_, once = fit_pose(problem, renderer, 2)
-    states = list(until_focal_settles(problem, renderer, 2))
+    data = by(registration, free_focal=True)
+    problem, _ = make_problem(data)
+    renderer = make_renderer(registration.objects[0].mesh)
+    *_, once = fit_pose(problem, renderer)
+    judge(FOUND)
+    states = run(data, renderer)
     factors = [state.factor for state in states]
     assert factors[0] > factors[-1] == 1
     assert factors == sorted(factors, reverse=True)

@@ -10,13 +10,14 @@ from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_photo_attributes
-from poseviewer.fit.registration import PlacedModel, Registration
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, hiding, visibility
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_box, make_sphere
+from tests.opened import scene_of
 
 CAMERA = Perspective(100.0, 100.0, 80.0, 60.0, 160, 120)
 BOX = make_box((2.0, 1.0, 0.5))
@@ -84,16 +85,29 @@ def test_what_is_in_front_hides_also_where_the_model_is_not_yet():
     assert not both.is_whole
 
 
-def registration(model: PlacedModel, *others: PlacedModel) -> Registration:
+def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:
+    """What is compared of a photo of a model, about others that are locked."""
     pixels = np.random.default_rng(0).integers(0, 255, (120, 160, 3))
     photo = Photo(pixels.astype(np.uint8), "p.png", "0" * 64)
-    return Registration(photo, model.mesh, "m.ply", "0" * 64, None, model.pose, (), others=others)
+    scene = scene_of(photo, model.mesh, model.pose)
+    (own,), (view,) = scene.objects, scene.views
+    locked = tuple(
+        replace(
+            own,
+            id=f"other {number}",
+            model=replace(own.model, mesh=one.mesh),
+            world_from_model=view.world_from_model(one.pose),
+            locked=True,
+        )
+        for number, one in enumerate(others)
+    )
+    return make_photo_attributes(replace(scene, objects=(own, *locked)))
 
 
 def test_hidden_pixels_do_not_count():
     model, near = place(0.0, 8.0), place(0.6, 5.0)
-    alone = make_photo_attributes(registration(model), FitSettings())
-    together = make_photo_attributes(registration(model, near), FitSettings())
+    alone = attributes(model)
+    together = attributes(model, near)
     hidden = np.isfinite(depth_image(near))
     assert not together.weights[hidden].any()
     distance = np.asarray(distance_transform_edt(~hidden))
@@ -109,6 +123,6 @@ def test_a_model_wholly_behind_another_is_said():
     model = place(0.0, 8.0)
     wall = place(0.0, 5.0, make_box((4.0, 4.0, 0.5)))
     with pytest.raises(SettingsError, match="wholly behind other objects"):
-        make_photo_attributes(registration(model, wall), FitSettings())
+        attributes(model, wall)
     beside = replace(wall, pose=place(9.0, 5.0).pose)
-    make_photo_attributes(registration(model, beside), FitSettings())
+    attributes(model, beside)

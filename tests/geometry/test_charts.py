@@ -16,7 +16,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box
 
 SEEDS = st.integers(0, 2**32 - 1)

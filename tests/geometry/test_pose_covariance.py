@@ -13,7 +13,7 @@ from poseviewer.geometry.pose_covariance import PoseCovariance, ellipse, region_
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box
 
 MESH = make_box((3.0, 1.0, 1.5))

@@ -8,6 +8,7 @@ import pytest
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view import scale_by_sight
 from poseviewer.geometry.view_chart import ViewChart
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, make_views
 
@@ -52,12 +53,10 @@ def test_behind_the_camera_of_a_view_there_is_no_pose():
 
 def test_lines_of_sight_tell_the_scale_about():
     at = START.camera_from_model.apply(MESH.centre)
-    found = make_views(unit=2.5).scale_by_sight(0, at / at[2], float(at[2]))
+    found = scale_by_sight(make_views(unit=2.5).views, 0, at / at[2], float(at[2]))
     assert found == pytest.approx(2.5, rel=0.15)
 
 
 def test_cameras_that_look_the_same_way_tell_no_scale():
-    views = make_views()
-    same = views.views[0]
-    two = type(views)("two", (same, same))
-    assert two.scale_by_sight(0, np.array([0.0, 0.0, 1.0]), 1.0) is None
+    same = make_views().views[0]
+    assert scale_by_sight([same, same], 0, np.array([0.0, 0.0, 1.0]), 1.0) is None

@@ -31,23 +31,23 @@ from poseviewer.app.page.reports import request_of
 from poseviewer.app.state.commands import Command
 from poseviewer.app.state.requests import Report
 from poseviewer.app.state.update import update
-from poseviewer.batch.table import load_jobs
+from poseviewer.batch.job_table import load_jobs
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import Reading
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.table import FORMATS
+from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import load_pairs
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import load_pose, set_frame
-from poseviewer.files.scene import load_scene
+from poseviewer.files.photo_sets import SetChoice, load_views
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_file import load_scene, scene_of_set
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.files.state.uploads import keep_set
 from poseviewer.files.symmetry import load_symmetry
-from poseviewer.files.view_set import SetChoice, load_view_set
 from poseviewer.fit.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
 
@@ -95,11 +95,11 @@ READERS: dict[str, Reader] = {
     "mesh": load_mesh,
     "photo": load_photo,
     "pose": lambda path: load_pose(path, *PHOTO_SIZE),
-    "pose_in_a_set": lambda path: set_frame(load_pose(path, 320, 240)),
+    "pose_in_a_set": lambda path: scene_of_set(path, load_pose(path, 320, 240)),
     "scene": load_scene,
-    "views": load_view_set,
-    "views_in_folder": lambda path: load_view_set(path.parent),
-    "views_about_object": lambda path: load_view_set(path.parent, SetChoice(rig_object=5)),
+    "views": load_views,
+    "views_in_folder": lambda path: load_views(path.parent),
+    "views_about_object": lambda path: load_views(path.parent, SetChoice(rig_object=5)),
     "cameras": load_cameras,
     "keypoints": lambda path: load_keypoints(path.with_name("m.glb"), BUMPY),
     "symmetry": lambda path: load_symmetry(path.with_name("m.glb"), CAR),

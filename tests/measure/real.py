@@ -23,13 +23,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from poseviewer.api import FitResult, SetResult, load_views, make_case
+from poseviewer.api import Scene, load, make_scene
 from poseviewer.cli.options import listed, whole
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.evaluation.trials import open_model, open_photo
 from poseviewer.files.photo import load_photo
-from poseviewer.fit.registration import Registration
+from poseviewer.files.photo_sets import LoadedViews
+from poseviewer.fit.scene import scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
@@ -38,7 +39,7 @@ from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
-from poseviewer.geometry.view_set import View, ViewSet
+from poseviewer.geometry.view import View
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import StartQuery, best_start, outermost_points, propose
 from tests.meshes import box_of
@@ -141,16 +142,14 @@ def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
 
 def _fit(case: Case, start: Pose, way: str, settings: FitSettings) -> Trial:
     model, renderer = open_model(case.mesh)
-    registration = Registration(
-        open_photo(case.photo), model.mesh, model.name, "", model.keypoints, start, (),
-        whole_symmetry=model.whole_symmetry,
-    )  # fmt: skip
+    photo = open_photo(case.photo)
+    scene = scene_at(View(photo.name, photo, start.camera), model, start, settings)
     began = time.perf_counter()
-    end = make_case(registration, settings, renderer=renderer).fit(threads=processors())
+    end = make_scene(scene, renderer).fit(threads=processors())
     return _trial(case, way, start, end, time.perf_counter() - began)
 
 
-def _trial(case: Case, way: str, start: Pose, end: FitResult | SetResult, seconds: float) -> Trial:
+def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Trial:
     model, _ = open_model(case.mesh)
     mesh, symmetry = model.mesh, model.whole_symmetry
     error = pose_error(mesh, end.pose, case.truth, symmetry)
@@ -200,8 +199,8 @@ def view_trials(
             if count == 1:
                 yield _fit(first, start, "1 photo", FitSettings())
                 continue
-            views = ViewSet("exact", tuple(_view(case) for case in chosen[:count]), None, 1.0)
-            placed = load_views(views, model, start, view=views.views[0].name)
+            views = LoadedViews("exact", tuple(map(_view, chosen[:count])), None, 1.0)
+            placed = load(views=views, model=model, start=start, view=views.views[0].name)
             if len(placed.views) < count:  # one does not see the model
                 continue
             began = time.perf_counter()
@@ -218,7 +217,7 @@ def _view(case: Case) -> View:
     camera = case.truth.camera
     assert isinstance(camera, Perspective)  # of all cases with exact poses
     photo = replace(load_photo(case.photo), camera=camera)
-    return View(case.photo.name, photo, case.truth.camera_from_model)
+    return View(case.photo.name, photo, camera, case.truth.camera_from_model)
 
 
 def summary(trials: Sequence[Trial]) -> str:

@@ -10,8 +10,8 @@ import pytest
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import CHUNK, RendererPool
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.render.types import PhotoAttributes, Renderer
 from tests.meshes import make_bumpy
 
 CAMERA = Perspective(120.0, 120.0, 48.0, 36.0, 96, 72)
@@ -31,7 +31,7 @@ def make_photo() -> PhotoAttributes:
     return PhotoAttributes(channels, np.ones((72, 96), np.float32), clipped=False)
 
 
-class Alone:
+class Alone(Renderer):
     """A renderer that cannot be cloned, as OpenGL's."""
 
     def render(self, pose):

@@ -10,7 +10,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_bumpy, make_painted, make_soup
 from tests.opengl import require_opengl

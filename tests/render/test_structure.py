@@ -11,7 +11,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import structured
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import CLASSES, make_structure
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy

@@ -22,7 +22,7 @@ from poseviewer.starts.automatic import (
     outermost_points,
     propose,
 )
-from poseviewer.starts.registration import load_model
+from poseviewer.starts.loading import load_model
 from poseviewer.vehicle.chart import visible_side
 from tests.measure.real import careless_box, is_right
 from tests.meshes import box_of

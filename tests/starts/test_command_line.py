@@ -17,7 +17,7 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.registration import StartCamera, StartInputs
+from poseviewer.starts.loading import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
 from tests.measure.real import careless_box
 from tests.scene import Scene
@@ -78,11 +78,12 @@ def test_marks_that_give_no_start_are_one_sentence(
 
 
 def test_one_start_is_wanted(scene: Scene, tmp_path: Path, capsys):
-    for more in ((), ("--pose", scene.start, "--pairs", "p.csv")):
-        with pytest.raises(SystemExit) as ended:
-            fit(scene.photo, scene.model, tmp_path / "out.json", *more)
-        assert ended.value.code == 2
-        assert capsys.readouterr().err.count("\n") == 1
+    assert fit(scene.photo, scene.model, tmp_path / "out.json", "--quiet") == 2
+    assert "a start is wanted: give --pose" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        fit(scene.photo, scene.model, tmp_path / "out.json", "--pose", "a", "--pairs", "p.csv")
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_wheels_laid_by_eye_place_the_demo():

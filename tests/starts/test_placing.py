@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.placing import FILLED, SIDES, framed, look_from, standing_axes, surface_point
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.geometry.test_charts import make_keypoints
 from tests.meshes import make_box, make_bumpy, make_soup
 

@@ -614,7 +614,7 @@ function showHint() {
   ].map((text) => `<span style="white-space:nowrap">${text}</span>`).join(" &nbsp; ");
 }
 
-// The photos of a set: a press on one makes it the large one.
+// Several photos: a press on one makes it the large one.
 const STRIP = 136; // CSS px: its height, as the style has it
 const EYE = '<svg viewBox="0 0 16 16"><path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/>' +
   '<circle cx="8" cy="8" r="2"/></svg>';
@@ -628,7 +628,7 @@ function setStrip(photos) {
     cell.className = "pv-photo";
     cell.tabIndex = 0;
     cell.innerHTML = '<div class="pv-small"><img alt="" draggable="false">' +
-      '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none"><path class="pv-halo"/><path/></svg>' +
+      '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none"></svg>' +
       `</div><div class="pv-said"><button type="button">${EYE}</button><b></b><span></span></div>`;
     cell.querySelector("img").src = photo.picture;
     cell.querySelector(".pv-small").style.aspectRatio = `${photo.width}/${photo.height}`;
@@ -657,7 +657,8 @@ function setStripRows(rows) {
     cell.title = row.large ? "the large photo" : "press: make it the large one";
     cell.querySelector("button").title = row.off ? "compare it again" : "do not compare it";
     cell.querySelector("span").textContent = [row.said, row.word].filter(Boolean).join(" · ");
-    for (const path of cell.querySelectorAll(".pv-small path")) path.setAttribute("d", row.path);
+    cell.querySelector(".pv-small svg").innerHTML = row.paths.map(([path, colour]) =>
+      `<path class="pv-halo" d="${path}"/><path style="stroke:${colour}" d="${path}"/>`).join("");
     if (row.large && strip.dataset.at !== String(index)) {
       strip.dataset.at = index;
       cell.scrollIntoView({ block: "nearest", inline: "nearest" });

@@ -5,9 +5,10 @@ from __future__ import annotations
 from html import escape
 
 from poseviewer.app.page.controls import Controls, plain, set_properties
-from poseviewer.app.state.document import SceneObject
+from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
+from poseviewer.fit.scene import SceneObject
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
 COLOURS = (
@@ -44,7 +45,7 @@ class ObjectsPanel:
 
     def show(self, session: Session) -> None:
         """Bring the list to the session."""
-        objects = session.document.objects
+        objects = session.document.scene.objects
         several = len(objects) > 1
         content = objects_list(objects, session.document.number) if several else ""
         set_properties(self._list, content=content, visible=several)
@@ -64,17 +65,17 @@ class MoreObjects:
     def show(self, session: Session) -> None:
         """Bring the name to the picked object."""
         self._number = session.document.number
-        set_properties(self._name, value=session.document.name)
+        set_properties(self._name, value=session.document.object.name)
 
 
 def objects_list(objects: tuple[SceneObject, ...], picked: int) -> str:
     """A row for each object (HTML); ``picked``: the number of the one that all else is about."""
-    rows = "".join(_row(one, one.number == picked) for one in objects)
+    rows = "".join(_row(one, int(one.id) == picked) for one in objects)
     return f'<div class="pv-objects"><table><tbody>{rows}</tbody></table></div>'
 
 
 def _row(one: SceneObject, is_picked: bool) -> str:
-    name, number = escape(one.label), one.number
+    name, number = escape(label_of(one)), int(one.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
     pick = f"window.poseviewerObject('pick',{number})"
     hide = ("show", "show it") if one.hidden else ("hide", "hide it")
@@ -88,7 +89,7 @@ def _row(one: SceneObject, is_picked: bool) -> str:
         f'<tr{" class=pv-at" if is_picked else ""} tabindex="0" title="{name}: pick it" '
         f'onpointerdown="{pick}" onkeydown="if(event.key==\'Enter\'){{{pick}}}">'
         f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
-        f"<td>{escape(one.verdict)}</td><td>{''.join(icons)}</td></tr>"
+        f"<td>{escape(verdict_of(one))}</td><td>{''.join(icons)}</td></tr>"
     )
 
 
@@ -134,14 +135,14 @@ class PreparingPanel:
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
     overlay, latest = session.overlay, session.own_search
-    pose = None if overlay is None else overlay.unexplained
+    pose = None if overlay is None else overlay.losses.mean
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
         progress = latest.progress
         scale = progress.scale
         marks = {"start": progress.start_loss, "best": progress.loss}
     elif overlay is not None and pose is not None:
-        scale, marks = pose.scale, {"start": overlay.start_loss}
+        scale, marks = pose.scale, {"start": overlay.losses.start}
     else:
         return ""
     parts = ""

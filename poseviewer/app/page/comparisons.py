@@ -9,7 +9,7 @@ from poseviewer.app.page.controls import Controls, set_properties
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import MethodEnd, Session
 from poseviewer.fit.settings import METHODS
-from poseviewer.fit.unexplained import LossScale
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 
 HINT = "Search from the start pose by one method, then by the other, and set the ends side by side."
@@ -34,15 +34,15 @@ class MethodsPanel:
             return
         self._shown = session.ends
         set_properties(self._take, visible=bool(session.ends))
-        content = ends_table(session.ends) if session.ends else ""
+        content = ends_table(session.ends, session.document.mesh) if session.ends else ""
         set_properties(self._table, visible=bool(content), content=content)
 
 
-def ends_table(ends: Sequence[MethodEnd]) -> str:
+def ends_table(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
     """A column for each end, and how far the two are from each other (HTML)."""
     names = [METHODS[end.settings.method] for end in ends]
     found = [end.update.progress for end in ends]
-    scales = [LossScale.of(end.update.case.problem.photo) for end in ends]
+    scales = [end.update.problem.scale for end in ends]
     rows = [
         (f"{names[i]}: {scale.name}", [f"{scale.shown(end.losses[i]):.3f}" for end in ends])
         for i, scale in enumerate(scales)
@@ -60,16 +60,14 @@ def ends_table(ends: Sequence[MethodEnd]) -> str:
     )
     return (
         f'<div class="pv-ends-table"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
-        f"</table><p>{escape(apart_text(ends))}</p></div>"
+        f"</table><p>{escape(apart_text(ends, mesh))}</p></div>"
     )
 
 
-def apart_text(ends: Sequence[MethodEnd]) -> str:
+def apart_text(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
     """Say in a sentence how far the first two ends are from each other."""
     one, other = ends[:2]
-    apart = pose_error(
-        one.update.case.registration.mesh, other.update.progress.pose, one.update.progress.pose
-    )
+    apart = pose_error(mesh, other.update.progress.pose, one.update.progress.pose)
     return (
         f"The ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's "
         f"size in the photo), turned by {apart.rotation_deg:.2g}°."

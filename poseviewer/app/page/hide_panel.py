@@ -52,9 +52,9 @@ class HidePanel:
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
-        own, tool = session.document.registration, session.tool
+        own, tool = session.document, session.tool
         ended = None if session.searching else session.search
-        end = session.document.searched
+        end = session.document.object.result
         key = (own.mask, own.mesh, tool, session.erasing, ended, end)
         if self._shown == key:
             return
@@ -73,7 +73,7 @@ class HidePanel:
 
 def hidden_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, found = session.document.registration.mask, h.found_hidden(session)
+    mask, found = session.document.mask, h.found_hidden(session)
     lines = []
     if mask is not None:
         lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")

@@ -14,7 +14,7 @@ from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
 from poseviewer.app.page.controls import SEARCH_STEP, STEPS, Controls, Post, plain
-from poseviewer.app.page.landscape import LandscapePanel
+from poseviewer.app.page.map_panel import LandscapePanel
 from poseviewer.app.page.panels import (
     FitPanel,
     JudgePanel,
@@ -24,9 +24,9 @@ from poseviewer.app.page.panels import (
     StatusPanel,
     hint_of,
 )
+from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
 from poseviewer.app.page.rows import RowsPanel
-from poseviewer.app.page.scene import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
@@ -103,7 +103,7 @@ class Page:
         if self._shown is None or session.searching is not self._shown.searching:
             self._next_panels = 0.0  # that a search stopped is seen at once
         if session is not self._shown:
-            photo = session.document.registration.photo
+            photo = session.document.photo
             self._script.show("setPhoto", photo.width, photo.height)
             self._script.show("setHint", hint_of(session))
             shape = session.tool if session.tool in SHAPES else ""

@@ -21,8 +21,8 @@ from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_prop
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
 from poseviewer.app.page.reports import LOOKS
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.cameras import NARROWEST_DEG, WIDEST_DEG
-from poseviewer.app.state.document import WHEELS
+from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
+from poseviewer.app.state.document import WHEELS, is_alone, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp
@@ -57,7 +57,7 @@ WAITING = '<div class="pv-wait"></div>'
 """A moving bar, for work of unknown length."""
 FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
-SAVE, SAVE_ALL = "Save pose (S)", "Save scene and pose (S)"
+SAVE, SAVE_SCENE = "Save pose (S)", "Save scene (S)"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
@@ -107,13 +107,12 @@ class OpenPanel:
 
     def show(self, session: Session) -> None:
         """Say what is open."""
-        registration = session.document.registration
-        photo, mesh = registration.photo, registration.mesh
+        photo, model, mesh = session.document.photo, session.document.model, session.document.mesh
         text = (
             f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
-            f"**{plain(registration.mesh_name)}**  \n{len(mesh.faces):,} triangles, "
+            f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
             f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
-            f"{reflectance_text(mesh)}; {symmetry_text(registration)}"
+            f"{reflectance_text(mesh)}; {symmetry_text(model)}"
         )
         set_properties(self._what, content=text)
         self._more.show(session)
@@ -176,7 +175,7 @@ class PlacePanel:
         )
 
     def _show_camera(self, session: Session) -> None:
-        photo = session.document.registration.photo
+        photo = session.document.photo
         shown = camera_as_integer_centres(session.document.pose.camera)
         perspective = isinstance(shown, Perspective)
         self._projection.show("perspective" if perspective else "parallel")
@@ -237,7 +236,7 @@ class QuickStartPanel:
 
     def show(self, session: Session) -> None:
         """Say what is marked and how well the pose shows it, and what is proposed."""
-        self._has_region = session.document.settings.region is not None
+        self._has_region = session.document.region is not None
         set_properties(self._find, label=FIND_WHEELS if self._has_region else DRAW_REGION_FIRST)
         set_properties(self._again, visible=self._has_region)
         set_properties(self._text, content=marks_text(session))
@@ -338,9 +337,7 @@ class FitPanel:
         gui, setting = controls.gui, partial(self._add_setting, controls)
         setting(gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")), "chart")
         self._region = controls.button("Draw a region", c.SetTool("region"))
-        self._clear = controls.button(
-            "Clear the region", c.AlterSettings(lambda settings: replace(settings, region=None))
-        )
+        self._clear = controls.button("Clear the region", c.ClearRegion())
         self._grey = gui.add_checkbox("Grey, not colour", False)
         setting(self._grey, "grey")
         setting(gui.add_checkbox("Find the focal length", False), "free_focal")
@@ -375,7 +372,7 @@ class FitPanel:
             label="Stop (space)" if self._running else "Search (space)",
             icon="player-stop" if self._running else "player-play",
         )
-        several = bool(session.document.others)
+        several = len(session.document.scene.objects) > 1
         set_properties(self._all, visible=several and not self._running)
         for handle in self._ended:
             set_properties(handle, visible=latest is not None and not self._running)
@@ -402,7 +399,7 @@ class FitPanel:
             field.show(read(settings))
         drawing = session.tool == "region"
         set_properties(self._region, label="Drag on the photo ..." if drawing else "Draw a region")
-        set_properties(self._clear, visible=settings.region is not None)
+        set_properties(self._clear, visible=session.document.region is not None)
         for index, field in enumerate(self._locks):
             if index < len(names):
                 set_properties(field.handle, label=label(names[index]))
@@ -450,7 +447,7 @@ class SavePanel:
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
-        set_properties(self._save, label=SAVE_ALL if session.document.others else SAVE)
+        set_properties(self._save, label=SAVE if is_alone(session.document) else SAVE_SCENE)
         text = "● unsaved changes" if session.unsaved else "no unsaved changes"
         lines = (text, plain(where), focal_note(session))
         set_properties(self._state, content="  \n".join(filter(None, lines)))
@@ -503,7 +500,7 @@ def hint_of(session: Session) -> str:
         case _ if session.searching:
             return SEARCHING_HINT
         case _:
-            return PLACE_HINT if session.document.awaits_place else ""
+            return "" if session.document.object.is_placed else PLACE_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
 
 
@@ -564,7 +561,7 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
 def focal_note(session: Session) -> str:
     """Warn of a focal length that is a guess (markdown); "" where it is none."""
     document = session.document
-    note = document.registration.photo.focal_note(document.pose.camera)
+    note = document.photo.focal_note(document.pose.camera)
     return note and f"⚠ {note}"
 
 
@@ -579,23 +576,22 @@ def search_text(session: Session) -> str:
         compiling = session.preparation.share is not None
         return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
-        if overlay is not None and overlay.unexplained is not None:
-            count = len(overlay.of_photos)
-            of_set = f", mean of {count} photos" if count else ""
-            return f"**{overlay.unexplained.text}** at this pose{of_set}"
-        return plain(overlay.note if overlay else "") or PREPARING
+        if overlay is not None and overlay.losses.mean is not None:
+            count = len(overlay.losses.of_views)
+            of_set = f", mean of {count} photos" if count > 1 else ""
+            return f"**{overlay.losses.mean.text}** at this pose{of_set}"
+        return plain(overlay.losses.note if overlay else "") or PREPARING
     if search.latest is None:
         return "Preparing the search ..."
     progress = search.latest.progress
     stopped = not search.running and progress.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
-    settings = search.latest.case.settings
+    settings = search.latest.settings
     count = len(search.methods) if search.running else 1
     which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
-    together = search.latest.together
-    one = None if together is None else session.document.numbered(together.number)
-    if one is not None and len(search.objects) > 1:
-        which += f"  \nOf all objects: **{plain(one.label)}**"
+    if len(search.indices) > 1:
+        one = session.document.scene.objects[search.latest.index]
+        which += f"  \nOf all objects: **{plain(label_of(one))}**"
     text = (
         f"Method: {settings.method_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
@@ -607,8 +603,8 @@ def search_text(session: Session) -> str:
 
 def verdict_text(session: Session) -> str:
     """The verdict on the search that led to the pose, and why (markdown); "": there is none."""
-    found = session.document.searched
-    verdict = None if found is None else found.record.verdict
+    found = session.document.object.result
+    verdict = None if found is None else found.verdict
     if verdict is None:
         return ""
     note = focal_note(session)
@@ -623,8 +619,8 @@ def verdict_text(session: Session) -> str:
 
 def sure_text(session: Session) -> str:
     """Say in a paragraph how sure the pose is (markdown); "" where that is not known."""
-    sure = session.covariance
+    sure = session.covariance_in(session.document.at)
     if sure is None:
         return ""
-    unit = session.document.registration.mesh.unit
+    unit = session.document.mesh.unit
     return f"\n\n**How sure, if right:** {plain(sure.words(unit))} (standard deviations)."

@@ -11,7 +11,7 @@ import numpy as np
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.objects import ComparePhoto, LookAt
+from poseviewer.app.state.objects import CompareView, LookAt
 from poseviewer.app.state.requests import (
     Decide,
     OpenRow,
@@ -77,8 +77,8 @@ OBJECTS: Mapping[str, Callable[[int], Request]] = {
 """Wishes about an object in the list."""
 PHOTOS: Mapping[str, Callable[[int], Request]] = {
     "look": LookAt,
-    "compare": lambda index: ComparePhoto(index, True),
-    "leave": lambda index: ComparePhoto(index, False),
+    "compare": lambda index: CompareView(index, True),
+    "leave": lambda index: CompareView(index, False),
 }
 """Wishes about a photo in the strip."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]

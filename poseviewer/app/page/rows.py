@@ -14,8 +14,8 @@ from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.requests import Annotate, Decide, Request, StepRow
 from poseviewer.app.state.session import Session
-from poseviewer.batch.results import REJECTED
-from poseviewer.batch.review import ReviewQueue, ReviewRow
+from poseviewer.batch.results import REJECTED, Row
+from poseviewer.batch.review import ReviewQueue
 from poseviewer.fit.progress import Status
 
 QUALITY = 75
@@ -69,7 +69,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     """A row for each photo with its object, and what is said of it (HTML)."""
     rows, middle = queue.rows, at or 0
     first, end = max(middle - MOST_BEFORE, 0), min(middle + MOST_AFTER, len(rows))
-    drawn = "".join(_row(queue.folder, rows[i], i, i == at) for i in range(first, end))
+    drawn = "".join(_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end))
     rejected = sum(row.result.review == REJECTED for row in rows)
     accepted = sum(bool(row.result.review) for row in rows) - rejected
     shown = "" if end - first == len(rows) else f", {first + 1} to {end} are listed"
@@ -77,7 +77,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     return f'<div class="pv-counts">{said}</div><div class="pv-rows">{drawn}</div>'
 
 
-def _row(folder: Path, row: ReviewRow, index: int, is_open: bool) -> str:
+def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
     word = result.review or ("failed" if result.failed else result.verdict or "not searched")
     show = f"window.poseviewerRow({index})"
@@ -108,7 +108,7 @@ def thumbnail(path: Path) -> str:
         return DOT
 
 
-def row_text(row: ReviewRow, unsaved: bool) -> str:
+def row_text(row: Row, unsaved: bool) -> str:
     """Say in Markdown what is known of the row."""
     result = row.result
     lines = [f"**row {row.job.row}**: {plain(result.review or 'not reviewed')}"]

@@ -1,20 +1,23 @@
-"""The strip of a set's photos, below the large one: small pictures with the model's outline, what
-each says of the pose, and whether it is compared.
+"""The strip of several photos, below the large one: small pictures with the objects' outlines, what
+each says of the active object's pose, and whether it is compared.
 """
 
 from __future__ import annotations
 
 import base64
+import math
 from typing import Any
 
 import cv2
 import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
-from poseviewer.app.state.photo_set import PhotoSet
+from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.state.session import Session
+from poseviewer.fit.scene import SceneObject
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.view_set import View
+from poseviewer.geometry.view import View
+from poseviewer.render.overlay.looks import LINE_COLOUR
 
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""
@@ -33,15 +36,14 @@ class PhotoStrip:
 
     def show(self, session: Session) -> None:
         """Bring it to the session; what has not changed is not sent."""
-        views = session.document.views
-        photos = None if views is None else views.views
-        if photos is not self._photos:
+        views = session.document.scene.views
+        photos = [view.photo for view in views]
+        if photos != self._photos:
             self._photos = photos
-            small = [] if views is None else list(map(_small, views.views.views))
-            self._script.show("setStrip", small)
+            self._script.show("setStrip", list(map(_small, views)) if len(views) > 1 else [])
             self._script.show("setStripRows", [])
-        if views is not None:
-            rows = [_row(session, views, index) for index in range(len(views.own))]
+        if len(views) > 1:
+            rows = [_row(session, index) for index in range(len(views))]
             self._script.show("setStripRows", rows)
 
 
@@ -55,17 +57,19 @@ def _small(view: View) -> dict[str, Any]:
     return {"name": view.name, "picture": picture, "width": width, "height": height}
 
 
-def _row(session: Session, views: PhotoSet, index: int) -> dict[str, Any]:
-    strip, drawn = session.strip, ""
+def _row(session: Session, index: int) -> dict[str, Any]:
+    outlines, own, paths = session.outlines, session.document, []
     is_shown = not session.look.hidden and session.look.name != "none"
-    if is_shown and strip is not None and index < len(strip.lines):
-        drawn = outline_path(strip.lines[index])
+    if is_shown and outlines is not None and index < len(outlines.small):
+        for number, lines in outlines.small[index].items():
+            colour = LINE_COLOUR if number == own.number else object_colour(number)
+            paths.append([outline_path(lines), f"rgb{colour}"])
     return {
-        "large": index == views.at,
-        "off": not views.compared[index],
-        "said": said_of(session, views, index),
-        "word": word_of(session, views, index),
-        "path": drawn,
+        "large": index == own.at,
+        "off": not own.object.in_views[index].is_compared,
+        "said": said_of(session, index),
+        "word": word_of(own.object, index),
+        "paths": paths,
     }
 
 
@@ -75,18 +79,22 @@ def outline_path(lines: FloatArray) -> str:
     return "".join(f"M{a} {b}L{c} {d}" for (a, b), (c, d) in whole)
 
 
-def said_of(session: Session, views: PhotoSet, index: int) -> str:
+def said_of(session: Session, index: int) -> str:
     """Say what a photo leaves unexplained at the pose at hand, or why that is not known."""
-    if not views.compared[index]:
+    if not session.document.object.in_views[index].is_compared:
         return "not compared"
     overlay = session.overlay
-    if session.searching or overlay is None or not overlay.of_photos:
+    if session.searching or overlay is None or not overlay.losses.of_views:
         return ""
-    found = overlay.of_photos.get(index)
+    found = overlay.losses.of_views.get(index)
     return "not seen" if found is None else f"{found.scale.shown(found.loss):.3f}"
 
 
-def word_of(session: Session, views: PhotoSet, index: int) -> str:
-    """The verdict by a photo alone on the pose at hand; "": there is none."""
-    end = session.document.own_of_photos[index].end
-    return end.alone if end is not None and end.record.pose is views.poses[index] else ""
+def word_of(one: SceneObject, index: int) -> str:
+    """The verdict by a view alone on an object's pose; "": there is none."""
+    result = one.result
+    if result is None or result.verdict is None or not result.verdict.views:
+        return ""
+    compared = [i for i, seen in enumerate(result.seen) if not math.isnan(seen)]
+    order = sorted(compared, key=lambda i: (i != result.view, i))
+    return result.verdict.views[order.index(index)].word if index in order else ""

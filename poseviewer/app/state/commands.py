@@ -15,13 +15,13 @@ from typing import Literal
 
 import numpy as np
 
-from poseviewer.app.state.cameras import (
+from poseviewer.app.state.camera_change import (
     camera_from_numbers,
     require_field_of_view,
     with_camera,
     with_projection,
 )
-from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
+from poseviewer.app.state.document import Document, History, label_of, stands
 from poseviewer.app.state.dragging import (
     PIN_REACH,
     ModelDrag,
@@ -57,15 +57,15 @@ from poseviewer.app.state.session import (
     require_in_sight,
 )
 from poseviewer.errors import QuickStartError, SettingsError
-from poseviewer.fit.landscape import Slice
-from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import METHODS, FitSettings, Method
+from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
-from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
-from poseviewer.starts.view_set import scale_by_sight
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse
 
@@ -134,34 +134,33 @@ class Press(Command):
         else:
             kind = "roll" if self.ctrl else "turn" if self.shift else "move"
             drag = take_hold(document, point, self.zoom, kind)
-            if not document.awaits_place and (drag is None or isinstance(drag, ModelDrag)):
-                session = session.picking(nearest_object(document, point))
+            is_placed = document.object.is_placed
+            if is_placed and (drag is None or isinstance(drag, ModelDrag)):
+                session = session.with_active(nearest_object(document, point))
                 if session.document is not document:
                     drag = take_hold(session.document, point, self.zoom, kind)
-            if drag is None and document.awaits_place:
+            if drag is None and not is_placed:
                 return _placed(session, point)
         return session if drag is None else replace(session, drag=drag, before_drag=None)
 
 
 def _placed(session: Session, point: FloatArray) -> Session:
     """With the model's middle at a point (2,) of the photo."""
-    document, centre = session.document, session.document.registration.mesh.centre
+    document, centre = session.document, session.document.mesh.centre
     pose = moved(document.pose, centre, point - document.pose.project(centre))
     return session.with_document(put(document, pose))
 
 
 def put(document: Document, pose: Pose) -> Document:
-    """At a pose that nothing was known of before: in a set of unknown scale, that by which the
-    other photos look there.
+    """At a pose that nothing was known of before: among views of unknown scale, that by which the
+    other ones look there.
     """
-    document = replace(document, pose=pose)
-    views = document.views
-    if views is None or not views.free_size:
-        return document
-    with suppress(SettingsError):
-        scale = scale_by_sight(views.views, views.at, document.registration.mesh, pose)
-        return replace(document, views=views.rescaled(scale))
-    return document
+    scale = None
+    if document.scene.free_scale:
+        with suppress(SettingsError):
+            views, name = document.scene.views, document.scene.name
+            scale = 1.0 / scale_of_sight(views, document.at, document.mesh, pose, name)
+    return document.at_pose(pose, scale=scale)
 
 
 class DragTo(DragCommand):
@@ -176,8 +175,8 @@ class DragTo(DragCommand):
         document = session.drag.apply(session.document, np.array([self.x, self.y]))
         require_in_sight(document)
         if session.before_drag is None:
-            anchor = session.anchor or session.document.pose
-            session = replace(session, search=None, anchor=anchor, before_drag=session.document)
+            anchor, before = session.compared, session.document
+            session = replace(session, search=None, anchor=anchor, before_drag=before)
         return replace(session, document=document)
 
 
@@ -195,17 +194,17 @@ class Release(DragCommand):
         held = session.drag
         session = replace(session, drag=None, before_drag=None, tool=tool)
         if before is None:
-            if isinstance(held, ModelDrag) and document.awaits_place:
+            if isinstance(held, ModelDrag) and not document.object.is_placed:
                 return _placed(session, held.start)
             return session
         if drawn == "box" and document.marks.box is not None:
-            pose = framed(document.pose, document.registration.mesh, document.marks.box)
+            pose = framed(document.pose, document.mesh, document.marks.box)
             session = replace(session, document=before).with_document(put(document, pose))
             return ProposeStarts()(session)
         if tool in MARKING:
             document = solved(document, tool)
         history = session.history.with_step(before)
-        return replace(session, document=document, history=history, anchor=document.pose)
+        return replace(session, document=document, history=history, anchor=document.scene)
 
 
 class CancelDrag(DragCommand):
@@ -241,13 +240,13 @@ class DoublePress(Command):
             nearest = int(np.argmin(away))
             if away[nearest] <= PIN_REACH:
                 kept = (*pins[:nearest], *pins[nearest + 1 :])
-                return session.with_document(replace(document, pins=kept))
+                return session.with_document(document.with_state(pins=kept))
         if len(pins) == MOST_PINS:
             raise QuickStartError("Three pins fix a pose; double-click one to take it away first.")
-        place = surface_point(document.registration.mesh, document.pose, point)
+        place = surface_point(document.mesh, document.pose, point)
         if place is None:
             raise QuickStartError("There is no model there to pin; double-click on it.")
-        return session.with_document(replace(document, pins=(*pins, place)))
+        return session.with_document(document.with_state(pins=(*pins, place)))
 
 
 class SetTool(Command):
@@ -274,7 +273,7 @@ class Nudge(Command):
     """Steps: downwards, or about the horizontal."""
 
     def __call__(self, session: Session) -> Session:
-        pose, centre = session.document.pose, session.document.registration.mesh.centre
+        pose, centre = session.document.pose, session.document.mesh.centre
         match self.kind:
             case "move":
                 pose = moved(pose, centre, NUDGE_MOVE_PX * np.array([self.x, self.y]))
@@ -305,41 +304,23 @@ class SetNumber(Command):
         parameters[index] = self.value
         # One step back leads to before the whole of what was typed, not to its first digit.
         typed_on = session.typed == (self.name, session.document) and not session.history.future
-        own = session.document.registration
-        document = session.document.at_numbers(chart, parameters, own.photo)
+        document = session.document.at_numbers(chart, parameters)
         changed = session.with_document(document, same_step=typed_on)
         return replace(changed, typed=(self.name, document))
-
-
-class SetPose(Command, eq=False):
-    """Another pose: a picked point of a map, or a file's."""
-
-    pose: Pose
-    as_start: bool = False
-    """Whether ``reset`` goes back to it from now on."""
-
-    def __call__(self, session: Session) -> Session:
-        if self.as_start:
-            return session.with_document(session.document.started_from(self.pose))
-        return session.with_pose(self.pose)
 
 
 class ResetToStart(Command):
     """Back to the start pose."""
 
     def __call__(self, session: Session) -> Session:
-        document = session.document
-        start, views = document.registration.start, document.views
-        if views is not None:
-            views = replace(views, scale=views.start_scale, poses=views.starts)
-        return session.with_document(replace(document, pose=start, views=views))
+        return session.with_document(session.document.reset)
 
 
 class MakeStart(Command):
     """The pose at hand becomes the start pose."""
 
     def __call__(self, session: Session) -> Session:
-        return session.with_document(session.document.started_from(session.document.pose))
+        return session.with_document(session.document.started)
 
 
 class LookFrom(Command):
@@ -348,7 +329,7 @@ class LookFrom(Command):
     side: str
 
     def __call__(self, session: Session) -> Session:
-        own, camera = session.document.registration, session.document.pose.camera
+        own, camera = session.document.model, session.document.pose.camera
         return session.with_pose(look_from(self.side, own.mesh, own.keypoints, camera))
 
 
@@ -384,9 +365,6 @@ class Open(Command, eq=False):
         return replace(
             opened,
             history=History() if self.is_first else opened.history,
-            landscapes=(),
-            ends=(),
-            overlay=None,
             drag=None,
             tool="pose",
             saved=None if self.unsaved else self.document,
@@ -414,7 +392,14 @@ class AlterSettings(Command, eq=False):
         settings = self.alter(session.document.settings)
         if settings == session.document.settings:
             return session
-        return session.with_document(replace(session.document, settings=settings))
+        return session.with_document(session.document.with_object(settings=settings))
+
+
+class ClearRegion(Command):
+    """The active object is compared with all of the photo."""
+
+    def __call__(self, session: Session) -> Session:
+        return session.with_document(session.document.with_own(region=None))
 
 
 class SetMethod(Command):
@@ -427,7 +412,7 @@ class SetMethod(Command):
         if self.method == before.method:
             return session
         settings = session.settings_by(self.method)
-        changed = session.with_document(replace(session.document, settings=settings))
+        changed = session.with_document(session.document.with_object(settings=settings))
         return replace(changed, aside=before)
 
 
@@ -437,7 +422,7 @@ class SetProjection(Command):
     projection: Projection
 
     def __call__(self, session: Session) -> Session:
-        own, pose = session.document.registration, session.document.pose
+        own, pose = session.document, session.document.pose
         start = own.start.camera
         fallback = start if isinstance(start, Perspective) else own.photo.default_camera()
         fallback = replace(fallback, cx=pose.camera.cx, cy=pose.camera.cy)
@@ -454,7 +439,7 @@ class SetCamera(Command):
     cy: float
 
     def __call__(self, session: Session) -> Session:
-        pose, centre = session.document.pose, session.document.registration.mesh.centre
+        pose, centre = session.document.pose, session.document.mesh.centre
         camera = camera_from_numbers(self.fx, self.fy, self.cx, self.cy, pose.camera)
         return session.with_pose(with_camera(pose, camera, centre))
 
@@ -493,23 +478,22 @@ class ClearMarks(Command):
 class LayWheels(Command, eq=False):
     """Ellipses that were found: marks on both rims, and the pose that they give."""
 
-    registration: Registration
-    """The photo and the model that they were found for."""
+    photo: Photo
+    mesh: Mesh
+    """The model that they were found for."""
     rear: Ellipse
     front: Ellipse
     pose: Pose
 
     def __call__(self, session: Session) -> Session:
-        document, found = session.document, self.registration
-        if document.registration.photo is not found.photo or (
-            document.registration.mesh is not found.mesh
-        ):
+        document = session.document
+        if document.photo is not self.photo or document.mesh is not self.mesh:
             raise QuickStartError(
                 "The wheels were found in another photo or for another model; look for them again."
             )
         rims = (*self.rear.outline(FEWEST_RIM_POINTS), *self.front.outline(FEWEST_RIM_POINTS))
-        marks = replace(document.marks, rims=rims, note="")
-        return session.with_document(replace(document, marks=marks, pose=self.pose))
+        marked = document.with_marks(rims=rims, note="")
+        return session.with_document(marked.at_pose(self.pose))
 
 
 class ProposeStarts(Command):
@@ -579,35 +563,26 @@ class TakeProposal(Command):
         if asked is None or not asked.poses:
             return session
         document = session.document.started_from(asked.poses[asked.index])
-        taken = session.with_document(document, same_step=_shows_proposal(session, asked))
-        return replace(taken, proposals=None)
+        same_step = asked.shown is session.document
+        return replace(session.with_document(document, same_step), proposals=None)
 
 
 def _with_proposal(session: Session, asked: ProposedStarts, index: int) -> Session:
     document = put(session.document, asked.poses[index])
-    shown = session.with_document(document, same_step=_shows_proposal(session, asked))
-    return replace(shown, proposals=replace(asked, index=index))
-
-
-def _shows_proposal(session: Session, asked: ProposedStarts) -> bool:
-    """Whether the pose at hand is a proposal as it came: then one step back leads to before all
-    of them.
-    """
-    return any(session.document.pose is pose for pose in asked.poses)
+    # One step back leads to before all proposals.
+    session = session.with_document(document, same_step=asked.shown is session.document)
+    return replace(session, proposals=replace(asked, index=index, shown=document))
 
 
 # --- searches and maps --------------------------------------------------------------------------
 
 
 class StartSearch(Command):
-    """Search from the pose at hand: among others, until what these hide no longer changes."""
+    """Search for the active object from the pose at hand."""
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        # Others keep their place in the photo, not in space, while the focal length is sought.
-        among = bool(document.standing) and not document.settings.free_focal
-        objects = (document,) if among else ()
-        return _searching(session, document.pose, (document.settings,), objects)
+        return _searching(session, document, (document.settings,), (document.active,))
 
 
 class SearchAll(Command):
@@ -617,32 +592,30 @@ class SearchAll(Command):
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        free = tuple(one for one in document.objects if one.stands and not one.locked)
+        objects = enumerate(document.scene.objects)
+        free = {i: one for i, one in objects if stands(one) and not one.locked}
         if not free:
             raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
-        if any(one.settings.free_focal for one in free):
+        if len(free) > 1 and any(one.settings.free_focal for one in free.values()):
             raise SettingsError(
                 "the focal length is one for all objects: find it with one of them alone, then "
                 "search all without it"
             )
-        return _searching(session, document.pose, (document.settings,), free)
+        return _searching(session, document, (document.settings,), tuple(free))
 
 
 class CompareMethods(Command):
     """Search from the start pose by both methods, by the one that is chosen last."""
 
     def __call__(self, session: Session) -> Session:
-        own = session.document.settings
-        methods = sorted(METHODS, key=lambda method: method == own.method)
+        document = session.document
+        methods = sorted(METHODS, key=lambda method: method == document.settings.method)
         settings = tuple(session.settings_by(method) for method in methods)
-        return _searching(session, session.document.registration.start, settings)
+        return _searching(session, document.reset, settings, (document.active,))
 
 
 def _searching(
-    session: Session,
-    start: Pose,
-    methods: tuple[FitSettings, ...],
-    objects: tuple[SceneObject, ...] = (),
+    session: Session, start: Document, methods: tuple[FitSettings, ...], indices: tuple[int, ...]
 ) -> Session:
     """With a new search, unless one is running."""
     if session.searching:
@@ -650,14 +623,14 @@ def _searching(
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
     number, document = session.searches + 1, session.document
-    if document.locked and objects in ((), (document,)):
-        raise SettingsError(f"{document.label} is locked: {UNLOCK} to search")
+    if document.object.locked and indices == (document.active,):
+        raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
     return replace(
         session,
         searches=number,
-        search=Search(number, document, start, methods, objects=objects),
+        search=Search(number, start, methods, indices),
         history=session.history.with_step(document),
-        anchor=start,
+        anchor=start.scene,
         drag=None,
         before_drag=None,
     )
@@ -672,13 +645,13 @@ class TakeEnd(Command):
         if not 0 <= self.index < len(session.ends):
             return session
         end, before = session.ends[self.index], session.document
-        document = replace(found_at(before, end.update, is_over=True), settings=end.settings)
-        start = end.update.case.registration.start
+        document = found_at(before, end.update).with_object(settings=end.settings)
         taken = session.with_document(document)
         if end.settings.method != before.settings.method:
             taken = replace(taken, aside=before.settings)
-        ended = Search(session.searches, before, start, (end.settings,), False, end.update)
-        return replace(taken, search=ended, anchor=start)
+        start, settings = before.reset, (end.settings,)
+        ended = Search(session.searches, start, settings, (before.active,), False, end.update)
+        return replace(taken, search=ended, anchor=start.scene)
 
 
 class StopSearch(Command):
@@ -696,7 +669,7 @@ class AcceptSearch(Command):
     """Keep what the search found, and put the search away."""
 
     def __call__(self, session: Session) -> Session:
-        return replace(session, search=None, proposals=None, anchor=session.document.pose)
+        return replace(session, search=None, proposals=None, anchor=session.document.scene)
 
 
 class RevertSearch(Command):
@@ -718,32 +691,19 @@ class SearchAdvanced(WorkerUpdate, eq=False):
         search = session.search
         if search is None or search.number != self.number or not search.running:
             return session
-        progress, ends = self.update.progress, self.update.ends
-        together = self.update.together
-        if together is not None:
-            document = session.document.with_poses(together.poses, together.ends)
-            found = replace(search, latest=self.update, running=not together.is_over)
-            return replace(session, document=document, search=found)
-        is_last = len(search.methods) == 1 or bool(ends)
-        running = progress.status.name == "RUNNING" or not is_last
-        document = found_at(session.document, self.update, not running)
-        found = replace(search, latest=self.update, running=running)
-        return replace(session, document=document, search=found, ends=ends or session.ends)
+        latest = self.update
+        found = replace(search, latest=latest, running=not latest.is_over)
+        document = found_at(session.document, latest)
+        return replace(session, document=document, search=found, ends=latest.ends or session.ends)
 
 
-def found_at(document: Document, update: SearchUpdate, is_over: bool) -> Document:
-    """The document where a search of it is, or has ended."""
-    case, progress = update.case, update.progress
-    chart, photo = case.problem.chart, case.registration.photo
-    if document.views is None or not isinstance(chart, ViewChart):
-        end = SearchEnd.of(case, progress) if is_over else None
-        return replace(document, pose=progress.pose, end=end)
-    index, scale = document.views.index_of(photo), chart.scale_at(progress.parameters)
-    if is_over and update.of_photos:
-        found = document.found_in_set(update.of_photos, scale)
-    else:
-        found = document.seen_in(index, progress.pose, scale)
-    return found if is_in_sight(found) else found.looking_at(index)
+def found_at(document: Document, update: SearchUpdate) -> Document:
+    """The document where a search is, or has ended."""
+    for index, placing in update.placings.items():
+        result = update.results.get(index)
+        document = document.at_progress(index, placing.problem, placing.progress, result)
+    is_seen = is_in_sight(document)
+    return document if is_seen else document.with_view(update.problem.views[0].index)
 
 
 class SearchFailed(DragCommand, eq=False):
@@ -794,9 +754,9 @@ class PickInLandscape(Command):
             for piece in maps.slices:
                 if (piece.first, piece.second) == (self.first, self.second):
                     parameters = picked_parameters(piece, maps.parameters, self.u, self.v)
-                    chart, photo = maps.case.problem.chart, maps.case.registration.photo
-                    document = session.document.at_numbers(chart, parameters, photo)
-                    return session.with_document(document)
+                    view = maps.case.problem.views[0]
+                    found = session.document.at_numbers(view.chart, parameters, view.index)
+                    return session.with_document(found)
         return session
 
 
@@ -857,7 +817,7 @@ class OverlayDrawn(WorkerUpdate, eq=False):
         new, old = self.overlay, session.overlay
         if not new.loss_is_current and old is not None:
             current = old.request.has_loss_of(new.request) and old.loss_is_current
-            new = new.with_loss_of(old, current)
+            new = replace(new, losses=old.losses, loss_is_current=current)
         return replace(session, overlay=new)
 
 
@@ -871,4 +831,5 @@ class LossComputed(WorkerUpdate, eq=False):
         if old is None or old.loss_is_current:
             return session
         current = old.request.has_loss_of(new.request)
-        return replace(session, overlay=old.with_loss_of(new, current))
+        known = replace(old, losses=new.losses, loss_is_current=current)
+        return replace(session, overlay=known)

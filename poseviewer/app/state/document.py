@@ -1,40 +1,40 @@
-"""The document: photo, model, pose, settings and marks, as undo and files see them; its history."""
+"""The document: a scene, and which object in which view is worked on, as undo and files see them;
+its history.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poseviewer.api import Case, FitResult
-from poseviewer.app.state.cameras import has_camera, with_camera
-from poseviewer.app.state.photo_set import OwnOfPhoto, PhotoSet
+from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.files.pose import PoseRecord
-from poseviewer.fit.problem import choose_chart
+from poseviewer.fit.problem import FitProblem, choose_chart, is_seen, numbers_of
 from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.registration import PlacedModel, Registration
+from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.view import View
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
 MOST_STEPS = 200
-MOST_REGISTRATIONS = 4
-"""Undo reaches back over no more opened photos, and models beside those at hand, than this: they
-fill the memory."""
+MOST_OPENED = 4
+"""Undo reaches back over no more opened photos (or sets of them), and models beside those at hand,
+than this: they fill the memory."""
 
 WHEELS = 2
 
@@ -87,162 +87,270 @@ class Marks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SearchEnd:
-    """What a search found."""
+class ObjectState:
+    """What the app keeps of an object beside the scene."""
 
-    record: PoseRecord
-    in_front: NDArray[np.bool_] | None = None
-    """(height, width) of the photo: what it took for something in front of the model."""
-    alone: str = ""
-    """The verdict's word by this photo of a set alone."""
-    filed: PoseRecord | None = None
-    """Of a set, what its pose file says: that of the photo that the search began in."""
-
-    @classmethod
-    def of(cls, case: Case, progress: FitProgress) -> SearchEnd:
-        """Where a search of a case has ended."""
-        found = FitResult(case.behind(progress.hidden), progress.pose, progress)
-        return cls(found.record, found.hidden)
+    start: Similarity
+    """World from model where ``reset`` puts it."""
+    cameras: tuple[Camera, ...]
+    """The views' when it was there."""
+    pins: tuple[FloatArray, ...] = ()
+    """Points (3,) on the model's surface, in its frame, that the user has pinned."""
+    marks: Mapping[int, Marks] = field(default_factory=dict)
+    """By the views' indices."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SceneObject:
-    """A model in the photo, and all that is its own."""
+class Document:
+    """A scene, and the object and the view that all edits are about."""
 
-    registration: Registration
-    """Photo, model, and the start pose that ``reset`` goes back to."""
-    pose: Pose
-    settings: FitSettings = field(default_factory=FitSettings)
-    pins: tuple[FloatArray, ...] = ()
-    """Points (3,) on the model's surface, in its frame, that the user has pinned."""
-    model_path: Path | None = None
-    marks: Marks = field(default_factory=Marks)
-    """Point pairs and wheels, from which a quick start follows."""
-    number: int = 1
-    """Its own among the objects of a document; its colour goes by it."""
-    name: str = ""
-    """What the user calls it; "": as its file is called."""
-    hidden: bool = False
-    """Not drawn, and in front of nothing."""
-    locked: bool = False
-    """Left where it is in the photo by presses and searches."""
-    end: SearchEnd | None = None
-    """Of the last search; of use as long as its pose is the one at hand."""
-    views: PhotoSet | None = None
-    """The set that the photo is one of: the object is then alone in it."""
+    scene: Scene
+    """Its objects' ids are whole numbers, by which they are coloured."""
+    states: tuple[ObjectState, ...]
+    """For each object."""
+    active: int = 0
+    """Index of the object that is worked on."""
+    at: int = 0
+    """Index of the view that is shown large."""
 
-    @property
-    def label(self) -> str:
-        """What it is called."""
-        return self.name.strip() or self.registration.mesh_name
-
-    @property
-    def searched(self) -> SearchEnd | None:
-        """The search that led to the pose at hand; None where none ended there."""
-        return self.end if self.end is not None and self.end.record.pose is self.pose else None
-
-    @property
-    def compared_mask(self) -> Mask | None:
-        """What counts of the photo at the pose at hand: also without what the search that led to it
-        took for something in front.
+    @classmethod
+    def of(cls, scene: Scene, active: int = 0, at: int = 0) -> Document:
+        """The document of a scene, started where all is. Masks of views, and regions in the
+        settings, become the objects' own: so each can be edited.
         """
-        mask = self.registration.mask
-        if self.searched is None or self.searched.in_front is None:
-            return mask
-        seen = ~self.searched.in_front
-        return Mask.of(seen if mask is None else mask.weights * seen)
+        objects, are_numbers = [], all(one.id.isdecimal() for one in scene.objects)
+        for index, one in enumerate(scene.objects):
+            in_views = tuple(
+                replace(
+                    scene.in_view(index, number),
+                    mask=product((view.mask, scene.in_view(index, number).mask)),
+                    region=scene.in_view(index, number).region or one.settings.region,
+                )
+                for number, view in enumerate(scene.views)
+            )
+            named = {} if are_numbers else {"id": str(index + 1), "name": one.name or one.id}
+            settings = replace(one.settings, region=None)
+            objects.append(replace(one, in_views=in_views, settings=settings, **named))
+        views = tuple(replace(view, mask=None) for view in scene.views)
+        cameras = tuple(view.camera for view in views)
+        states = tuple(ObjectState(one.world_from_model, cameras) for one in objects)
+        return cls(replace(scene, views=views, objects=tuple(objects)), states, active, at)
 
     @property
-    def stands(self) -> bool:
-        """Whether it is to be seen in the photo: neither hidden, nor still to be put somewhere."""
-        return not (self.hidden or self.awaits_place)
-
-    def is_placed_same(self, other: SceneObject) -> bool:
-        """Whether both are the same model at the same pose, and compared with the same pixels."""
-        own, its = self.registration, other.registration
-        if self.views is not None and other.views is not None:  # whichever photo is large
-            return self.views.poses is other.views.poses and self.compares_same(other)
-        same_pixels = own.photo is its.photo and own.mask is its.mask
-        return same_pixels and own.mesh is its.mesh and self.pose is other.pose
-
-    def compares_same(self, other: SceneObject) -> bool:
-        """Whether both compare the same model with the same pixels, of all photos."""
-        if self.views is None or other.views is None:
-            same_kind = self.views is other.views
-            return same_kind and self.registration.compares_same(other.registration)
-        same_model = self.registration.mesh is other.registration.mesh
-        if not same_model or self.views.views is not other.views.views:
-            return False
-        pairs = zip(self.own_of_photos, other.own_of_photos, strict=True)
-        same_pixels = all(a.mask is b.mask and a.region == b.region for a, b in pairs)
-        return same_pixels and self.views.compared == other.views.compared
+    def object(self) -> SceneObject:
+        """The active object."""
+        return self.scene.objects[self.active]
 
     @property
-    def own_of_photos(self) -> tuple[OwnOfPhoto, ...]:
-        """What belongs to each photo of the set, the large one as it is now; empty: it is none."""
-        if self.views is None:
-            return ()
-        own = list(self.views.own)
-        large = self.registration.mask, self.settings.region, self.marks, self.end
-        own[self.views.at] = OwnOfPhoto(*large)
-        return tuple(own)
+    def state(self) -> ObjectState:
+        """That of the active object."""
+        return self.states[self.active]
 
     @property
-    def verdict(self) -> str:
-        """In a word: how the search ended that led to the pose at hand."""
-        if self.searched is None:
-            return "not placed" if self.awaits_place else "not searched"
-        verdict = self.searched.record.verdict
-        return verdict.word if verdict is not None else "searched"
+    def view(self) -> View:
+        """The view that is shown large."""
+        return self.scene.views[self.at]
 
-    def seen_by(self, photo: Photo, camera: Camera) -> SceneObject:
-        """The same in a photo that a camera took, where it was and as large; the same object where
-        it is that already.
+    @property
+    def photo(self) -> Photo:
+        """The view's photo."""
+        return self.view.photo
+
+    @property
+    def model(self) -> LoadedModel:
+        """The active object's model."""
+        return self.object.model
+
+    @property
+    def mesh(self) -> Mesh:
+        """The active object's surface."""
+        return self.object.model.mesh
+
+    @property
+    def settings(self) -> FitSettings:
+        """The active object's settings."""
+        return self.object.settings
+
+    @property
+    def pose(self) -> Pose:
+        """The active object's pose in the view."""
+        return self.scene.pose(self.active, self.at)
+
+    @property
+    def start(self) -> Pose:
+        """The active object's start pose in the view, by the camera of that time."""
+        return replace(self.view, camera=self.state.cameras[self.at]).pose(self.state.start)
+
+    @property
+    def own(self) -> InView:
+        """What the view has of the active object alone."""
+        return self.scene.in_view(self.active, self.at)
+
+    @property
+    def mask(self) -> Mask | None:
+        """What counts of the view for the active object, but for what a search found in front."""
+        return self.own.mask
+
+    @property
+    def region(self) -> Rectangle | None:
+        """Where the active object is compared with the view; None: everywhere."""
+        return self.own.region
+
+    @property
+    def marks(self) -> Marks:
+        """What is marked in the view for the active object."""
+        return self.state.marks.get(self.at, Marks())
+
+    @property
+    def pins(self) -> tuple[FloatArray, ...]:
+        """The active object's pins."""
+        return self.state.pins
+
+    @property
+    def number(self) -> int:
+        """The active object's own number; its colour goes by it."""
+        return int(self.object.id)
+
+    @property
+    def others(self) -> tuple[int, ...]:
+        """Indices of the objects that are not active and are to be seen in the photos."""
+        objects = enumerate(self.scene.objects)
+        return tuple(i for i, one in objects if i != self.active and stands(one))
+
+    def index_of(self, number: int) -> int | None:
+        """Index of the object of a number; None where there is none."""
+        ids = [one.id for one in self.scene.objects]
+        return ids.index(str(number)) if str(number) in ids else None
+
+    def with_active(self, index: int) -> Document:
+        """The document with another object active."""
+        return self if index == self.active else replace(self, active=index)
+
+    def with_view(self, index: int) -> Document:
+        """The document with another view large."""
+        return self if index == self.at else replace(self, at=index)
+
+    def with_object(self, index: int | None = None, **changes: Any) -> Document:
+        """The document with changed fields of an object, by default the active one."""
+        index = self.active if index is None else index
+        return replace(self, scene=self.scene.with_object(index, **changes))
+
+    def with_mesh(self, mesh: Mesh) -> Document:
+        """The document with another mesh of the active object, not searched for."""
+        return self.with_object(model=replace(self.model, mesh=mesh), result=None)
+
+    def with_own(self, **changes: Any) -> Document:
+        """The document with changed fields of what the view has of the active object alone."""
+        in_views = list(self.object.in_views)
+        in_views[self.at] = replace(in_views[self.at], **changes)
+        return self.with_object(in_views=tuple(in_views))
+
+    def with_mask(self, mask: Mask | None) -> Document:
+        """The document with another mask in the view; what was searched for was by the old one."""
+        return self.with_own(mask=mask).with_object(result=None)
+
+    def with_state(self, **changes: Any) -> Document:
+        """The document with changed fields of the active object's state."""
+        states = list(self.states)
+        states[self.active] = replace(states[self.active], **changes)
+        return replace(self, states=tuple(states))
+
+    def with_marks(self, **changes: Any) -> Document:
+        """The document with changed fields of the marks in the view."""
+        marks = replace(self.marks, **changes)
+        return self.with_state(marks={**self.state.marks, self.at: marks})
+
+    def at_pose(
+        self,
+        pose: Pose,
+        index: int | None = None,
+        view: int | None = None,
+        scale: float | None = None,
+    ) -> Document:
+        """The document with an object where a view shows it at a pose, by default the active one
+        and the large one; what a search said of it is gone. By another camera, all other objects
+        keep their place and size in the photo.
         """
-        own, pose = self.registration, self.pose
-        if not has_camera(pose, camera):
-            pose = with_camera(pose, camera, own.mesh.centre)
-        if pose is self.pose and own.photo is photo:
-            return self
-        start = pose if own.start is self.pose else own.start
-        same_pixels = own.photo.sha256 == photo.sha256
-        same_pixels = same_pixels and own.photo.undistortion is photo.undistortion
-        mask = own.mask if same_pixels else None
-        registration = replace(own, photo=photo, start=start, mask=mask)
-        return replace(self, registration=registration, pose=pose, end=None)
+        index, view = self.active if index is None else index, self.at if view is None else view
+        scene = self.scene.with_pose(index, pose, view, scale)
+        scene = scene.with_object(index, result=None, is_placed=True)
+        if scene.views != self.scene.views:
+            for other, one in enumerate(self.scene.objects):
+                if other != index:
+                    camera, centre = scene.views[view].camera, one.model.mesh.centre
+                    seen = with_camera(self.scene.pose(other, view), camera, centre)
+                    scene = scene.with_pose(other, seen, view).with_object(other, result=None)
+        return replace(self, scene=scene)
+
+    def at_progress(
+        self, index: int, problem: FitProblem, progress: FitProgress, result: SearchResult | None
+    ) -> Document:
+        """The document with an object where a search for it is, or has ended in a ``result``."""
+        scale = scale_at(problem.chart, progress.parameters)
+        found = self.at_pose(progress.pose, index, problem.views[0].index, scale)
+        return found if result is None else found.with_object(index, result=result)
+
+    def at_numbers(self, chart: Chart, numbers: FloatArray, view: int | None = None) -> Document:
+        """The document with the active object at the numbers (d,) of a chart of poses in a view, by
+        default the large one.
+
+        Raises:
+            OutsideChartError: they stand for no pose.
+        """
+        return self.at_pose(chart.to_pose(numbers), view=view, scale=scale_at(chart, numbers))
+
+    def numbers_in(self, problem: FitProblem) -> FloatArray:
+        """(d,): the active object's pose in the chart of a problem; raises as the chart."""
+        pose = self.scene.pose(self.active, problem.views[0].index)
+        return numbers_of(problem.chart, pose, self.object.world_from_model.scale)
+
+    def started_from(self, pose: Pose) -> Document:
+        """The document with another start pose in the view, which is the pose as well."""
+        return (self if pose is self.pose else self.at_pose(pose)).started
+
+    @property
+    def started(self) -> Document:
+        """The document whose active object starts where it is."""
+        cameras = tuple(view.camera for view in self.scene.views)
+        placed = self if self.object.is_placed else self.with_object(is_placed=True)
+        return placed.with_state(start=self.object.world_from_model, cameras=cameras)
+
+    @property
+    def reset(self) -> Document:
+        """The document with the active object at its start."""
+        place, camera = self.state.start, self.state.cameras[self.at]
+        found = self.at_pose(self.start, scale=place.scale)
+        return found.with_object(world_from_model=place) if found.view.camera == camera else found
 
     @property
     def chart(self) -> Chart:
         """The chart whose numbers are shown and searched: as ``settings`` want it where that can
-        be, else the free-body chart about the start pose, seen by the camera at hand; of a set,
-        with its size where that is free.
+        be, else the free-body chart about the start pose, seen by the camera at hand; of several
+        views with the size where that is free.
         """
-        if self.views is not None:
-            return self._chart_in_set(self.views)
-        mesh, settings, free_focal = self.registration.mesh, self.settings, self.settings.free_focal
+        mesh, settings, free_focal = self.mesh, self.settings, self.settings.free_focal
+        if len(self.scene.views) > 1:
+            start, scale = self.start, self.state.start.scale
+            if not start.camera_from_model.apply(mesh.centre)[2] > 0.0:
+                start, scale = self.pose, self.object.world_from_model.scale
+            reference, turn = FreeBodyChart.near(mesh, start), RigidTransform.identity()
+            camera, free_scale = self.view.camera, self.scene.free_scale
+            assert isinstance(camera, Perspective)  # those of several views are
+            return ViewChart(reference, camera, turn, free_scale, 1.0 / scale)
         try:
-            chart, _ = choose_chart(
-                settings.chart, mesh, self.registration.keypoints, self.pose, free_focal
-            )
+            keypoints = self.model.keypoints
+            chart, _ = choose_chart(settings.chart, mesh, keypoints, self.pose, free_focal)
             if isinstance(chart, VehicleChart):
                 return chart
         except (SingularChartError, SettingsError):
             free_focal = free_focal and isinstance(self.pose.camera, Perspective)
         return FreeBodyChart.near(mesh, self._start_seen_now(free_focal), free_focal)
 
-    def _chart_in_set(self, views: PhotoSet) -> ViewChart:
-        mesh, start, scale = self.registration.mesh, self.registration.start, views.start_scale
-        if not start.camera_from_model.apply(mesh.centre)[2] > 0.0:
-            start, scale = self.pose, views.scale
-        reference, camera = FreeBodyChart.near(mesh, start), views.views.views[views.at].camera
-        return ViewChart(reference, camera, RigidTransform.identity(), views.free_size, scale)
-
     def _start_seen_now(self, free_focal: bool) -> Pose:
         """The start pose by the camera at hand: by its own, a number of the chart would bring its
         intrinsics back. A focal length that is a number itself stays the start's.
         """
-        start, camera = self.registration.start, self.pose.camera
-        centre = self.registration.mesh.centre
+        start, camera, centre = self.start, self.pose.camera, self.mesh.centre
         behind = not start.camera_from_model.apply(centre)[2] > 0.0
         if behind and Perspective in (type(start.camera), type(camera)):
             return self.pose
@@ -253,205 +361,99 @@ class SceneObject:
 
     @property
     def parameters(self) -> FloatArray:
-        """(d,): the pose in ``chart``."""
-        return self.numbers_in(self.chart, self.registration.photo)
+        """(d,): the active object's pose in ``chart``."""
+        return numbers_of(self.chart, self.pose, self.object.world_from_model.scale)
 
-    def numbers_in(self, chart: Chart, photo: Photo) -> FloatArray:
-        """(d,): the pose in a chart of the poses in a photo: that at hand, or another of the set;
-        raises as the chart.
-        """
-        views = self.views
-        if views is None or not isinstance(chart, ViewChart):
-            return chart.from_pose(self.pose)
-        return chart.numbers_at(views.poses[views.index_of(photo)], views.scale)
+    def with_new(self, new: SceneObject) -> Document:
+        """The document with one object more, which is active and gets a number of its own."""
+        number = 1 + max(int(one.id) for one in self.scene.objects)
+        objects = (*self.scene.objects, replace(new, id=str(number)))
+        state = ObjectState(new.world_from_model, tuple(v.camera for v in self.scene.views))
+        scene = replace(self.scene, objects=objects)
+        return replace(self, scene=scene, states=(*self.states, state), active=len(objects) - 1)
 
-    def started_from(self, pose: Pose) -> Self:
-        """The same with another start pose, which is the pose as well."""
-        registration = replace(self.registration, start=pose, start_is_guess=False)
-        return replace(self, registration=registration, pose=pose)
-
-    @property
-    def awaits_place(self) -> bool:
-        """Whether the model has no place in the photo yet: a press on the photo gives it one."""
-        own = self.registration
-        return own.start_is_guess and self.pose is own.start
-
-
-T = TypeVar("T", bound=SceneObject)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Document(SceneObject):
-    """A photo and its objects: the one that is picked, which all commands are about, and others."""
-
-    photo_path: Path | None = None
-    others: tuple[SceneObject, ...] = ()
-    """In the photo and seen by the camera of the picked one; those that stand in the photo are
-    among what its registration has as ``others``.
-    """
-
-    def __post_init__(self) -> None:
-        photo, camera = self.registration.photo, self.pose.camera
-        if self.views is not None:
-            views = self.views
-            is_of_set = views.views.views[views.at].photo is photo
-            views = views.following(self.pose, self.registration.start) if is_of_set else None
-            object.__setattr__(self, "views", views)
-        others = tuple(one.seen_by(photo, camera) for one in self.others)
-        object.__setattr__(self, "others", others)
-        own = self.registration
-        known = {(id(one.mesh), id(one.pose)): one for one in own.others}
-        standing = [(one.registration.mesh, one.pose) for one in self.standing]
-        placed = tuple(known.get((id(m), id(p))) or PlacedModel(m, p) for m, p in standing)
-        if placed != own.others:
-            object.__setattr__(self, "registration", replace(own, others=placed))
-
-    @classmethod
-    def of(
-        cls, picked: SceneObject, photo_path: Path | None, others: tuple[SceneObject, ...]
-    ) -> Document:
-        """A document whose objects are these."""
-        return cls(**_fields_of(picked), photo_path=photo_path, others=others)
-
-    @property
-    def objects(self) -> tuple[SceneObject, ...]:
-        """All of them, the picked one as well, by their numbers."""
-        return tuple(sorted((self, *self.others), key=lambda one: one.number))
-
-    @property
-    def standing(self) -> tuple[SceneObject, ...]:
-        """The others that are to be seen in the photo."""
-        return tuple(one for one in self.others if one.stands)
-
-    @property
-    def poses(self) -> tuple[Pose, ...]:
-        """Of all objects."""
-        return tuple(one.pose for one in self.objects)
-
-    def numbered(self, number: int) -> SceneObject | None:
-        """The object of a number; None where there is none."""
-        return next((one for one in self.objects if one.number == number), None)
-
-    def picking(self, number: int) -> Document:
-        """The same with another object picked."""
-        kept = tuple(one for one in self.objects if one.number != number)
-        new = self.numbered(number)
-        return self if new is None or new is self else self._with(new, kept)
-
-    def altered(self, number: int, **changes: Any) -> Document:
-        """The same with changed fields of one of its objects."""
-        if number == self.number:
-            return replace(self, **changes)
-        others = (replace(o, **changes) if o.number == number else o for o in self.others)
-        return replace(self, others=tuple(others))
-
-    def looking_at(self, index: int) -> Document:
-        """The same with another photo of its set large."""
-        views = self.views
-        if views is None or index == views.at or not 0 <= index < len(views.own):
-            return self
-        own, view = self.own_of_photos[index], views.views.views[index]
-        start, pose = views.starts[index], views.poses[index]
-        registration = replace(self.registration, photo=view.photo, start=start, mask=own.mask)
+    def without(self, index: int) -> Document:
+        """The document without one of several objects; where it was active, the next one is."""
+        objects, states = (
+            (*all_of[:index], *all_of[index + 1 :]) for all_of in (self.scene.objects, self.states)
+        )
+        active = self.active - 1 if self.active > index else min(self.active, len(objects) - 1)
         return replace(
-            self,
-            registration=registration,
-            pose=pose,
-            settings=replace(self.settings, region=own.region),
-            marks=own.marks,
-            end=own.end,
-            photo_path=view.path,
-            views=replace(views, own=self.own_of_photos, at=index),
+            self, scene=replace(self.scene, objects=objects), states=states, active=active
         )
 
-    def at_numbers(self, chart: Chart, numbers: FloatArray, photo: Photo) -> Document:
-        """The same at the numbers (d,) of a chart of the poses in a photo: that at hand, or another
-        of the set.
-
-        Raises:
-            OutsideChartError: they stand for no pose.
-        """
-        pose = chart.to_pose(numbers)
-        if self.views is None or not isinstance(chart, ViewChart):
-            return replace(self, pose=pose)
-        return self.seen_in(self.views.index_of(photo), pose, chart.scale_at(numbers))
-
-    def seen_in(self, index: int, pose: Pose, scale: float | None = None) -> Document:
-        """The same where its set has a pose in one photo; None: by the scale that it has."""
-        views = self.views
-        assert views is not None  # who asks has a photo of it
-        scale = views.scale if scale is None else scale
-        poses = views.views.posed(index, pose, scale)
-        return replace(self, pose=poses[views.at], views=replace(views, scale=scale, poses=poses))
-
-    def found_in_set(self, ends: Sequence[SearchEnd], scale: float) -> Document:
-        """The same where a search of the set has ended; ``ends``: one for each photo."""
-        views = self.views
-        assert views is not None  # whose search it was
-        poses = tuple(end.record.pose for end in ends)
-        pairs = zip(self.own_of_photos, ends, strict=True)
-        own = tuple(replace(one, end=end) for one, end in pairs)
-        views = replace(views, scale=scale, poses=poses, own=own)
-        return replace(self, pose=poses[views.at], end=ends[views.at], views=views)
+    def shows_same(self, other: Document) -> bool:
+        """Whether both have the same photo large, and the same object active, of the same model."""
+        same_object = self.mesh is other.mesh and self.number == other.number
+        return self.photo is other.photo and same_object
 
     @property
-    def unsearched(self) -> Document:
-        """The same without what searches said of it."""
-        views = self.views
-        if views is not None:
-            views = replace(views, own=tuple(replace(one, end=None) for one in views.own))
-        return replace(self, end=None, views=views)
-
-    def compared_by(self, **changes: Any) -> Document:
-        """With another mask, mesh or symmetry of the picked object, by the fields of its
-        registration; what searches said was said of the ones before.
-        """
-        return replace(self.unsearched, registration=replace(self.registration, **changes))
-
-    def with_poses(self, poses: Mapping[int, Pose], ends: Mapping[int, SearchEnd]) -> Document:
-        """The same with its objects at other poses, by their numbers, and what was found there."""
-
-        def at(one: T) -> T:
-            pose, end = poses.get(one.number, one.pose), ends.get(one.number, one.end)
-            kept = pose is one.pose and end is one.end
-            return one if kept else replace(one, pose=pose, end=end)
-
-        return at(replace(self, others=tuple(map(at, self.others))))
-
-    def with_object(self, new: SceneObject) -> Document:
-        """One object more, which is picked and has a number of its own."""
-        number = 1 + max(one.number for one in self.objects)
-        return self._with(replace(new, number=number), self.objects)
-
-    def without(self, number: int) -> Document:
-        """The same without one of several objects; the next one is picked where it was picked."""
-        kept = tuple(one for one in self.objects if one.number != number)
-        if number != self.number:
-            return replace(self, others=tuple(one for one in kept if one.number != self.number))
-        after = next((one for one in kept if one.number > number), kept[-1])
-        return self._with(after, tuple(one for one in kept if one is not after))
-
-    def _with(self, picked: SceneObject, others: tuple[SceneObject, ...]) -> Document:
-        left = (SceneObject(**_fields_of(self)) if one is self else one for one in others)
-        return Document.of(picked, self.photo_path, tuple(left))
-
-    def shows_same(self, other: Document) -> bool:
-        """Whether both have the same photo, and the same object picked, with the same model."""
-        own, its = self.registration, other.registration
-        same_object = own.mesh is its.mesh and self.number == other.number
-        return own.photo is its.photo and same_object
+    def placement(self) -> tuple[object, ...]:
+        """What files keep of where all is; equal where nothing of it has changed."""
+        views = ((view.photo, view.camera) for view in self.scene.views)
+        objects = self.scene.objects
+        return *views, *((o.model.mesh, o.world_from_model, o.in_views) for o in objects)
 
     @property
     def paths(self) -> frozenset[Path]:
         """The files of photos and models, as far as they have one."""
-        seen = () if self.views is None else (view.path for view in self.views.views.views)
-        paths = self.photo_path, *seen, *(one.model_path for one in self.objects)
+        paths = [view.path for view in self.scene.views]
+        paths += [one.model.path for one in self.scene.objects]
         return frozenset(path for path in paths if path is not None)
 
 
-def _fields_of(one: SceneObject) -> dict[str, Any]:
-    """Those that every object has."""
-    return {own.name: getattr(one, own.name) for own in fields(SceneObject)}
+def is_alone(document: Document) -> bool:
+    """Whether there is one object in one view: a pose file says all of it."""
+    return len(document.scene.views) == len(document.scene.objects) == 1
+
+
+def label_of(one: SceneObject) -> str:
+    """What an object is called: by the user, or as its file."""
+    return one.name.strip() or one.model.name
+
+
+def stands(one: SceneObject) -> bool:
+    """Whether an object is to be seen in the photos: neither hidden, nor still to be placed."""
+    return one.is_placed and not one.hidden
+
+
+def verdict_of(one: SceneObject) -> str:
+    """How the search for an object ended, in a word."""
+    if one.result is None:
+        return "not searched" if one.is_placed else "not placed"
+    return "searched" if one.result.verdict is None else one.result.verdict.word
+
+
+def scale_at(chart: Chart, numbers: FloatArray) -> float | None:
+    """Lengths of the world's unit to one of the model's, as far as the numbers (d,) say it."""
+    return 1.0 / chart.scale_at(numbers) if isinstance(chart, ViewChart) else None
+
+
+def reference_view(scene: Scene, index: int, view: int) -> int:
+    """The view whose chart an object is searched by: ``view``, or where that is not compared or
+    does not show it, the first one that is and does.
+    """
+    mesh = scene.objects[index].mesh
+    for number in (view, *range(len(scene.views))):
+        is_compared = scene.in_view(index, number).is_compared
+        if is_compared and is_seen(mesh, scene.pose(index, number)):
+            return number
+    return view
+
+
+def compared(scene: Scene, index: int) -> tuple[object, ...]:
+    """What the loss of an object about its place in a scene depends on; equal where it is one."""
+    one, objects = scene.objects[index], enumerate(scene.objects)
+    firm = ((o.model.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
+    return scene.views, one.model.mesh, one.world_from_model, one.in_views, one.settings, *firm
+
+
+def product(masks: Iterable[Mask | None]) -> Mask | None:
+    """The mask of what all masks let count; None: all."""
+    given = [mask for mask in masks if mask is not None]
+    if len(given) < 2:
+        return given[0] if given else None
+    return Mask.of(np.prod([mask.weights for mask in given], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -482,12 +484,11 @@ def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
     """The last steps, over no more than the allowed number of photos and of models."""
     past = past[-MOST_STEPS:]
     photos, meshes = set(), set()
-    most_meshes = MOST_REGISTRATIONS + len(past[-1].others)
+    most_meshes = MOST_OPENED + len(past[-1].scene.objects) - 1
     for index in reversed(range(len(past))):
-        document = past[index]
-        views = document.views
-        photos.add(id(document.registration.photo if views is None else views.views))
-        meshes |= {id(one.registration.mesh.whole) for one in document.objects}
-        if len(photos) > MOST_REGISTRATIONS or len(meshes) > most_meshes:
+        scene = past[index].scene
+        photos.add(tuple(id(view.photo) for view in scene.views))
+        meshes |= {id(one.model.mesh.whole) for one in scene.objects}
+        if len(photos) > MOST_OPENED or len(meshes) > most_meshes:
             return past[index + 1 :]
     return past

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.state.document import Document, SceneObject
+from poseviewer.app.state.document import Document
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -62,7 +63,7 @@ class ModelDrag:
 
     def apply(self, document: Document, point: FloatArray) -> Document:
         """The pose moved, turned, or rolled and scaled from ``start`` to ``point``."""
-        pose, mesh = self.held.pose, self.held.registration.mesh
+        pose, mesh = self.held.pose, self.held.mesh
         if self.kind == "turn":
             radius = max(radius_in_photo(pose, mesh), 1.0)
             pose = trackball(pose, mesh.centre, radius, self.start, point)
@@ -70,7 +71,7 @@ class ModelDrag:
             pose = rolled_and_scaled(pose, mesh.centre, self.start, point)
         else:
             pose = moved(pose, mesh.centre, point - self.start)
-        return replace(document, pose=pose)
+        return document.at_pose(pose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +88,11 @@ class PinDrag:
         pose, pixel = self.held.pose, point + self.offset
         if not self.held.pins and isinstance(chart := self.held.chart, VehicleChart):
             parameters = with_vehicle_pin(chart, chart.from_pose(pose), self.pin, pixel)
-            return replace(document, pose=chart.to_pose(parameters))
+            return document.at_pose(chart.to_pose(parameters))
         points = np.array(self.held.pins)
         pixels = pose.project(points)
         pixels[self.pin] = pixel
-        return replace(document, pose=pinned(self.held.registration.mesh, pose, points, pixels))
+        return document.at_pose(pinned(self.held.mesh, pose, points, pixels))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +104,7 @@ class RectangleDrag:
 
     def apply(self, document: Document, point: FloatArray) -> Document:
         """The rectangle (left, top, width, height) between two corners, cut to the photo."""
-        photo = document.registration.photo
+        photo = document.photo
         size = [photo.width, photo.height]
         low, high = np.sort(np.clip([self.start, point], 0, size), axis=0)
         left, top = (int(v) for v in np.floor(low))
@@ -111,17 +112,17 @@ class RectangleDrag:
         small = min(right - left, bottom - top) < LEAST_SIDE
         rectangle = None if small else Rectangle.from_corners(left, top, right, bottom)
         if self.tool == "region":
-            return replace(document, settings=replace(document.settings, region=rectangle))
-        return replace(document, marks=replace(document.marks, box=rectangle))
+            return document.with_own(region=rectangle)
+        return document.with_marks(box=rectangle)
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
-    """Take hold of what of the picked object lies under ``point``: a pin, or the model; None for
+    """Take hold of what of the active object lies under ``point``: a pin, or the model; None for
     nothing, and where the object is hidden or locked.
 
     ``zoom``: screen px per photo px; ``kind``: what holding the model does.
     """
-    if document.hidden or document.locked:
+    if document.object.hidden or document.object.locked:
         return None
     pins = pins_in_photo(document)
     if len(pins):
@@ -129,27 +130,28 @@ def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> 
         pin = int(np.argmin(away))
         if away[pin] <= PIN_REACH:
             return PinDrag(document, pin, pins[pin] - point)
-    if within(point, document.pose, document.registration.mesh, MODEL_REACH / zoom):
+    if within(point, document.pose, document.mesh, MODEL_REACH / zoom):
         return ModelDrag(document, point, kind)
     return None
 
 
 def nearest_object(document: Document, point: FloatArray) -> int:
-    """The number of the object that is nearest to the camera at ``point``, of those that a press
-    may take; the picked one's where there is none.
+    """The index of the object that is nearest to the camera at ``point``, of those that a press may
+    take; the active one's where there is none.
     """
-    free = [one for one in (document, *document.standing) if not (one.hidden or one.locked)]
-    depths = [_depth_at(one, point) for one in free]
+    objects = document.scene.objects
+    indices = (document.active, *document.others)
+    free = [i for i in indices if not (objects[i].hidden or objects[i].locked)]
+    depths = [_depth_at(document.scene.placed(i, document.at), point) for i in free]
     nearest = min(depths, default=math.inf)
-    return free[depths.index(nearest)].number if nearest < math.inf else document.number
+    return free[depths.index(nearest)] if nearest < math.inf else document.active
 
 
-def _depth_at(one: SceneObject, point: FloatArray) -> float:
-    """Of its surface as seen at ``point``; infinite beside it."""
-    mesh = one.registration.mesh
-    if not within(point, one.pose, mesh, 0.0):
+def _depth_at(one: PlacedModel, point: FloatArray) -> float:
+    """The depth of a surface as seen at ``point``; infinite beside it."""
+    if not within(point, one.pose, one.mesh, 0.0):
         return math.inf
-    place = surface_point(mesh, one.pose, point)
+    place = surface_point(one.mesh, one.pose, point)
     return math.inf if place is None else float(one.pose.camera_from_model.apply(place)[2])
 
 

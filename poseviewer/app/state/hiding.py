@@ -11,14 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.api import FitResult
 from poseviewer.app.state.commands import Command
+from poseviewer.app.state.document import product
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
+from poseviewer.fit.occlusion import enlarged
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.photo import Photo
 from poseviewer.starts.placing import surface_hit
 
 Shape = Literal["brush", "polygon", "scribble"]
@@ -73,7 +74,7 @@ class Paint(Command, eq=False):
     stroke: Stroke
 
     def __call__(self, session: Session) -> Session:
-        photo = session.document.registration.photo
+        photo = session.document.photo
         return _painted(session, self.stroke.covers(photo.width, photo.height), self.stroke.erase)
 
 
@@ -86,7 +87,7 @@ class PaintFound(Command, eq=False):
     erase: bool = False
 
     def __call__(self, session: Session) -> Session:
-        if session.document.registration.photo is not self.photo:  # another one by now
+        if session.document.photo is not self.photo:  # another one by now
             return session
         return _painted(session, self.where, self.erase)
 
@@ -95,9 +96,9 @@ class Unhide(Command):
     """All pixels count again."""
 
     def __call__(self, session: Session) -> Session:
-        if session.document.registration.mask is None:
+        if session.document.mask is None:
             return session
-        return session.with_document(session.document.compared_by(mask=None))
+        return session.with_document(session.document.with_mask(None))
 
 
 class Erase(Command):
@@ -117,14 +118,12 @@ class LeaveOut(Command):
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        mesh = document.registration.mesh
+        mesh = document.mesh
         found = surface_hit(mesh, document.pose, np.array([self.x, self.y]))
         if found is None:
             raise QuickStartError("There is no model there; press on the part to be left out.")
         part = mesh.part_names[mesh.face_part[found[0]]]
-        return session.with_document(
-            document.compared_by(mesh=mesh.without([*mesh.left_out, part]))
-        )
+        return session.with_document(document.with_mesh(mesh.without([*mesh.left_out, part])))
 
 
 class BringBack(Command):
@@ -133,51 +132,47 @@ class BringBack(Command):
     index: int
 
     def __call__(self, session: Session) -> Session:
-        mesh = session.document.registration.mesh
+        mesh = session.document.mesh
         if not 0 <= self.index < len(mesh.left_out):
             return session
         left = [name for i, name in enumerate(mesh.left_out) if i != self.index]
-        return session.with_document(session.document.compared_by(mesh=mesh.without(left)))
+        return session.with_document(session.document.with_mesh(mesh.without(left)))
 
 
 class TakeFound(Command):
     """What the search took for something in front is hidden from now on, to be corrected."""
 
     def __call__(self, session: Session) -> Session:
-        if found_hidden(session) is None:
+        found, document = found_hidden(session), session.document
+        if found is None:
             return session
-        document = session.document
-        mask, end = compared_mask(session), document.searched
-        registration = replace(document.registration, mask=mask)
-        end = None if end is None else replace(end, in_front=None)  # the same pixels were compared
-        return session.with_document(replace(document, registration=registration, end=end))
+        result, at = document.object.result, document.at
+        if result is not None:  # the same pixels were compared
+            hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
+            document = document.with_object(result=replace(result, hidden=hidden))
+        mask = product((document.mask, Mask.of(~found)))
+        return session.with_document(document.with_own(mask=mask))
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): what the search that led to the pose at hand took for something in front."""
-    ended, latest = session.document.searched, session.own_search
-    if ended is not None:
-        return ended.in_front
-    if latest is None or session.searching:
+    own, latest = session.document, session.own_search
+    if own.object.result is not None:
+        return own.object.result.hidden[own.at] if own.object.result.hidden else None
+    if latest is None or session.searching or not latest.progress.hidden:
         return None
-    return FitResult(latest.case, latest.progress.pose, latest.progress).hidden  # it was stopped
-
-
-def compared_mask(session: Session) -> Mask | None:
-    """What counts of the photo at the pose at hand: also without what the search took for something
-    in front, if it was found by one.
-    """
-    found, mask = found_hidden(session), session.document.registration.mask
-    if found is None:
-        return mask
-    return Mask.of(~found if mask is None else mask.weights * ~found)
+    views = zip(latest.problem.views, latest.progress.hidden, strict=True)  # it was stopped
+    view, hidden = next(pair for pair in views if pair[0].index == own.at)
+    if hidden is None:
+        return None
+    return enlarged(hidden, view.photo.factor, own.photo.width, own.photo.height)
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
-    photo, mask = session.document.registration.photo, session.document.registration.mask
+    photo, mask = session.document.photo, session.document.mask
     before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
     weights = np.where(where, np.float32(erase), before)
     if not np.array_equal(weights, before):
         mask = None if np.all(weights == 1.0) else Mask.of(weights)
-        session = session.with_document(session.document.compared_by(mask=mask))
+        session = session.with_document(session.document.with_mask(mask))
     return replace(session, strokes=session.strokes + 1)

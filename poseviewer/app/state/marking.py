@@ -71,9 +71,9 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
     Raises:
         QuickStartError: nothing can be marked there.
     """
-    registration, marks = document.registration, document.marks
+    marks = document.marks
     if tool == "wheels":
-        if registration.keypoints is None:
+        if document.model.keypoints is None:
             raise QuickStartError(
                 "The model has no wheels that poseviewer knows of; give MODEL.keypoints.json "
                 "beside it, or use point pairs."
@@ -86,10 +86,10 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
         return solved(_with_marks(document, tool, pairs), tool)
     if len(marks.pairs) == MOST_PAIRS:
         raise QuickStartError(f"{MOST_PAIRS} point pairs are enough; remove one first.")
-    found = surface_point(registration.mesh, document.pose, point)
+    found = surface_point(document.mesh, document.pose, point)
     if found is None:
         raise QuickStartError("There is no model there; click a point of the model as it is drawn.")
-    return replace(document, marks=replace(marks, pairs=(*marks.pairs, Pair(found)), note=""))
+    return document.with_marks(pairs=(*marks.pairs, Pair(found)), note="")
 
 
 def without_mark(document: Document, tool: str, index: int) -> Document:
@@ -110,18 +110,16 @@ def without_marks(document: Document, tool: str) -> Document:
     """Without all marks of a tool; the pose stays. The same object if there are none."""
     if not _marks_of(document, tool):
         return document
-    document = _with_marks(document, tool, ())
-    return replace(document, marks=replace(document.marks, note=""))
+    return _with_marks(document, tool, ()).with_marks(note="")
 
 
 def solved(document: Document, tool: str) -> Document:
     """With the pose that the marks of a tool give; where they give none it stays, with a note."""
-    marks = replace(document.marks, note="")
     try:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)
     except QuickStartError as error:
-        return replace(document, marks=replace(marks, note=str(error)))
-    return replace(document, marks=marks, pose=pose or document.pose)
+        return document.with_marks(note=str(error))
+    return (document if pose is None else document.at_pose(pose)).with_marks(note="")
 
 
 def pairs_done(document: Document) -> int:
@@ -139,8 +137,7 @@ def _marks_of(document: Document, tool: str) -> tuple:
 
 
 def _with_marks(document: Document, tool: str, marks: tuple) -> Document:
-    changed = {"rims" if tool == "wheels" else "pairs": marks}
-    return replace(document, marks=replace(document.marks, **changed))
+    return document.with_marks(**{"rims" if tool == "wheels" else "pairs": marks})
 
 
 def _pose_of_pairs(document: Document) -> Pose | None:
@@ -152,12 +149,12 @@ def _pose_of_pairs(document: Document) -> Pose | None:
     if free and isinstance(pose.camera, Perspective):
         return focal_from_pairs(points, pixels, pose.camera).fit.pose
     fits = poses_from_pairs(points, pixels, pose.camera)
-    return likeliest(fits, points, document.registration.mesh, pose).pose
+    return likeliest(fits, points, document.mesh, pose).pose
 
 
 def _pose_of_wheels(document: Document) -> Pose | None:
     """The pose of two wheels; None: they are not both outlined yet."""
-    ellipses, keypoints = document.marks.ellipses, document.registration.keypoints
+    ellipses, keypoints = document.marks.ellipses, document.model.keypoints
     if len(ellipses) < WHEELS or keypoints is None:
         return None
     return poses_from_wheels(Wheels(*ellipses), keypoints, document.pose.camera)[0].pose

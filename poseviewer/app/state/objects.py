@@ -1,18 +1,16 @@
-"""What a user asks of the objects of a document, of the photos of its set, and of a model's
-symmetry: which is picked, or large; one more, one less; which poses are one.
+"""What a user asks of the objects of a document, of its views, and of a model's symmetry: which is
+active, or large; one more, one less; which poses are one.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from poseviewer.app.state.commands import Command, WorkerUpdate
-from poseviewer.app.state.document import SceneObject
-from poseviewer.app.state.photo_set import FEWEST_COMPARED
-from poseviewer.app.state.session import Outlines, Session, Strip
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import Outlines, Session
 from poseviewer.errors import SettingsError
-from poseviewer.fit.registration import LoadedModel, Registration
+from poseviewer.fit.scene import InView, LoadedModel, SceneObject
 from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
@@ -27,37 +25,44 @@ class PickObject(Command):
     number: int
 
     def __call__(self, session: Session) -> Session:
-        return session.picking(self.number)
+        index = session.document.index_of(self.number)
+        return session if index is None else session.with_active(index)
 
 
 class AddObject(Command, eq=False):
-    """One more object of a model that is ready, picked, and to be put where the photo has it; None:
-    of the picked one's model.
+    """One more object of a model that is ready, active, and to be put where a photo has it; None:
+    of the active one's model.
     """
 
     model: LoadedModel | None = None
-    path: Path | None = None
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        own, path = replace(document.registration, warnings=()), document.model_path
-        if self.model is not None:
-            own, path = own.with_model(self.model), self.path
-        pose = look_from("three-quarter", own.mesh, own.keypoints, document.pose.camera)
-        own = replace(own, start=pose, start_is_guess=True, mask=None)
-        settings = replace(document.settings, region=None, lock=())
-        return _with(session, SceneObject(own, pose, settings, model_path=path))
+        added = session.with_document(with_added(document, self.model or document.model))
+        return replace(added, tool="pose", look=replace(added.look, hidden=False))
 
 
-def _with(session: Session, new: SceneObject) -> Session:
-    if session.document.views is not None:
+def with_added(document: Document, model: LoadedModel) -> Document:
+    """The document with one more object of a model, active, compared as the one before.
+
+    Raises:
+        SettingsError: there are too many, the models are in different units, or the scale of
+            several views is not known.
+    """
+    if len(document.scene.objects) >= MOST_OBJECTS:
+        raise SettingsError(f"{MOST_OBJECTS} objects are the most in one scene; remove one first")
+    like, unit = document.object, model.mesh.unit
+    if unit and like.model.mesh.unit not in (None, unit):
         raise SettingsError(
-            "a set of photos has one object: open one of its photos alone to add another"
+            f"{model.name} is in {unit}, {like.model.name} in {like.model.mesh.unit}: the models "
+            "of a scene have to be in one unit; scale one of the files"
         )
-    if len(session.document.objects) >= MOST_OBJECTS:
-        raise SettingsError(f"{MOST_OBJECTS} objects are the most in one photo; remove one first")
-    added = session.with_document(session.document.with_object(new))
-    return replace(added, tool="pose", look=replace(added.look, hidden=False))
+    pose = look_from("three-quarter", model.mesh, model.keypoints, document.pose.camera)
+    place = document.view.world_from_model(pose, like.world_from_model.scale)
+    settings = replace(like.settings, lock=())
+    in_views = tuple(InView(is_compared=own.is_compared) for own in like.in_views)
+    new = SceneObject("", model, place, settings, in_views=in_views, is_placed=False)
+    return document.with_new(new)
 
 
 class RemoveObject(Command):
@@ -67,11 +72,12 @@ class RemoveObject(Command):
 
     def __call__(self, session: Session) -> Session:
         document = session.document
-        if document.numbered(self.number) is None:
+        index = document.index_of(self.number)
+        if index is None:
             return session
-        if not document.others:
+        if len(document.scene.objects) == 1:
             raise SettingsError("this is the only object; open another model in its place")
-        return session.with_document(document.without(self.number))
+        return session.with_document(document.without(index))
 
 
 class AlterObject(Command):
@@ -83,9 +89,10 @@ class AlterObject(Command):
     name: str | None = None
 
     def __call__(self, session: Session) -> Session:
-        one = session.document.numbered(self.number)
-        if one is None:
+        index = session.document.index_of(self.number)
+        if index is None:
             return session
+        one = session.document.scene.objects[index]
         name = None if self.name is None else self.name[:LONGEST_NAME]
         given = {"hidden": self.hidden, "locked": self.locked, "name": name}
         changes = {key: value for key, value in given.items() if value is not None}
@@ -94,13 +101,13 @@ class AlterObject(Command):
         # One step back leads to before the whole of a name, not to its first letter.
         what = f"name {self.number}"
         typed_on = session.typed == (what, session.document) and not session.history.future
-        document = session.document.altered(self.number, **changes)
+        document = session.document.with_object(index, **changes)
         altered = session.with_document(document, same_step=typed_on and name is not None)
         return altered if name is None else replace(altered, typed=(what, document))
 
 
 class OutlinesDrawn(WorkerUpdate, eq=False):
-    """A worker has drawn the objects that are not picked."""
+    """A worker has drawn what is drawn beside the active object."""
 
     outlines: Outlines
 
@@ -109,54 +116,37 @@ class OutlinesDrawn(WorkerUpdate, eq=False):
 
 
 class LookAt(Command):
-    """Another photo of the set is the large one. No step: undo leads to what was done before; a
-    search goes on.
-    """
+    """Another view is large. No step: undo leads to what was done before; a search goes on."""
 
     index: int
 
     def __call__(self, session: Session) -> Session:
-        return session.looking_at(self.index)
+        is_there = 0 <= self.index < len(session.document.scene.views)
+        return session.with_view(self.index) if is_there else session
 
 
-class ComparePhoto(Command):
-    """Compare a photo of the set, or leave it out."""
+class CompareView(Command):
+    """Compare the active object with a view, or leave it out."""
 
     index: int
     on: bool
 
     def __call__(self, session: Session) -> Session:
-        views = session.document.views
-        if views is None or not 0 <= self.index < len(views.compared):
+        document = session.document
+        compared = [own.is_compared for own in document.object.in_views]
+        if not 0 <= self.index < len(compared) or compared[self.index] is self.on:
             return session
-        compared = list(views.compared)
-        if compared[self.index] is self.on:
-            return session
-        compared[self.index] = self.on
-        if sum(compared) < FEWEST_COMPARED:
-            raise SettingsError(
-                f"{FEWEST_COMPARED} photos at least are compared: switch another one on first"
-            )
+        if not self.on and sum(compared) == 1:
+            raise SettingsError("one photo at least is compared: switch another one on first")
         # What a search said was said by other photos.
-        document = session.document.unsearched
-        assert document.views is not None  # as before
-        views = replace(document.views, compared=tuple(compared))
-        return session.with_document(replace(document, views=views))
+        changed = document.with_view(self.index).with_own(is_compared=self.on)
+        return session.with_document(changed.with_object(result=None).with_view(document.at))
 
 
-class StripDrawn(WorkerUpdate, eq=False):
-    """A worker has drawn the model in all photos of the set."""
-
-    strip: Strip
-
-    def __call__(self, session: Session) -> Session:
-        return replace(session, strip=self.strip)
-
-
-def symmetry_text(own: Registration) -> str:
+def symmetry_text(model: LoadedModel) -> str:
     """Which poses count as one."""
-    if own.whole_symmetry.is_none:
+    if model.whole_symmetry.is_none:
         return "all poses are told apart"
-    if own.symmetry.is_none:
+    if model.symmetry.is_none:
         return "with parts left out, all poses are told apart"
-    return f"poses are one that differ by {own.symmetry.words}"
+    return f"poses are one that differ by {model.symmetry.words}"

@@ -13,21 +13,23 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.api import Case
-from poseviewer.app.state.document import Document, History, SceneObject, SearchEnd
+from poseviewer import api
+from poseviewer.app.state.document import Document, History, compared
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
-from poseviewer.fit.landscape import Slice
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.scene import Scene, SearchResult
+from poseviewer.fit.search import Placing
 from poseviewer.fit.settings import METHODS, FitSettings, Method
+from poseviewer.fit.slices import Slice
 from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import StartQuery
 
 Whose = Literal["chosen", "default", "paper", "both"]
@@ -37,29 +39,41 @@ Whose = Literal["chosen", "default", "paper", "both"]
 class OverlayRequest:
     """What is to be drawn."""
 
-    registration: Registration
-    settings: FitSettings
-    pose: Pose
-    anchor: Pose
-    """The pose that the compared pixels are about: fixed while the model moves, so that losses on
-    the way can be compared."""
+    document: Document
+    anchor: Scene
+    """Where the compared pixels are about: fixed while the model moves, so that losses on the way
+    can be compared."""
     look: str
     opacity: float = 0.8
     moving: bool = False
     """Whether the next pose will follow at once: then the quick drawing is all there is."""
-    document: Document | None = None
-    """Of a set, whose loss is the mean over its photos."""
 
     def compares_same(self, other: OverlayRequest) -> bool:
-        """Whether both compare the same pixels by the same loss."""
-        same = self.registration.compares_same(other.registration)
-        if self.document is not None and other.document is not None:
-            same = same and self.document.compares_same(other.document)
-        return same and self.anchor is other.anchor and self.settings == other.settings
+        """Whether both compare the same pixels by the same loss, of the same photo large."""
+        documents = self.document, other.document
+        mine, its = (
+            compared(self.anchor, documents[0].active),
+            compared(other.anchor, documents[1].active),
+        )
+        return documents[0].shows_same(documents[1]) and mine == its
 
     def has_loss_of(self, other: OverlayRequest) -> bool:
         """Whether the losses of both are one."""
-        return self.pose is other.pose and self.compares_same(other)
+        return self.document.pose is other.document.pose and self.compares_same(other)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Losses:
+    """What the photos leave unexplained where the active object is."""
+
+    mean: Unexplained | None = None
+    """Over the views that are compared; None where it cannot be told."""
+    note: str = ""
+    """Why not."""
+    start: float | None = None
+    """The loss where the compared pixels are about: where a drag began."""
+    of_views: Mapping[int, Unexplained] = field(default_factory=dict)
+    """By the indices of the views that are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,81 +83,56 @@ class Overlay:
     request: OverlayRequest
     outline: FloatArray
     """(N, 2, 2): line segments in px of the photo."""
-    picture: NDArray[np.uint8] | None
+    losses: Losses
+    picture: NDArray[np.uint8] | None = None
     """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
-    place: tuple[float, float, float, float]
+    place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """Where the picture lies: left, top, width, height in px of the photo."""
-    unexplained: Unexplained | None
-    """The loss at the pose; None where it cannot be told."""
-    note: str = ""
-    """Why there is no loss, or no such look."""
     loss_is_current: bool = True
-    """False: the loss is still that of the pose before, its own will follow."""
-    start_loss: float | None = None
-    """Of the pose that the pixels are about: where a drag began."""
-    of_photos: Mapping[int, Unexplained] = field(default_factory=dict)
-    """The losses of the photos of a set by their numbers, as far as they are compared."""
-
-    def with_loss_of(self, other: Overlay, is_current: bool) -> Overlay:
-        """The same drawing with the loss, or why there is none, of another."""
-        return replace(
-            self,
-            unexplained=other.unexplained,
-            start_loss=other.start_loss,
-            of_photos=other.of_photos,
-            note=other.note,
-            loss_is_current=is_current,
-        )
+    """False: the losses are still those of the pose before, its own will follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlines:
-    """What is drawn of the objects that are not picked."""
+    """What is drawn beside the active object."""
 
     lines: Mapping[int, FloatArray]
-    """(N, 2, 2) by their numbers: line segments in px of the photo."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Strip:
-    """The model in each photo of a set."""
-
-    poses: tuple[Pose, ...]
-    """At which it is drawn."""
-    lines: tuple[FloatArray, ...]
-    """(N, 2, 2) each: line segments, in shares of the photo's width and height."""
+    """Other objects in the large view, (N, 2, 2) by their numbers: line segments in px."""
+    small: tuple[Mapping[int, FloatArray], ...] = ()
+    """For each of several views all objects, (N, 2, 2) in shares of the photo's width and
+    height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchUpdate:
     """A search after one more evaluation."""
 
-    case: Case
-    """What is searched, from the pose that the search began at."""
-    progress: FitProgress
+    index: int
+    """The object that is at its turn."""
+    placings: Mapping[int, Placing]
+    """The last search for each object that had its turn."""
+    results: Mapping[int, SearchResult]
+    """What is said of the objects whose last search is over."""
+    settings: FitSettings
+    """By which the object is searched for."""
     improvements: tuple[FitProgress, ...]
     """The progress at each evaluation that found a better pose, the first one among them."""
     restarts: tuple[FitProgress, ...] = ()
     """The progress at the first evaluation of each restart."""
+    is_over: bool = False
+    """Whether it is the last one."""
     ends: tuple[MethodEnd, ...] = ()
     """Of the last update of a search by several methods: where each of them has ended."""
-    together: Together | None = None
-    """Of a search for several objects."""
-    of_photos: tuple[SearchEnd, ...] = ()
-    """Of the last update of a search over a set: what was found, for each of its photos."""
 
+    @property
+    def problem(self) -> FitProblem:
+        """What the search under way compares."""
+        return self.placings[self.index].problem
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Together:
-    """How a search for several objects stands, which is at one of them."""
-
-    number: int
-    """Of the object that the update is of."""
-    poses: Mapping[int, Pose]
-    """Of all objects that are searched for, by their numbers."""
-    ends: Mapping[int, SearchEnd]
-    """What was found, by the numbers of the objects whose last search is over."""
-    is_over: bool = False
+    @property
+    def progress(self) -> FitProgress:
+        """The search under way."""
+        return self.placings[self.index].progress
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +146,7 @@ class MethodEnd:
     @property
     def settings(self) -> FitSettings:
         """By which it was searched."""
-        return self.update.case.settings
+        return self.update.settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +154,8 @@ class LandscapeUpdate:
     """The maps about a pose, as far as they are known."""
 
     centre: Pose
-    case: Case
+    case: api.Scene
+    """About the object whose loss it is."""
     parameters: FloatArray
     """(d,): the centre in the case's chart."""
     half_width: float
@@ -211,15 +201,14 @@ class Search:
     """A search that runs, or whose result awaits a word."""
 
     number: int
-    before: Document
-    start: Pose
+    start: Document
     """What it begins at."""
     methods: tuple[FitSettings, ...]
-    """By which it is searched, one after the other, each from the start."""
+    """By which the active object is searched for, one after the other, each from the start."""
+    indices: tuple[int, ...]
+    """Of the objects that are searched for, in turn."""
     running: bool = True
     latest: SearchUpdate | None = None
-    objects: tuple[SceneObject, ...] = ()
-    """Those that are searched for in turn; none: the picked one alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,14 +223,16 @@ class ProposedStarts:
     """The likeliest first."""
     index: int = 0
     """The one that is shown."""
+    shown: Document | None = None
+    """The document that showing it led to."""
 
     @property
     def query(self) -> StartQuery:
         """What they are looked for, with the camera at hand."""
-        own, settings = self.document.registration, self.document.settings
-        camera, box = self.document.pose.camera, self.document.marks.box or settings.region
-        rectangle = None if box is None else Rectangle(*box)
-        return StartQuery(own.photo, own.mesh, own.keypoints, camera, rectangle, settings, own.mask)
+        own = self.document
+        box, settings = own.marks.box or own.region, replace(own.settings, region=own.region)
+        model = own.model.mesh, own.model.keypoints
+        return StartQuery(own.photo, *model, own.pose.camera, box, settings, own.mask)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,13 +278,10 @@ class Session:
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
     outlines: Outlines | None = None
-    """Of the objects that were not picked when they were drawn."""
-    strip: Strip | None = None
-    """Of the photos of the set."""
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
-    anchor: Pose | None = None
-    """The pose that the compared pixels are about (see ``OverlayRequest``)."""
+    anchor: Scene | None = None
+    """Where the compared pixels are about (see ``OverlayRequest``); None: the document's."""
     saved: Document | None = None
     """What stands in a file."""
     typed: tuple[str, Document] | None = None
@@ -302,16 +290,22 @@ class Session:
     """What the last command could not do, and why: a sentence for the user."""
 
     @property
-    def covariance(self) -> PoseCovariance | None:
-        """How sure the pose at hand is; None where no search has said it."""
-        return self.covariance_in(self.document.registration.photo)
+    def compared(self) -> Scene:
+        """Where the compared pixels are about."""
+        return self.anchor or self.document.scene
 
-    def covariance_in(self, photo: Photo) -> PoseCovariance | None:
-        """The same of the pose in a photo: that at hand, or another of the set."""
-        found, views = self.document.searched, self.document.views
-        if found is not None and views is not None:
-            found = self.document.own_of_photos[views.index_of(photo)].end
-        return None if found is None else found.record.covariance
+    def covariance_in(self, view: int) -> PoseCovariance | None:
+        """Covariance of the active object's pose in a view; None where no search has said it."""
+        own, result = self.document, self.document.object.result
+        if result is None or result.verdict is None or result.verdict.covariance is None:
+            return None
+        sure, views = result.verdict.covariance, own.scene.views
+        if result.view == view:
+            return sure
+        turn = views[view].camera_from_world @ views[result.view].camera_from_world.inverse()
+        shift = turn.translation / own.object.world_from_model.scale
+        turn = RigidTransform(turn.rotation, shift)
+        return sure.seen_from(turn, own.scene.pose(own.active, view), own.mesh)
 
     @property
     def paths(self) -> frozenset[Path]:
@@ -334,15 +328,11 @@ class Session:
 
     @property
     def own_search(self) -> SearchUpdate | None:
-        """The newest of the search, where it is for the picked object; of a set, where it is told
-        by the large photo's camera.
-        """
-        latest = None if self.search is None else self.search.latest
-        if latest is None or latest.together is None:
-            own, views = self.document.registration, self.document.views
-            is_elsewhere = latest is not None and latest.case.registration.photo is not own.photo
-            return None if views is not None and is_elsewhere else latest
-        return latest if latest.together.number == self.document.number else None
+        """The newest of the search, where it is for the active object, by the view's camera."""
+        latest, own = None if self.search is None else self.search.latest, self.document
+        if latest is None or latest.index != own.active:
+            return None
+        return latest if latest.problem.views[0].index == own.at else None
 
     def settings_by(self, method: Method) -> FitSettings:
         """The settings at hand, by a method."""
@@ -359,10 +349,7 @@ class Session:
     @property
     def unsaved(self) -> bool:
         """Whether a pose at hand, or what is compared there, stands in no file."""
-        own, kept = self.document, self.saved
-        if kept is None or len(own.objects) != len(kept.objects):
-            return True
-        return not all(map(SceneObject.is_placed_same, own.objects, kept.objects))
+        return self.saved is None or self.saved.placement != self.document.placement
 
     def at(self, history: History, document: Document) -> Session:
         """At another document of a history, a search ended; maps and overlay of another photo or
@@ -374,41 +361,31 @@ class Session:
             history=history,
             document=document,
             search=None,
-            anchor=document.pose,
+            anchor=document.scene,
             landscapes=self.landscapes if same else (),
             ends=self.ends if same else (),
             overlay=self.overlay if same else None,
         )
 
-    def picking(self, number: int) -> Session:
-        """With another of the objects picked, which is no step; the same where it is picked."""
-        document = self.document.picking(number)
+    def with_active(self, index: int) -> Session:
+        """With another object active, which is no step; the same where it is."""
+        document = self.document.with_active(index)
         return self if document is self.document else self.at(self.history, document)
 
-    def looking_at(self, index: int) -> Session:
-        """With another photo of the set large, which is no step; what is searched goes on.
+    def with_view(self, index: int) -> Session:
+        """With another view large, which is no step; what is searched goes on.
 
         Raises:
-            SettingsError: the model is behind that photo's camera.
+            SettingsError: the model is behind that view's camera.
         """
-        before, document = self.document.views, self.document.looking_at(index)
-        if before is None or document is self.document:
+        document = self.document.with_view(index)
+        if document is self.document:
             return self
         if not is_in_sight(document):
-            raise SettingsError(f"{before.names[index]} does not show the model where it is now")
-        anchor = self.anchor or self.document.pose
-        poses = before.poses if anchor is self.document.pose else ()
-        poses = poses or before.views.posed(before.at, anchor, before.scale)
-        return replace(
-            self,
-            document=document,
-            anchor=poses[index],
-            landscapes=(),
-            overlay=None,
-            proposals=None,
-            drag=None,
-            before_drag=None,
-        )
+            name = document.view.name
+            raise SettingsError(f"{name} does not show the model where it is now")
+        kept = {"anchor": self.compared, "landscapes": (), "overlay": None, "proposals": None}
+        return replace(self, document=document, drag=None, before_drag=None, **kept)
 
     def with_document(self, document: Document, same_step: bool = False) -> Session:
         """One undoable step to another document; with ``same_step`` undo leads to before the step
@@ -423,7 +400,7 @@ class Session:
 
     def with_pose(self, pose: Pose) -> Session:
         """One undoable step to another pose; raises as ``with_document``."""
-        return self.with_document(replace(self.document, pose=pose))
+        return self.with_document(self.document.at_pose(pose))
 
     def with_error(self, text: str) -> Session:
         """The same with an error message: with a capital letter first, a full stop last."""
@@ -435,7 +412,7 @@ class Session:
 def is_in_sight(document: Document) -> bool:
     """Whether the model is in front of the camera, neither infinitely large nor infinitely far."""
     pose = document.pose
-    radius = radius_in_photo(pose, document.registration.mesh)
+    radius = radius_in_photo(pose, document.mesh)
     is_finite = bool(np.isfinite(pose.camera_from_model.translation).all())
     return 0.0 < radius < math.inf and is_finite
 

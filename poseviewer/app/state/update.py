@@ -8,9 +8,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from poseviewer.app.state.cameras import with_camera
+from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.commands import UNLOCK, Command, Release
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError, SettingsError, SingularChartError
 from poseviewer.geometry.charts import OutsideChartError
@@ -38,7 +38,7 @@ def update(session: Session, command: Command) -> Session:
         found = command(before)
         if not command.goes_back:
             _require_unlocked(before.document, found.document)
-        _require_known_camera(found.document)
+        _require_known_cameras(before.document, found.document)
         return found
     except REFUSALS as error:
         return session.with_error(str(error))
@@ -51,24 +51,27 @@ def _require_unlocked(before: Document, now: Document) -> None:
         SettingsError: it is not.
     """
     is_same = before.shows_same(now) and before.pose is not now.pose
-    if not (is_same and before.locked and now.locked):
+    if not (is_same and before.object.locked and now.object.locked):
         return
-    kept = with_camera(before.pose, now.pose.camera, now.registration.mesh.centre)
+    kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)
     ways = (pose.camera_from_model for pose in (kept, now.pose))
     (rotation, place), (its_rotation, its_place) = ((w.rotation, w.translation) for w in ways)
     if not (np.allclose(rotation, its_rotation) and np.allclose(place, its_place)):
-        raise SettingsError(f"{now.label} is locked: {UNLOCK} to move it; nothing was changed")
+        label = label_of(now.object)
+        raise SettingsError(f"{label} is locked: {UNLOCK} to move it; nothing was changed")
 
 
-def _require_known_camera(now: Document) -> None:
-    """The cameras of a set are as the set has them.
+def _require_known_cameras(before: Document, now: Document) -> None:
+    """The cameras of several views stay as they are.
 
     Raises:
         SettingsError: another one is wanted.
     """
-    if now.views is not None and now.pose.camera != now.views.views.views[now.views.at].camera:
+    old, new = ([(v.photo, v.camera) for v in one.scene.views] for one in (before, now))
+    same_photos = [photo for photo, _ in old] == [photo for photo, _ in new]
+    if len(old) > 1 and same_photos and old != new:
         raise SettingsError(
-            "the cameras of a set are known: open this photo alone to change its camera"
+            "the cameras of several photos are known: open this photo alone to change its camera"
         )
 
 

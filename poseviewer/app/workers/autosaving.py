@@ -6,29 +6,28 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from poseviewer.app.state.document import Document, SceneObject
-from poseviewer.app.state.hiding import compared_mask
+from msgspec import structs
+
+from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import filed, masks_in_set
+from poseviewer.app.workers.exporting import filed_view, saved_scene
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError, sentence_of
 from poseviewer.files.masks import mask_path, save_pose_and_mask
-from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import SceneRecord, save_scene
+from poseviewer.files.scene_file import place_of, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
-    KeptSet,
     SessionFile,
     discard,
     left_behind,
 )
-from poseviewer.files.view_set import save_in_set
-from poseviewer.fit.settings import settings_as_json
-from poseviewer.geometry.mask import Mask
+from poseviewer.files.state.uploads import taken_out
+from poseviewer.files.structs import CameraNumbers
+from poseviewer.starts.loading import pose_record, record_of
 
 PERIOD_S = 0.5
 """While something moves the session is written so often: with the write itself and the main loop's
@@ -93,11 +92,9 @@ class Autosaver:
             return
         self._next = time.monotonic() + PERIOD_S
         self._saved = document
-        others = tuple(_as_picked(one, document.photo_path) for one in document.others)
-        kept = replace(_as_picked(document, document.photo_path), others=others)
 
         def write() -> Iterator[None]:
-            self._file.save(kept)
+            self._file.save(kept_of(document))
             if self._adopted:
                 self._discard_offered()
             yield
@@ -113,27 +110,28 @@ class Autosaver:
         self._file.close()
 
     def where(self, session: Session) -> str:
-        """The pose file's name, as it is shown; its folder is told when it is written."""
-        return self._pose_path(filed(session)).name
+        """The file's name, as it is shown; its folder is told when it is written."""
+        return self._path(session.document).name
 
-    def save_pose(self, session: Session, record: PoseRecord) -> Path:
-        """Write the pose, and the mask, beside the photo. A file that another session wrote is kept
-        as ``.bak``.
+    def save(self, session: Session) -> Path:
+        """Write the pose of one object in one photo with its mask, or else the scene, beside the
+        photo; files of ours that a scene names are copied to it. A file that another session wrote
+        is kept as ``.bak``.
 
         Raises:
-            PoseFileError: it cannot be written there.
+            PoseViewerError: it cannot be written there, or photo or models are no files.
         """
-        session = filed(session)
-        path = self._pose_path(session)
+        own, scene = session.document, saved_scene(session)
+        path = self._path(own)
         is_others = path.exists() and path not in self._own
         kept = [one for one in (path, mask_path(path)) if is_others and one.exists()]
         for one in kept:
             one.replace(one.with_suffix(f"{one.suffix}.bak"))
         try:
-            if session.document.views is not None and record.in_set is not None:
-                save_in_set(path, record, masks_in_set(session.document))
+            if is_alone(own):
+                save_pose_and_mask(path, pose_record(scene), scene.mask(0))
             else:
-                save_pose_and_mask(path, record, compared_mask(session))
+                save_scene(path, taken_out(path, record_of(scene), self._uploads))
         except PoseViewerError:
             for one in kept:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)
@@ -143,29 +141,19 @@ class Autosaver:
         self._writer.start(self._forget)
         return path
 
-    def save_scene(self, session: Session, scene: SceneRecord, masks: Mapping[str, Mask]) -> Path:
-        """Write all objects beside their photo, as ``save_pose`` does the picked one's pose."""
-        pose = self._pose_path(session)
-        path = pose.with_name(pose.name.removesuffix(".pose.json") + ".scene.json")
-        if path.exists() and path not in self._own:
-            path.replace(path.with_suffix(".json.bak"))
-        save_scene(path, scene, masks)
-        self._own.add(path)
-        return path
-
-    def _pose_path(self, session: Session) -> Path:
+    def _path(self, document: Document) -> Path:
         """Beside the photo; for uploads and the demo, which lie in folders of ours, where the
         program was started.
         """
-        path = session.document.photo_path
-        photo = session.document.registration.photo
+        view = document.scene.views[filed_view(document)]
+        path, ending = view.path, "pose.json" if is_alone(document) else "scene.json"
         if path is None or self._uploads in path.parents:
             # An uploaded name never becomes a path.
-            return Path.cwd() / f"photo-{photo.sha256[:8]}.pose.json"
+            return Path.cwd() / f"photo-{view.photo.sha256[:8]}.{ending}"
         folder = path.resolve().parent
         if not os.access(folder, os.W_OK) or folder.name in ("demo_files", "assets"):
             folder = Path.cwd()
-        return folder / f"{path.stem}.pose.json"
+        return folder / f"{path.stem}.{ending}"
 
     def _forget(self) -> Iterator[None]:
         self._file.close()
@@ -191,55 +179,32 @@ class Autosaver:
             self._offered = None
 
 
-def _as_picked(one: SceneObject, photo_path: Path | None) -> AutosavedSession:
-    """The session in which an object is the only one."""
-    own = one.registration
-    photo = own.photo
-    return AutosavedSession(
-        photo=_absolute(photo_path),
-        photo_name=photo.name,
-        photo_sha256=photo.sha256,
-        model=_absolute(one.model_path),
-        model_name=own.mesh_name,
-        pose=PoseRecord(
-            one.pose,
-            undistortion=photo.undistortion,
-            without=own.mesh.left_out,
-            symmetry=own.symmetry,
-        )
-        if one.searched is None
-        else one.searched.record,
-        start=PoseRecord(own.start, undistortion=photo.undistortion),
-        settings=settings_as_json(one.settings),
-        saved_at=time.time(),
-        mask=one.compared_mask,
-        number=one.number,
-        name=one.name,
-        hidden=one.hidden,
-        locked=one.locked,
-        views=_set_of(one),
+def kept_of(document: Document) -> AutosavedSession:
+    """All that is kept of a document."""
+    scene = document.scene
+    views = tuple(replace(view, path=_absolute(view.path)) for view in scene.views)
+    objects = tuple(
+        replace(one, model=replace(one.model, path=_absolute(one.model.path)))
+        for one in scene.objects
     )
-
-
-def _set_of(one: SceneObject) -> KeptSet | None:
-    views = one.views
-    if views is None:
-        return None
-    masks = {
-        name: own.mask
-        for name, own in zip(views.names, one.own_of_photos, strict=True)
-        if own.mask is not None
-    }
-    left = (name for name, on in zip(views.names, views.compared, strict=True) if not on)
-    folder = _absolute(views.choice.folder)
-    return KeptSet(
-        views.source.resolve(),
-        replace(views.choice, folder=folder),
-        views.scale,
-        views.start_scale,
-        views.free_size,
-        tuple(left),
-        masks,
+    record = record_of(replace(scene, views=views, objects=objects), canonical=False)
+    cameras = tuple(view.camera for view in views)
+    started = tuple(
+        structs.replace(
+            one,
+            start=place_of(state.start),
+            start_cameras=()
+            if state.cameras == cameras
+            else tuple(map(CameraNumbers.of, state.cameras)),
+        )
+        for one, state in zip(record.objects, document.states, strict=True)
+    )
+    return AutosavedSession(
+        saved_at=time.time(),
+        active_object=document.object.id,
+        active_view=document.at,
+        photo_names=tuple(view.photo.name for view in views),
+        scene=structs.replace(record, objects=started),
     )
 
 

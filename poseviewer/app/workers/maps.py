@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.api import Case
-from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import LandscapeUpdate, Session
-from poseviewer.app.workers.jobs import case_at, set_case_at
+from poseviewer import api
+from poseviewer.app.state.document import Document, compared, reference_view
+from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
+from poseviewer.app.workers.jobs import case_of
 from poseviewer.app.workers.worker import lower_priority
-from poseviewer.fit.landscape import QUICK_SIZES, Slice, landscape, quick_level, strides
+from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
-from poseviewer.geometry.camera import Pose
+from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 SIZE = 41
 
@@ -32,10 +32,10 @@ class MapJob:
 
     document: Document
     """Document at hand: its pose is the maps' centre."""
-    anchor: Pose
-    """The pose that the compared pixels and the chart are about."""
-    case: Case | None
-    """A search's, from ``anchor``, to be used where its loss is mapped."""
+    anchor: Scene
+    """Where the compared pixels and the chart are about."""
+    search: SearchUpdate | None
+    """From ``anchor``; its problem is used where its loss is mapped."""
     losses: tuple[FitSettings, ...]
     half_width: float
     moving: bool
@@ -43,28 +43,25 @@ class MapJob:
     @classmethod
     def wanted(cls, session: Session, moving: bool) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
+        losses, width = session.mapped, session.maps.half_width
         latest = session.own_search
-        case = None if latest is None else latest.case
-        anchor = session.anchor or session.document.pose
-        if case is not None:
-            anchor = case.registration.start
-        view = session.maps
-        losses, width = session.mapped, view.half_width
-        return cls(session.document, anchor, case, losses, width, moving)
+        return cls(session.document, session.compared, latest, losses, width, moving)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
-        if other is None or not self._same_loss(other):
+        if other is None or not self.has_same_losses(other):
             return True
         if self.moving and other.moving and busy:
             return False  # coarse maps are soon done; a new start for every step shows none
         return self.document.pose is not other.document.pose or (other.moving and not self.moving)
 
-    def _same_loss(self, other: MapJob) -> bool:
+    def has_same_losses(self, other: MapJob) -> bool:
+        """Whether both are of the same losses, along the axes of the same camera."""
         same_maps = self.losses == other.losses and self.half_width == other.half_width
-        # In another photo of a set the maps are along that camera's axes.
-        same_photo = self.document.registration.photo is other.document.registration.photo
-        return same_photo and self.document.compares_same(other.document) and same_maps
+        same_maps = same_maps and self.document.shows_same(other.document)
+        own, its = (compared(job.anchor, job.document.active) for job in (self, other))
+        problems = [job.search and job.search.problem for job in (self, other)]
+        return same_maps and own == its and problems[0] is problems[1]
 
 
 class MapMaker:
@@ -73,19 +70,19 @@ class MapMaker:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
         self._fine = RendererPool(renderer, threads=_spare(), begin=lower_priority)
-        self._quick: dict[Method, tuple[Case, Case, RendererPool]] = {}
-        self._cases: dict[Method, tuple[MapJob, Case]] = {}
+        self._quick: dict[Method, tuple[api.Scene, api.Scene, RendererPool]] = {}
+        self._cases: dict[Method, tuple[MapJob, api.Scene]] = {}
         self._prepared: Mesh | None = None
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
         was shown before is to stay until then.
         """
-        document, mesh = job.document, job.document.registration.mesh
+        document, mesh = job.document, job.document.mesh
         cases = [self._case(job, settings) for settings in job.losses]
         known: dict[Method, LandscapeUpdate] = {}
 
-        def made(case: Case, size: int | None) -> Iterator[LandscapeUpdate]:
+        def made(case: api.Scene, size: int | None) -> Iterator[LandscapeUpdate]:
             """The maps by one loss; with a ``size``, coarse ones."""
             method = case.settings.method
             shown = known[method].slices if method in known else ()
@@ -108,41 +105,34 @@ class MapMaker:
                 for _ in made(case, size):
                     yield tuple(known.values())
 
-    def _quick_case(self, case: Case, document: Document) -> tuple[Case, RendererPool]:
+    def _quick_case(self, case: api.Scene, document: Document) -> tuple[api.Scene, RendererPool]:
         """The case on a coarser level of each photo, and what draws it; made once."""
         method = case.settings.method
         if method not in self._quick or self._quick[method][0] is not case:
-            numbers = document.numbers_in(case.problem.chart, case.registration.photo)
+            numbers = document.numbers_in(case.problem)
             level, *more = (
                 quick_level(view, view.chart.to_pose(numbers), self._renderer)
-                for view in case.problem.views
+                for view in case.problem.alone
             )
             pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
             if method in self._quick:
                 self._quick[method][2].close()
-            pairs = zip(case.problem.others, more, strict=True)
-            others = tuple(replace(view, photo=its.photo) for view, its in pairs)
-            problem = replace(case.problem, photo=level.photo, others=others)
-            quick = replace(case, problem=problem, renderer=level.renderer)
+            pairs = zip(case.problem.views, (level, *more), strict=True)
+            views = tuple(replace(view, photo=its.photo) for view, its in pairs)
+            quick = case.comparing(replace(case.problem, views=views), level.renderer)
             self._quick[method] = case, quick, pool
         return self._quick[method][1:]
 
-    def _case(self, job: MapJob, settings: FitSettings) -> Case:
-        """The search's, where it is by these settings, or one about the job's anchor."""
-        if job.case is not None and job.case.settings == settings:
-            return job.case
+    def _case(self, job: MapJob, settings: FitSettings) -> api.Scene:
+        """About the job's anchor; as a search compares it, where that is by these settings."""
         before, kept = self._cases.get(settings.method, (None, None))
-        if (
-            before is None
-            or kept is None
-            or before.anchor is not job.anchor
-            or settings not in before.losses
-            or not before.document.compares_same(job.document)
-        ):
-            if job.document.views is None:
-                kept = case_at(job.document.registration, job.anchor, settings, self._renderer)
-            else:
-                kept = set_case_at(job.document, job.anchor, settings, self._renderer).whole
+        is_kept = before is not None and before.has_same_losses(job)
+        if kept is None or not is_kept:
+            own = job.document
+            view = reference_view(job.anchor, own.active, own.at)
+            kept = case_of(job.anchor, own.active, view, settings, self._renderer)
+            if job.search is not None and job.search.settings == settings:
+                kept = kept.comparing(job.search.problem, self._renderer)
             self._cases[settings.method] = job, kept
         return kept
 
@@ -153,7 +143,7 @@ def _spare() -> int:
 
 
 def maps(
-    case: Case,
+    case: api.Scene,
     document: Document,
     pool: RendererPool,
     half_width: float,
@@ -166,7 +156,7 @@ def maps(
     one is known.
     """
     problem, centre = case.problem, document.pose
-    parameters = document.numbers_in(problem.chart, case.registration.photo)
+    parameters = document.numbers_in(problem)
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
     slices = landscape(problem, pool, parameters, half_width=half_width, size=size, smooth=True)

@@ -1,48 +1,49 @@
-"""Outlines beside that of the model at hand: of the objects that are not picked, while the picked
-one is not dragged, and of the model in each photo of a set.
+"""Outlines beside that of the model at hand: of the objects that are not active, while the active
+one is not dragged, and of all objects in each of several views.
 """
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.app.state.document import SceneObject
-from poseviewer.app.state.objects import OutlinesDrawn, StripDrawn
-from poseviewer.app.state.session import Outlines, Session, Strip
+from poseviewer.app.state.document import stands
+from poseviewer.app.state.objects import OutlinesDrawn
+from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
+from poseviewer.fit.problem import is_seen
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import quick_silhouette, seen_lines
-from poseviewer.starts.view_set import is_seen
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 MOST_SAMPLES = 400_000
 """Most samples of the picture that tells which object hides which."""
 DRAWN_PX = 320
-"""Pixels of the longer side of the picture that an outline in a set's photo is found on: twice a
+"""Pixels of the longer side of the picture that a small photo's outline is found on: twice a
 thumbnail's."""
 
-Command = TypeVar("Command")
+Numbered = Mapping[int, PlacedModel]
 
 
-class OutlineWorker(Generic[Command]):
+class OutlineWorker:
     """A thread that draws outlines, one drawing at a time, when what they come from has changed."""
 
-    def __init__(self, name: str, notify: Callable[[], None]) -> None:
-        self._worker: Worker[Command] = Worker(name, notify)
-        self._drawn: tuple[object, ...] = ()
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._worker: Worker[OutlinesDrawn] = Worker("outlines", notify)
+        self._drawn: object = None
         self._renderers: dict[Mesh, SoftwareRenderer] = {}
+        self._lines: dict[tuple[Mesh, Pose], FloatArray] = {}
 
-    def take(self) -> Iterator[Command]:
+    def take(self) -> Iterator[OutlinesDrawn]:
         """Give what is new since the last call."""
         update = self._worker.take()
         if update is not None and update.item is not None:
@@ -52,81 +53,62 @@ class OutlineWorker(Generic[Command]):
         """End the thread."""
         self._worker.close()
 
-    def _is_idle(self, session: Session) -> bool:
-        return not self._worker.busy and session.preparation is None
-
-    def _start(self, draw: Callable[[], Command], *sources: object) -> None:
-        """``draw``, unless that was done from the very same objects last."""
-        if len(sources) == len(self._drawn) and all(map(operator.is_, sources, self._drawn)):
-            return
-        self._drawn = sources
-        self._worker.start(lambda: (draw() for _ in range(1)))
-
-    def _renderers_of(self, meshes: set[Mesh]) -> dict[Mesh, SoftwareRenderer]:
-        """Renderers of this thread, kept from one drawing to the next."""
-        kept = {mesh: made for mesh, made in self._renderers.items() if mesh in meshes}
-        new = {mesh: renderer_of(mesh).clone() for mesh in meshes - kept.keys()}
-        self._renderers = kept | new
-        return self._renderers
-
-
-class OthersWorker(OutlineWorker[OutlinesDrawn]):
-    """Draws the objects that are not picked."""
-
     def start(self, session: Session, moving: bool) -> None:
-        """Begin what is to be drawn by now. The picked object hides what is behind it only while it
+        """Begin what is to be drawn by now. The active object hides what is behind it only while it
         is at rest.
         """
-        shown = session.document.standing
-        at_rest = () if moving or not session.document.stands else (session.document,)
-        drawn = (*shown, *at_rest) if shown else ()
-        if self._is_idle(session):
-            sources = (part for one in drawn for part in (one.registration.mesh, one.pose))
-            self._start(
-                lambda: self._draw(shown, at_rest), *(one.number for one in drawn), *sources
-            )
+        own, scene = session.document, session.document.scene
+        numbers = [int(one.id) for one in scene.objects]
+        large = {numbers[index]: scene.placed(index, own.at) for index in own.others}
+        is_at_rest = large and not moving and stands(own.object)
+        front = [scene.placed(own.active, own.at)] if is_at_rest else []
+        shown = [index for index, one in enumerate(scene.objects) if not one.hidden]
+        views = range(len(scene.views)) if len(scene.views) > 1 else ()
+        small = [{numbers[i]: scene.placed(i, view) for i in shown} for view in views]
+        placed = [*large.values(), *front, *(one for view in small for one in view.values())]
+        drawn = [list(large), list(map(list, small)), [(one.mesh, one.pose) for one in placed]]
+        if drawn != self._drawn and not self._worker.busy and session.preparation is None:
+            self._drawn = drawn
+            self._worker.start(lambda: iter([self._draw(large, front, small, placed)]))
 
     def _draw(
-        self, shown: tuple[SceneObject, ...], picked: tuple[SceneObject, ...]
+        self,
+        large: Numbered,
+        front: Sequence[PlacedModel],
+        small: Sequence[Numbered],
+        placed: Sequence[PlacedModel],
     ) -> OutlinesDrawn:
-        """The outlines of what is shown, where neither of it nor what is picked hides them."""
-        renderers = self._renderers_of({one.registration.mesh for one in (*shown, *picked)})
-        pairs = [(one, renderers[one.registration.mesh]) for one in (*shown, *picked)]
-        count = len(shown)
-        lines = {one.number: quick_silhouette(r.mesh, r, one.pose) for one, r in pairs[:count]}
-        if count and len(pairs) > 1:
-            photo = shown[0].registration.photo
-            samples = min(1.0, (MOST_SAMPLES / (photo.width * photo.height)) ** 0.5)
-            found = visibility_of_depths([r.depth(one.pose.scaled(samples)) for one, r in pairs])
-            for index, one in enumerate(shown):
+        """Outlines in the large view, where neither what is drawn nor the ``front`` hides them, and
+        in the small ones.
+        """
+        kept = {one.mesh: self._renderers.get(one.mesh) for one in placed}
+        self._renderers = {mesh: own or renderer_of(mesh).clone() for mesh, own in kept.items()}
+        known, self._lines = self._lines, {}
+
+        def outline(one: PlacedModel, pose: Pose) -> FloatArray:
+            lines = known.get((one.mesh, pose))
+            if lines is None:
+                lines = quick_silhouette(one.mesh, self._renderers[one.mesh], pose)
+            self._lines[one.mesh, pose] = lines
+            return lines
+
+        def share(one: PlacedModel) -> FloatArray:
+            if not is_seen(one.mesh, one.pose):
+                return np.zeros((0, 2, 2))
+            camera = one.pose.camera
+            pose = one.pose.scaled(min(1.0, DRAWN_PX / max(camera.width, camera.height)))
+            return outline(one, pose) / np.array([pose.camera.width, pose.camera.height])
+
+        lines = {number: outline(one, one.pose) for number, one in large.items()}
+        models = [*large.values(), *front]
+        if lines and len(models) > 1:
+            camera = models[0].pose.camera
+            samples = min(1.0, (MOST_SAMPLES / (camera.width * camera.height)) ** 0.5)
+            depths = [self._renderers[one.mesh].depth(one.pose.scaled(samples)) for one in models]
+            found = visibility_of_depths(depths)
+            for index, number in enumerate(large):
                 seen = found.seen(index)
                 if not np.array_equal(seen, found.drawn[index]):
-                    lines[one.number] = seen_lines(lines[one.number], seen, samples)
-        return OutlinesDrawn(Outlines(lines))
-
-
-class StripWorker(OutlineWorker[StripDrawn]):
-    """Draws the model in every photo of the set, small."""
-
-    def start(self, session: Session) -> None:
-        """Begin what is to be drawn by now."""
-        document = session.document
-        views = document.views
-        if views is None or not self._is_idle(session):
-            return
-        poses, mesh = views.poses, document.registration.mesh
-        self._start(lambda: self._draw(mesh, poses), mesh, views.views, *poses)
-
-    def _draw(self, mesh: Mesh, poses: tuple[Pose, ...]) -> StripDrawn:
-        renderer = self._renderers_of({mesh})[mesh]
-        return StripDrawn(Strip(poses, tuple(_outline(mesh, renderer, pose) for pose in poses)))
-
-
-def _outline(mesh: Mesh, renderer: SoftwareRenderer, pose: Pose) -> FloatArray:
-    """(N, 2, 2): in shares of the photo; empty where it does not show the model."""
-    if not is_seen(mesh, pose):
-        return np.zeros((0, 2, 2))
-    camera = pose.camera
-    small = pose.scaled(min(1.0, DRAWN_PX / max(camera.width, camera.height)))
-    lines = quick_silhouette(mesh, renderer, small)
-    return lines / np.array([small.camera.width, small.camera.height])
+                    lines[number] = seen_lines(lines[number], seen, samples)
+        views = ({number: share(one) for number, one in view.items()} for view in small)
+        return OutlinesDrawn(Outlines(lines, tuple(views)))

@@ -10,18 +10,17 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LossComputed, OverlayDrawn
-from poseviewer.app.state.photo_set import PhotoSet
-from poseviewer.app.state.session import Overlay, OverlayRequest, Session
-from poseviewer.app.workers.jobs import compared_of
+from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Session
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import worst_registration_loss
-from poseviewer.fit.problem import loss_of, make_photo_attributes, shown_attributes
-from poseviewer.fit.registration import PlacedModel
+from poseviewer.fit.problem import ComparedView, loss_of, make_problem
+from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.unexplained import LossScale, Unexplained, mean_over
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.arrays import FloatArray
@@ -32,10 +31,9 @@ from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouet
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
 from poseviewer.render.types import AttributeImage, PhotoAttributes
-from poseviewer.starts.view_set import require_several
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
-    from poseviewer.render.software.renderer import SoftwareRenderer
+    from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 LARGEST_PICTURE = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""
@@ -45,159 +43,118 @@ SETTLED_S = 0.15
 """After so long without motion the fine drawing is begun."""
 
 
+NO_LINES = np.zeros((0, 2, 2))
+
+
 class OverlayDrawer:
     """Draws one model after another, for one thread; keeps what takes time to make."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         # A renderer keeps what helps with the next picture of the same size: one for each size.
         self._quick, self._fine, self._loss = renderer, renderer.clone(), renderer.clone()
-        self._last_loss: Unexplained | None = None
-        self._start_loss: float | None = None
+        self._losses = Losses()
         self._anchored: OverlayRequest | None = None
-        self._attributes: PhotoAttributes | None = None
-        self._compared: dict[int, PhotoAttributes] = {}
-        self._of_photos: dict[int, Unexplained] = {}
-        self._note = ""
+        self._views: tuple[ComparedView, ...] = ()
         self._shown_photo: object = None
         self._photo = np.zeros((0, 0, 3), np.uint8)
-        self._others: tuple[tuple[PlacedModel, ...], float] = ((), 1.0)
+        self._others: tuple[tuple[tuple[Mesh, Pose], ...], float] = ((), 1.0)
         self._nearest = np.zeros((0, 0), np.float32)
 
     def draw(self, request: OverlayRequest) -> Iterator[Overlay]:
         """A quick drawing, the same with the loss, and, unless the model is moving, a fine one."""
+        own, outline = request.document, NO_LINES
         lines = request.look in ("outline", "edges")
-        quick = self._overlay(request)
         if lines:
-            mesh, pose = request.registration.mesh, request.pose
-            quick = replace(quick, outline=quick_silhouette(mesh, self._quick, pose))
+            outline = quick_silhouette(own.mesh, self._quick, own.pose)
             if request.moving:
-                yield replace(quick, loss_is_current=False)
-        self._last_loss = self._find_loss(request)
+                yield Overlay(request, outline, self._losses, loss_is_current=False)
+        self._find_losses(request)
         if lines or request.look == "none":
-            yield self._overlay(request, quick.outline)
+            yield Overlay(request, outline, self._losses)
             if lines and not request.moving:
                 yield self._fine_lines(request)
         else:
             yield self._picture(request)
 
-    def _overlay(
-        self,
-        request: OverlayRequest,
-        outline: FloatArray | None = None,
-        picture: NDArray[np.uint8] | None = None,
-        place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-    ) -> Overlay:
-        outline = np.zeros((0, 2, 2)) if outline is None else outline
-        known = self._last_loss
-        return Overlay(
-            request,
-            outline,
-            picture,
-            place,
-            known,
-            self._note,
-            start_loss=self._start_loss,
-            of_photos=self._of_photos,
-        )
-
-    def _find_loss(self, request: OverlayRequest) -> Unexplained | None:
+    def _find_losses(self, request: OverlayRequest) -> None:
+        own, anchor = request.document, request.anchor
         if self._anchored is None or not request.compares_same(self._anchored):
-            self._anchored, self._attributes, self._note = request, None, ""
-            self._start_loss, self._compared = None, {}
-            about = replace(request.registration, start=request.anchor)
-            views = None if request.document is None else request.document.views
+            self._anchored, self._views = request, ()
+            # Which numbers are searched for is another matter.
+            plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
+            anchor = anchor.with_object(own.active, settings=plain)
+            view = reference_view(anchor, own.active, own.at)
             try:
-                if views is None:
-                    self._attributes = make_photo_attributes(about, request.settings)
-                else:
-                    self._compared = self._compare_set(request, views)
-                    self._attributes = self._compared.get(views.at)
+                self._views = make_problem(anchor, own.active, view)[0].views
             except PoseViewerError as error:
-                self._note = str(error)
-            else:
-                self._start_loss = self._read_all(request, request.anchor).loss
-        if self._start_loss is None:
-            return None
-        return self._read_all(request, request.pose)
+                self._losses = Losses(note=str(error))
+                return
+            self._losses = Losses(start=mean_over(tuple(self._read_all(own, anchor).values())).loss)
+        if self._views:
+            found = self._read_all(own, own.scene)
+            mean = mean_over(tuple(found.values()))
+            self._losses = replace(self._losses, mean=mean, of_views=found)
 
-    def _compare_set(self, request: OverlayRequest, views: PhotoSet) -> dict[int, PhotoAttributes]:
-        """The photos of a set that are compared, about the anchor."""
-        assert request.document is not None  # whose set it is
-        anchors = views.views.posed(views.at, request.anchor, views.scale)
-        found = compared_of(request.document, anchors)
-        require_several(views.views, [views.names[index] for index in found])
-        settings = replace(request.settings, region=None)
-        made = {i: make_photo_attributes(one, settings) for i, one in found.items()}
-        if len({LossScale.of(photo) for photo in made.values()}) > 1:  # one is grey: then all are
-            settings = replace(settings, grey=True)
-            made = {i: make_photo_attributes(one, settings) for i, one in found.items()}
-        return made
-
-    def _read_all(self, request: OverlayRequest, pose: Pose) -> Unexplained:
-        """The loss at a pose; of a set, the mean over its photos."""
-        if request.document is None or request.document.views is None:
-            assert self._attributes is not None  # who reads has made it
-            return self._read(self._attributes, request, pose)
-        views = request.document.views
-        poses = views.views.posed(views.at, pose, views.scale)
-        self._of_photos = {
-            index: self._read(photo, request, poses[index])
-            for index, photo in self._compared.items()
+    def _read_all(self, own: Document, scene: Scene) -> dict[int, Unexplained]:
+        """What each view leaves unexplained of the active object where it is in a scene."""
+        return {
+            view.index: self._read(view.photo, own, scene.pose(own.active, view.index))
+            for view in self._views
         }
-        return mean_over(tuple(self._of_photos.values()))
 
-    def _read(self, photo: PhotoAttributes, request: OverlayRequest, pose: Pose) -> Unexplained:
-        if not pose.camera_from_model.apply(request.registration.mesh.centre)[2] > 0.0:
+    def _read(self, photo: PhotoAttributes, own: Document, pose: Pose) -> Unexplained:
+        if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
             return Unexplained(LossScale.of(photo), worst_registration_loss(photo))
         moments = self._loss.moments(pose, photo)
-        return LossScale.of(photo).read(loss_of(request.settings.method, moments, photo), moments)
+        return LossScale.of(photo).read(loss_of(own.settings.method, moments, photo), moments)
 
     def _fine_lines(self, request: OverlayRequest) -> Overlay:
-        camera = request.pose.camera
-        scale = line_scale(camera.width, camera.height)
-        lines = find_lines(request.registration.mesh, self._fine, request.pose, scale)
+        pose = request.document.pose
+        scale = line_scale(pose.camera.width, pose.camera.height)
+        lines = find_lines(request.document.mesh, self._fine, pose, scale)
         if lines is None:
-            return self._overlay(request)
+            return Overlay(request, NO_LINES, self._losses)
         left, top, width, height = (
             float(getattr(lines.window, side)) for side in ("left", "top", "width", "height")
         )
         outline = silhouette(lines.covered, lines.window)
-        return self._overlay(request, outline, edge_layer(lines, scale), (left, top, width, height))
+        place = left, top, width, height
+        return Overlay(request, outline, self._losses, edge_layer(lines, scale), place)
 
     def _picture(self, request: OverlayRequest) -> Overlay:
-        photo = request.registration.photo
+        own, photo = request.document, request.document.photo
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
-        pose = request.pose.scaled(factor)
+        pose = own.pose.scaled(factor)
         size = (pose.camera.height, pose.camera.width)
         if self._shown_photo is not photo or self._photo.shape[:2] != size:
             self._shown_photo, self._photo = photo, photo.as_rgb8(size[1], size[0])
         relight: Relight | None = None
         if request.look in ("relit", "residual"):
-            if self._attributes is None:
-                return self._overlay(request)
-            attributes = shown_attributes(self._attributes)
-            lighting = recover_lighting(self._loss.moments(request.pose, attributes))
+            compared = next((view.photo for view in self._views if view.index == own.at), None)
+            if compared is None:
+                return Overlay(request, NO_LINES, self._losses)
+            attributes = shown_attributes(compared)
+            lighting = recover_lighting(self._loss.moments(own.pose, attributes))
 
             def relit(image: AttributeImage) -> FloatArray:
                 return lighting.apply(model_attributes(image, attributes))
 
             relight = relit
-        mesh = request.registration.mesh
-        view = ModelInPhoto(self._photo, mesh, self._fine, pose, relight, request.opacity)
+        view = ModelInPhoto(self._photo, own.mesh, self._fine, pose, relight, request.opacity)
         place = (0.0, 0.0, float(photo.width), float(photo.height))
         picture = draw_look(request.look, view)
-        others = request.registration.others
+        others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
         if others:
-            behind = self._depth_of(others, factor) < depth_image(PlacedModel(mesh, pose))
+            behind = self._depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
             picture = np.where(behind[..., None], self._photo, picture)
-        return self._overlay(request, None, picture, place)
+        return Overlay(request, NO_LINES, self._losses, picture, place)
 
-    def _depth_of(self, others: tuple[PlacedModel, ...], factor: float) -> DepthImage:
+    def _depth_of(self, others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
         """Depth of the nearest object in a photo drawn ``factor`` as large; kept while the others
         stay.
         """
         if self._others != (others, factor):
-            placed = [PlacedModel(one.mesh, one.pose.scaled(factor)) for one in others]
+            placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
             self._others = others, factor
             self._nearest = np.minimum.reduce([depth_image(one) for one in placed])
         return self._nearest
@@ -212,11 +169,11 @@ class SketchDrawer:
 
     def draw(self, request: OverlayRequest) -> Iterator[Overlay]:
         """One drawing, without a loss."""
-        mesh = request.registration.mesh
+        mesh = request.document.mesh
         if self._sketch is None or self._of is not mesh:
             self._of, self._sketch = mesh, Sketch(mesh)
-        outline = self._sketch.silhouette(request.pose)
-        yield Overlay(request, outline, None, (0.0, 0.0, 0.0, 0.0), None)
+        outline = self._sketch.silhouette(request.document.pose)
+        yield Overlay(request, outline, Losses())
 
 
 class OverlayWorkers:
@@ -249,16 +206,8 @@ class OverlayWorkers:
 
     def start(self, session: Session, moving: bool) -> None:
         """Begin what is to be drawn by now."""
-        document, look = session.document, session.look
-        request = OverlayRequest(
-            document.registration,
-            document.settings,
-            document.pose,
-            session.anchor or document.pose,
-            look.name,
-            look.opacity,
-            document=None if document.views is None else document,
-        )
+        look = session.look
+        request = OverlayRequest(session.document, session.compared, look.name, look.opacity)
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (
             self._loss_asked or self._loss.busy or session.searching
@@ -296,7 +245,9 @@ class OverlayWorkers:
             if update.error is not None:
                 if worker is not self._loss:
                     show_error(f"The model could not be drawn: {update.error}")
-            elif update.item is not None and _shows_same(update.item.request, session):
+            elif update.item is not None and update.item.request.document.shows_same(
+                session.document
+            ):
                 yield (LossComputed if worker is self._loss else OverlayDrawn)(update.item)
 
     def close(self) -> None:
@@ -309,11 +260,6 @@ class OverlayWorkers:
         self._loss_asked = True
         draw = self._drawers[1].draw
         self._loss.start(lambda: _last(draw(replace(request, moving=True))))
-
-
-def _shows_same(request: OverlayRequest, session: Session) -> bool:
-    own, its = request.registration, session.document.registration
-    return own.photo is its.photo and own.mesh is its.mesh
 
 
 def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:

@@ -12,22 +12,19 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import LayWheels, SetTool
 from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
+from poseviewer.app.state.objects import AddObject
 from poseviewer.app.state.requests import Download, Request, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
-from poseviewer.app.workers.opening import (
-    Opened,
-    open_file_set,
-    open_objects,
-)
+from poseviewer.app.workers.opening import Opened, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.registration import StartInputs
+from poseviewer.starts.loading import StartInputs, load_model, notes_of
 from poseviewer.starts.wheels import likely_wheels
 
 
@@ -86,7 +83,7 @@ class Tasks:
             # Other apps may have the same state folder.
             in_use = now.paths | files_of_sessions(self._state / "sessions")
             root = keep_set(self._uploads, upload.data, in_use=in_use)
-            at_hand = None if upload.adds else now.document.model_path
+            at_hand = None if upload.adds else now.document.model.path
             files = sort_set(files_below(root), upload.kind, at_hand)
             models = [gathered(self._uploads, model, in_use=in_use) for model in files.models]
             if not upload.adds:
@@ -94,8 +91,9 @@ class Tasks:
                 return
             if not models:
                 raise FileSetError(f"{display_name(upload.name)}: holds no model; choose one.")
-            objects, notes = open_objects(models)
-            yield Found(objects, (*notes, *files.notes))
+            loaded = [load_model(model) for model in models]
+            notes = (note for model in loaded for note in notes_of(model))
+            yield Found(tuple(map(AddObject, loaded)), (*notes, *files.notes))
 
         self.add(run, size=len(upload.data))
 
@@ -141,15 +139,14 @@ def find_wheels_in_region(session: Session) -> Iterator[Found]:
     Raises:
         QuickStartError: there is no region, or there are no wheels in it.
     """
-    document = session.document
-    own, region = document.registration, document.settings.region
+    own, region = session.document, session.document.region
     if region is None:
         raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-    inputs = StartInputs(own.photo, own.mesh, own.keypoints, own.mask)
-    photo, camera = own.photo, document.pose.camera
+    inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.mask)
+    photo, camera = own.photo, own.pose.camera
     is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
     found = likely_wheels(inputs, region, camera, is_guess)[0]
-    laid = LayWheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
+    laid = LayWheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
     yield Found((SetTool("wheels"), laid))
 
 
@@ -167,7 +164,7 @@ def grow(asked: Grow) -> Task:
     """The task that hides the thing below a scribble, or brings it back."""
 
     def run(session: Session) -> Iterator[Found]:
-        photo, stroke = session.document.registration.photo, asked.stroke
+        photo, stroke = session.document.photo, asked.stroke
         yield Found((PaintFound(photo, grown(photo, stroke), stroke.erase),))
 
     return run

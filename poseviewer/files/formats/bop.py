@@ -34,8 +34,8 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
-from poseviewer.files.scene import ObjectRecord, SceneRecord
+from poseviewer.files.pose import ModelReference, PoseRecord
+from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
@@ -103,13 +103,12 @@ def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written
 
 def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
     """Write a scene's objects as one image of the BOP scene ``out``; returns its number, too."""
-    first = replace(scene.objects[0].record, photo=scene.photo_reference)
-    number = _image_number(request, scene.photo.name)
+    first, number = scene.pose_record(0), _image_number(request, scene.views[0].path.name)
     entries = []
-    for one in scene.objects:
-        named = re.fullmatch(MODEL_NAME, one.model.name) or not one.id.isdecimal()
+    for index, one in enumerate(scene.objects):
+        named = re.fullmatch(MODEL_NAME, one.path.name) or not one.id.isdecimal()
         asked = request if named else replace(request, object_id=int(one.id))
-        entries.append(_entry(one.record, asked))
+        entries.append(_entry(scene.pose_record(index), asked))
     if str(number) in load_scene_file(out / POSES) and not request.overwrite:
         raise PoseFileError(
             f"{out / POSES}: image {number} is there already and was not touched; name another "
@@ -177,7 +176,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
     opened = load_photo(photo)
     camera = replace(image.camera, width=opened.width, height=opened.height)
     seen: Counter[int] = Counter()
-    objects = []
+    view, objects = ViewRecord.of(photo, camera), []
     for one in image.objects:
         seen[one.object_id] += 1
         again = f"-{seen[one.object_id]}" if seen[one.object_id] > 1 else ""
@@ -186,9 +185,8 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
             raise PoseFileError(f"{model}: no such model; name the folder of it with --model.")
         reference = ModelReference(model.name, unit=request.unit or UNIT)
         record = PoseRecord(Pose(camera, one.place), model=reference)
-        objects.append(ObjectRecord(f"{one.object_id}{again}", model, record))
-    reference = PhotoReference(None, camera.width, camera.height)
-    return SceneRecord(photo, reference, camera, tuple(objects))
+        objects.append(ObjectRecord.of(f"{one.object_id}{again}", model, record, view))
+    return SceneRecord(views=(view,), objects=tuple(objects))
 
 
 def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:

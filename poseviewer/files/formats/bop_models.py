@@ -15,7 +15,7 @@ import numpy as np
 
 from poseviewer.files.checks import Reading
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.symmetry import Symmetry
+from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 MODELS_INFO = "models_info.json"

@@ -23,8 +23,8 @@ from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}

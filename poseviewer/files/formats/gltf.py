@@ -43,7 +43,7 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import SceneRecord
+from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
@@ -81,7 +81,7 @@ def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Writte
 
 def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
     """Write a scene as a GLB file, in the camera's frame (glTF's axes) and, if known, metres."""
-    records = [one.record for one in scene.objects]
+    records = [scene.pose_record(index) for index in range(len(scene.objects))]
     known, matrices, span = before_camera(scene)
     unit = request.unit or next(
         (found for one in records if (found := unit_of(one, request)) is not None), None
@@ -92,10 +92,10 @@ def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> 
         place = as_4x4(OPENGL_FROM_OPENCV) @ place
         place[:3] *= scale
         matrix = place.T.reshape(-1).tolist()
-        nodes.append(file.add("nodes", name=one.label, mesh=index[one.model], matrix=matrix))
+        nodes.append(file.add("nodes", name=one.label, mesh=index[one.path], matrix=matrix))
     # From the file's world, OpenGL's axes, to the camera's.
-    of_camera = replace(records[0], pose=Pose(scene.camera, OPENGL_FROM_OPENCV.inverse()))
-    photo = replace(request, photo=request.photo or scene.photo)
+    of_camera = replace(records[0], pose=Pose(scene.views[0].camera, OPENGL_FROM_OPENCV.inverse()))
+    photo = replace(request, photo=request.photo or scene.views[0].path)
     nodes.append(file.add_camera("photo", of_camera.pose, span, scale))
     return _write_view(file, nodes, of_camera, span[1], scale, out, photo)
 
@@ -106,8 +106,9 @@ def before_camera(
     """The models of a scene by file; for each object camera from model (4, 4), OpenCV's axes, as
     large as in the photo; and the depths that hold them all.
     """
-    known = {path: load_mesh(path) for path in {one.model for one in scene.objects}}
-    pairs = [(one.record.pose, known[one.model]) for one in scene.objects]
+    known = {path: load_mesh(path) for path in {one.path for one in scene.objects}}
+    pairs = [(scene.pose(i), known[one.path]) for i, one in enumerate(scene.objects)]
+    camera = scene.views[0].camera
     # Parallel projection has no depth to keep, but what is in front has to stay there.
     ahead = max(
         in_front(pose, mesh).camera_from_model.translation[2]
@@ -119,10 +120,10 @@ def before_camera(
         pose = replace(pose, camera_from_model=shift @ pose.camera_from_model)
         depths.append(view_depths(pose, mesh))
         place = as_4x4(pose.camera_from_model)
-        if isinstance(pose.camera, Parallel) and isinstance(scene.camera, Parallel):
+        if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
             # As large in the picture by the one camera, and no farther.
-            place[:3, :3] *= pose.camera.scale / scene.camera.scale
-            place[:2, 3] *= pose.camera.scale / scene.camera.scale
+            place[:3, :3] *= pose.camera.scale / camera.scale
+            place[:2, 3] *= pose.camera.scale / camera.scale
         matrices.append(place)
     return known, matrices, (min(near for near, _ in depths), max(far for _, far in depths))
 

@@ -32,7 +32,7 @@ from poseviewer.files.formats.conversion import (
     write_new,
 )
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import SceneRecord
+from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
@@ -50,11 +50,13 @@ def write_meshlab(record: PoseRecord, out: Path, request: ConvertOptions) -> Wri
 
 def write_meshlab_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
     """Write all objects of a scene; the project's world is the camera's frame, OpenCV's axes."""
-    of_camera = replace(scene.objects[0].record, pose=Pose(scene.camera, RigidTransform.identity()))
+    own = scene.views[0]
+    of_camera = replace(scene.pose_record(0), pose=Pose(own.camera, RigidTransform.identity()))
     models = {
-        one.id: (one.model, as_4x4(one.record.pose.camera_from_model)) for one in scene.objects
+        one.id: (one.path, as_4x4(scene.pose(index).camera_from_model))
+        for index, one in enumerate(scene.objects)
     }
-    photo = replace(request, photo=request.photo or scene.photo)
+    photo = replace(request, photo=request.photo or own.path)
     return _write_project(of_camera, models, out, photo)
 
 

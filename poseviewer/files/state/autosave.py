@@ -1,87 +1,124 @@
-"""Sessions saved while they run, so that one that crashed can be opened again."""
+"""Sessions saved while they run, so that one that crashed can be opened again.
+
+A session is a scene, its files named by absolute paths and its masks in it, and what the user works
+on. Version 1 had a pose file's content for each object of a photo, or a set of photos by its file.
+"""
 
 from __future__ import annotations
 
-import base64
 import json
 import logging
 import secrets
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
-import cv2
+import msgspec
 import numpy as np
+from msgspec import Struct, structs
 
-from poseviewer.errors import AutosaveError, PoseFileError
-from poseviewer.files.checks import Reading, kind_of
-from poseviewer.files.masks import mask_as_png, mask_from_png
-from poseviewer.files.pose import PoseRecord, record_as_json, record_from_json
-from poseviewer.files.view_set import SetChoice
+from poseviewer.errors import AutosaveError, PoseViewerError
+from poseviewer.files.checks import Reading
+from poseviewer.files.photo_sets import SetChoice, load_views
+from poseviewer.files.pose import PoseRecord, record_from_json
+from poseviewer.files.scene_file import (
+    INLINE,
+    InViewRecord,
+    ObjectRecord,
+    SceneRecord,
+    ViewRecord,
+    mask_in,
+    place_of,
+    scene_as_json,
+    scene_from_json,
+    view_record,
+)
+from poseviewer.files.structs import CameraNumbers, Number, Pixels, Positive, decoded
 from poseviewer.files.writing import lock_file, write_whole
-from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view import world_from_pose
 
-FORMAT, VERSION = "poseviewer-autosave", 1
+FORMAT, VERSION = "poseviewer-autosave", 2
 LARGEST_FILE = 500_000_000
 """Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
 EXACT_TOLERANCE = 1e-6
-"""By how much the exact numbers may differ from the pose file's, which are rounded."""
+"""By how much the exact numbers of version 1 may differ from the pose file's, which are rounded."""
 
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class KeptSet:
-    """The set of photos that a session has open."""
-
-    path: Path
-    choice: SetChoice
-    scale: float
-    """At the pose."""
-    start_scale: float
-    """At the start pose."""
-    free_size: bool
-    left_out: tuple[str, ...]
-    """Names of the photos that are not compared."""
-    masks: Mapping[str, Mask]
-    """What counts, by the photos' names."""
-
-
-@dataclass(frozen=True, slots=True)
-class AutosavedSession:
+class AutosavedSession(Struct, frozen=True, kw_only=True):
     """What the user has open."""
 
-    photo: Path | None
-    """Where the photo lies."""
-    photo_name: str
-    """As it is shown."""
-    photo_sha256: str | None
-    model: Path | None
-    model_name: str
-    pose: PoseRecord
-    start: PoseRecord
-    """Where the fit started."""
-    settings: Mapping[str, Any]
-    """What JSON can hold."""
-    saved_at: float
+    saved_at: Number
     """Seconds since 1970."""
-    mask: Mask | None = None
-    """What of the photo counts."""
+    active_object: str
+    """Id of the object that is worked on."""
+    active_view: int = 0
+    """Index of the view that is shown large."""
+    photo_names: tuple[str, ...] = ()
+    """Names of the views' photos as they are shown; empty: those of the files."""
+    scene: SceneRecord
+
+    @property
+    def photo_name(self) -> str:
+        """Name of the photo that is shown large."""
+        at = self.active_view
+        return self.photo_names[at] if self.photo_names else self.scene.views[at].path.name
+
+    @property
+    def model_name(self) -> str:
+        """Name of the active object's model."""
+        return self.scene.objects[self.scene.index(self.active_object)].path.name
+
+
+class _Exact(Struct, frozen=True):
+    width: Pixels
+    height: Pixels
+    cx: Number
+    cy: Number
+    rotation: tuple[tuple[Number, Number, Number], ...]
+
+
+class _Pose(Struct, frozen=True):
+    file: dict[str, Any]
+    exact: _Exact
+
+
+class _Set(Struct, frozen=True):
+    path: str
+    scale: Positive
+    start_scale: Positive
+    free_size: bool
+    photos: tuple[str, ...] = ()
+    folder: str | None = None
+    rig_object: int | None = None
+    left_out: tuple[str, ...] = ()
+    masks: dict[str, str] = {}
+
+
+class _Session(Struct, frozen=True):
+    """An object as version 1 kept it: as if it were the only one."""
+
+    pose: _Pose
+    start: _Pose
+    settings: dict[str, Any]
+    saved_at: Number
+    photo: str | None = None
+    photo_name: str = ""
+    photo_sha256: str | None = None
+    model: str | None = None
+    model_name: str = ""
+    mask: str | None = None
     number: int = 1
-    """Of the object that is picked, among those of the photo."""
     name: str = ""
-    """What the user calls it."""
     hidden: bool = False
     locked: bool = False
-    others: tuple[AutosavedSession, ...] = ()
-    """The photo's other objects, each as if it were picked."""
-    views: KeptSet | None = None
-    """Where the photo is one of a set."""
+    others: tuple[_Session, ...] = ()
+    views: _Set | None = None
 
 
 class SessionFile:
@@ -96,11 +133,7 @@ class SessionFile:
         self._lock: IO[bytes] | None = None
 
     def save(self, session: AutosavedSession) -> None:
-        """Write the session, whole or not at all, over the earlier one.
-
-        Raises:
-            AutosaveError: the folder cannot be written to.
-        """
+        """Write the session, whole or not at all, over the earlier one."""
         folder = self.path.parent
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -112,7 +145,8 @@ class SessionFile:
                 f"{self.path.name}: cannot be written to {folder} ({error.strerror}); check that "
                 "the folder is yours to write to."
             ) from error
-        text = json.dumps(session, default=_as_json, indent=1, allow_nan=False)
+        data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(session)}
+        text = json.dumps(data | {"scene": scene_as_json(session.scene)}, allow_nan=False)
         write_whole(self.path, text.encode(), AutosaveError)
 
     def close(self) -> None:
@@ -133,7 +167,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     try:
         with reading.naming_errors():
             return _from_json(reading, reading.load_object())
-    except PoseFileError as error:
+    except PoseViewerError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         raise AutosaveError(
             f"{path.name}: the autosaved session cannot be used ({found}); it is left out."
@@ -164,20 +198,16 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
 
 def files_of_sessions(folder: Path) -> frozenset[Path]:
     """The photos and models of all sessions in ``folder``: of apps that run, and left behind."""
-    found = set[Path | None]()
+    found = set[Path]()
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
-            session = load_autosave(path)
-            found |= {f for one in (session, *session.others) for f in (one.photo, one.model)}
-    return frozenset(path for path in found if path is not None)
+            scene = load_autosave(path).scene
+            found |= {one.path for one in (*scene.views, *scene.objects)}
+    return frozenset(found)
 
 
 def discard(path: Path) -> None:
-    """Remove an autosaved session; nothing happens where it is gone already.
-
-    Raises:
-        AutosaveError: it cannot be removed.
-    """
+    """Remove an autosaved session; nothing happens where it is gone already."""
     try:
         path.unlink(missing_ok=True)
         _lock_path(path).unlink(missing_ok=True)
@@ -192,133 +222,102 @@ def _lock_path(path: Path) -> Path:
     return path.with_suffix(".lock")
 
 
-def _as_json(value: Any) -> Any:
-    """Simpler content for what ``json`` cannot write."""
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, Mask):
-        return base64.b64encode(mask_as_png(value)).decode()
-    if isinstance(value, PoseRecord):
-        return _pose_as_json(value)
-    if isinstance(value, Mapping):
-        return dict(value)
-    named = {field.name: getattr(value, field.name) for field in fields(value)}
-    if isinstance(value, KeptSet):
-        return named | _as_json(named.pop("choice"))
-    if isinstance(value, AutosavedSession):
-        return {"format": FORMAT, "version": VERSION, **named}
-    return named
-
-
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
-    if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
+    said = data.get("format"), data.get("version")
+    if said == (FORMAT, 1):
+        session = _of_version_1(reading, decoded(reading, data, _Session, raw=PATHS))
+    elif said == (FORMAT, VERSION):
+        session = decoded(reading, data, AutosavedSession, raw=PATHS)
+        scene = scene_from_json(reading, data["scene"], is_exact=True)
+        session = structs.replace(session, scene=scene)
+    else:
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
-    return AutosavedSession(*reading.fields(data, "", **_CHECKS))
+    scene = session.scene
+    for holder in (*scene.views, *(own for one in scene.objects for own in one.in_views)):
+        if holder.mask is not None:
+            mask_in(holder.mask)
+    scene.index(session.active_object)
+    if not 0 <= session.active_view < len(scene.views):
+        raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
+    return session
 
 
-def _path(reading: Reading, value: Any, what: str) -> Path | None:
-    """A path may hold bytes that are no text, and is kept as it is."""
-    reading.text(value, what)
-    return None if value is None else Path(value)
+PATHS = ("photo", "model", "path", "folder", "mask", "file")
+"""Keys of paths, which may hold bytes that are no text."""
 
 
-def _name(reading: Reading, value: Any, what: str) -> str:
-    return reading.text(value, what) or ""
+def _of_version_1(reading: Reading, said: _Session) -> AutosavedSession:
+    poses = {id(one): _pose(reading, one.pose) for one in (said, *said.others)}
+    own, at = poses[id(said)], 0
+    photo = Path(said.photo or said.photo_name)
+    views = [ViewRecord.of(photo, own.pose.camera, said.photo_sha256, own.undistortion)]
+    unit, names = None, (said.photo_name,)
+    if (kept := said.views) is not None:
+        folder = None if kept.folder is None else Path(kept.folder)
+        choice = SetChoice(kept.photos, folder, kept.rig_object)
+        loaded = load_views(Path(kept.path), choice)
+        views = [view_record(view) for view in loaded.views]
+        unit, names = loaded.unit, tuple(view.name for view in loaded.views)
+        known = [i for i, one in enumerate(views) if one.photo.sha256 == said.photo_sha256]
+        if not known:
+            raise reading.error(f"{said.photo_name} is not in {Path(kept.path).name}", "wanted it")
+        at = known[0]
+    objects = []
+    for one in sorted((said, *said.others), key=lambda one: one.number):
+        record, start, view = poses[id(one)], _pose(reading, one.start).pose, views[at]
+        masks, left_out = {names[at]: one.mask}, ()
+        scales = 1.0, 1.0
+        if kept is not None:
+            masks, left_out = kept.masks, kept.left_out
+            scales = 1.0 / kept.scale, 1.0 / kept.start_scale
+        places = [
+            place_of(world_from_pose(view.camera, view.place.rigid, pose, scale))
+            for pose, scale in zip((record.pose, start), scales, strict=True)
+        ]
+        in_views = tuple(
+            InViewRecord(INLINE + text if text else None, None, name not in left_out)
+            for name in names
+            for text in (masks.get(name),)
+        )
+        model = Path(one.model or one.model_name)
+        made = ObjectRecord.of(str(one.number), model, record, view, one.name)
+        is_same = len(views) > 1 or isinstance(start.camera, Parallel)
+        is_same = is_same or start.camera == view.camera
+        result = made.result
+        if result is not None and len(views) > 1:
+            result = structs.replace(result, view=at, seen=())
+        made = structs.replace(
+            made,
+            result=result,
+            place=places[0],
+            start=places[1],
+            start_cameras=() if is_same else (CameraNumbers.of(start.camera),),
+            settings=one.settings,
+            in_views=in_views if any(own != InViewRecord() for own in in_views) else (),
+            hidden=one.hidden,
+            locked=one.locked,
+        )
+        objects.append(made)
+    free = kept is not None and kept.free_size
+    scene = SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
+    return AutosavedSession(
+        saved_at=said.saved_at,
+        active_object=str(said.number),
+        active_view=at,
+        photo_names=names,
+        scene=scene,
+    )
 
 
-def _mask(reading: Reading, value: Any, what: str) -> Mask | None:
-    text = reading.text(value, what)
-    if text is None:
-        return None
-    try:
-        return mask_from_png(base64.b64decode(text, validate=True))
-    except (ValueError, cv2.error) as error:
-        raise reading.error(f"{what} is no picture ({error})", "wanted a PNG in base64") from None
-
-
-def _whole(reading: Reading, value: Any, what: str) -> int:
-    return int(reading.number(value, what))
-
-
-def _others(reading: Reading, value: Any, what: str) -> tuple[AutosavedSession, ...]:
-    if not isinstance(value, list):
-        raise reading.error(f"{what} is {kind_of(value)}", "wanted a list of objects")
-    return tuple(_from_json(reading, reading.object(one, what)) for one in value)
-
-
-def _views(reading: Reading, value: Any, what: str) -> KeptSet | None:
-    if value is None:
-        return None
-    path, photos, folder, rig_object, scale, start_scale, free_size, left_out, masks = (
-        reading.fields(value, what, path=_path, photos=Reading.texts, folder=_path,
-        rig_object=Reading.size, scale=Reading.positive, start_scale=Reading.positive,
-        free_size=_truth, left_out=Reading.texts, masks=Reading.object)
-    )  # fmt: skip
-    if path is None:
-        raise reading.error(f"{what}.path is missing", "wanted a file or a folder")
-    read = {name: _mask(reading, text, f"{what}.masks") for name, text in masks.items()}
-    known = {name: mask for name, mask in read.items() if mask is not None}
-    choice = SetChoice(photos, folder, rig_object)
-    return KeptSet(path, choice, scale, start_scale, free_size, left_out, known)
-
-
-def _truth(reading: Reading, value: Any, what: str) -> bool:
-    if not isinstance(value, bool):
-        raise reading.error(f"{what} is {kind_of(value)}", "wanted true or false")
-    return value
-
-
-def _pose_as_json(record: PoseRecord) -> dict[str, Any]:
-    """A pose file's content, and beside it the numbers that a pose file rounds.
-
-    A pose file counts pixels from another place, and reading it mends rotations.
-    """
-    camera, rotation = record.pose.camera, record.pose.camera_from_model.rotation
-    exact = {
-        "width": camera.width,
-        "height": camera.height,
-        "cx": float(camera.cx),
-        "cy": float(camera.cy),
-        "rotation": rotation.tolist(),
-    }
-    return {"file": record_as_json(record), "exact": exact}
-
-
-def _pose_from_json(reading: Reading, value: Any, what: str) -> PoseRecord:
-    value = reading.object(value, what)
-    width, height, cx, cy, rotation = reading.fields(
-        value.get("exact"), f"{what}.exact", width=Reading.size, height=Reading.size,
-        cx=Reading.number, cy=Reading.number, rotation=Reading.matrix,
-    )  # fmt: skip
-    if width is None or height is None:
-        raise reading.error(f"{what} has no size", "wanted width and height")
-    record = record_from_json(reading, value.get("file"), width, height)
-    camera, transform = record.pose.camera, record.pose.camera_from_model
-    rounded = np.array([camera.cx, camera.cy, *transform.rotation.ravel()])
-    if not np.allclose(
-        rounded, [cx, cy, *rotation.ravel()], rtol=EXACT_TOLERANCE, atol=EXACT_TOLERANCE
-    ):
-        raise reading.error(f"{what} says two different poses", "wanted one pose")
-    pose = Pose(replace(camera, cx=cx, cy=cy), RigidTransform(rotation, transform.translation))
-    return replace(record, pose=pose)
-
-
-_CHECKS = {
-    "photo": _path,
-    "photo_name": _name,
-    "photo_sha256": Reading.text,
-    "model": _path,
-    "model_name": _name,
-    "pose": _pose_from_json,
-    "start": _pose_from_json,
-    "settings": Reading.object,
-    "saved_at": Reading.number,
-    "mask": _mask,
-    "number": _whole,
-    "name": _name,
-    "hidden": _truth,
-    "locked": _truth,
-    "others": _others,
-    "views": _views,
-}
-"""Of the session's fields, in their order."""
+def _pose(reading: Reading, said: _Pose) -> PoseRecord:
+    """A pose of version 1, which had beside a pose file's content the numbers that this rounds."""
+    exact = said.exact
+    record = record_from_json(reading, said.file, exact.width, exact.height)
+    camera, place = record.pose.camera, record.pose.camera_from_model
+    rounded = np.array([camera.cx, camera.cy, *place.rotation.ravel()])
+    rotation = np.array(exact.rotation)
+    numbers = np.array([exact.cx, exact.cy, *rotation.ravel()])
+    if not np.allclose(rounded, numbers, rtol=EXACT_TOLERANCE, atol=EXACT_TOLERANCE):
+        raise reading.error("it says two different poses", "wanted one pose")
+    camera = replace(camera, cx=exact.cx, cy=exact.cy)
+    return replace(record, pose=Pose(camera, RigidTransform(rotation, place.translation)))

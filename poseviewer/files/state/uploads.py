@@ -11,15 +11,17 @@ import time
 import zipfile
 from collections.abc import Callable, Collection, Iterable
 from io import BytesIO
+from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import IO, Literal
 
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import Reading
-from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system
+from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
+from poseviewer.files.scene_file import SceneRecord, with_files
 from poseviewer.files.writing import sha256_of
 
 LARGEST_UPLOAD = 200_000_000
@@ -107,6 +109,41 @@ def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> 
     fingerprint = hashlib.sha256("\n".join(marks).encode()).hexdigest()[:16]
     place = _kept(folder, fingerprint, fill, model.path.name, KEPT, in_use)
     return place / model.path.name
+
+
+def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
+    """The scene with copies of its files that lie in the folder ``private``, with what the models
+    name, beside the scene file at ``path``: in its folder, or where other files have their names in
+    one of its own.
+
+    Raises:
+        FileSetError: the folder cannot be written to.
+    """
+
+    def name(file: str, _: str) -> str:
+        own, folder = Path(file), private.resolve()
+        if folder not in own.resolve().parents:
+            return file
+        named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
+        files = [own, *(one for one in named if own.parent in one.parents)]
+        for number in count(1):
+            place = path.parent if number == 1 else path.with_name(f"{path.stem}.{number}")
+            pairs = [(one, place / one.relative_to(own.parent)) for one in files]
+            if all(not new.exists() or sha256_of(new) == sha256_of(one) for one, new in pairs):
+                break
+        for one, new in pairs:
+            new.parent.mkdir(parents=True, exist_ok=True)
+            if not new.exists():
+                shutil.copyfile(one, new)
+        return str(pairs[0][1])
+
+    try:
+        return with_files(scene, name)
+    except OSError as error:
+        raise FileSetError(
+            f"{path.name}: its photos and models cannot be copied to {path.parent} "
+            f"({error.strerror}); check that the folder is yours to write to."
+        ) from error
 
 
 def safe_path(name: str) -> PurePosixPath:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import RendererUnavailableError
-from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.render.structure import BLUR_TAPS
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"

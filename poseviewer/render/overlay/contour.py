@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 from contourpy import contour_generator
@@ -11,7 +9,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mesh import Mesh, hull_points
+from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.render.overlay.window import Window, model_window
 from poseviewer.render.types import Renderer
 
@@ -72,13 +70,11 @@ def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> Fl
 
 def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
     """Whether a point (2,) of the photo lies on the model's convex outline, or ``reach`` px off."""
-    seen = pose.project(hull_points(mesh))
-    seen = seen[np.isfinite(seen).all(axis=1)].astype(np.float32)
-    if len(seen) < 3:
+    outline = hull_in_photo(mesh, pose).astype(np.float32)
+    if len(outline) < 3 or not np.isfinite(points).all():
         return False
-    hull = cv2.convexHull(seen)
     point = (float(points[0]), float(points[1]))
-    return math.isfinite(sum(point)) and cv2.pointPolygonTest(hull, point, True) >= -reach
+    return cv2.pointPolygonTest(cv2.convexHull(outline), point, True) >= -reach
 
 
 FEW_FACES = 4000

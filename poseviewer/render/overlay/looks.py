@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.photo import GREY_WEIGHTS
 from poseviewer.render.overlay.edges import LineDrawing, find_lines
 from poseviewer.render.overlay.residual import paint_residual
 from poseviewer.render.overlay.window import model_window

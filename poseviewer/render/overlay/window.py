@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.mesh import Mesh, hull_points
+from poseviewer.geometry.mesh import Mesh, hull_in_photo, hull_points
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +28,9 @@ class Window:
 
     def pose(self, pose: Pose) -> Pose:
         """The same pose in the picture that the window is."""
-        camera = replace(
-            pose.camera,
-            cx=pose.camera.cx - self.left,
-            cy=pose.camera.cy - self.top,
-            width=self.width,
-            height=self.height,
+        cut = replace(
+            pose, camera=pose.camera.cropped(self.left, self.top, self.width, self.height)
         )
-        cut = replace(pose, camera=camera)
         return cut if self.samples == 1.0 else cut.scaled(self.samples)
 
     def of_photo(self, width: int, height: int) -> tuple[slice, slice]:
@@ -79,13 +74,11 @@ def model_window(
 
 def _model_box(mesh: Mesh, pose: Pose) -> tuple[int, int, int, int] | None:
     """Left, top, right, bottom in px within the photo; all of it in part behind the camera."""
-    size = [pose.camera.width, pose.camera.height]
-    points = pose.project(hull_points(mesh))
-    in_front = np.isfinite(points).all(axis=1)
-    if not in_front.any():
+    points, size = hull_in_photo(mesh, pose), [pose.camera.width, pose.camera.height]
+    if not len(points):
         return None
     low, high = np.zeros(2), np.array(size, dtype=float)
-    if in_front.all():
+    if len(points) == len(hull_points(mesh)):
         low = np.floor(np.clip(points.min(axis=0), 0, size))
         high = np.ceil(np.clip(points.max(axis=0), 0, size))
     if np.any(high <= low):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -33,52 +32,28 @@ class Level:
     """Not for two threads at once."""
 
 
-@runtime_checkable
-class Reducible(Protocol):
-    """A renderer that can be had with a simplified model."""
-
-    def reduced(self, faces: int) -> Renderer:
-        """A renderer of the same kind, of the model in about ``faces`` triangles at most."""
-        ...
-
-
-@runtime_checkable
-class Cullable(Protocol):
-    """A renderer that can be had without what is hidden."""
-
-    def culled(self, pose: Pose) -> Renderer:
-        """A renderer of the same kind, without the faces that others hide at a pose and near it."""
-        ...
-
-
 def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float) -> Level:
-    """Level of a photo in which the model covers about ``pixels``, with a simplified model.
-
-    Level 1 is the photo with the renderer itself.
-    """
-    if factor == 1:
-        return Level(1, photo, renderer)
-    return Level(factor, smaller(photo, factor), reduced(renderer, pixels / factor**2))
-
-
-def simplified_level(
-    photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: float
-) -> Level:
-    """The same with a simplified model even where the ``factor`` is 1: for a quick look."""
-    if factor > 1:
-        return make_level(photo, renderer, factor, pixels)
-    return Level(1, photo, reduced(renderer, pixels))
+    """Level of a photo in which the model covers ``pixels``, with a model decimated to match."""
+    # Powers of 2: a pose a little nearer or farther does not ask for another model.
+    most = max(FACES_PER_PIXEL * pixels / factor**2, 1.0)
+    faces = 1 << math.ceil(math.log2(most))
+    return Level(factor, smaller(photo, factor), renderer.reduced(faces))
 
 
 def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Level:
     """The photo as it is, with a model of half as many triangles as it shows pixels of."""
-    return Level(1, photo, reduced(renderer, _pixels(photo, renderer, pose) / 2))
+    return make_level(photo, renderer, 1, _pixels(photo, renderer, pose) / 2)
 
 
 def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
-    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px."""
+    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px; with a
+    factor of 1, photo and renderer as they are.
+    """
     pixels = _pixels(photo, renderer, pose)
-    return make_level(photo, renderer, coarsest_factor(pixels, fewest), pixels)
+    factor = coarsest_factor(pixels, fewest)
+    if factor == 1:
+        return Level(1, photo, renderer)
+    return make_level(photo, renderer, factor, pixels)
 
 
 def _pixels(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> int:
@@ -130,21 +105,6 @@ def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttri
 def structured(photo: PhotoAttributes, factor: int, is_steep: bool = False) -> PhotoAttributes:
     """The photo ``factor`` times smaller, with its classes and edges."""
     return with_structure(smaller(photo, factor), is_steep)
-
-
-def reduced(renderer: Renderer, pixels: float) -> Renderer:
-    """A renderer of the same model for a picture in which it covers ``pixels`` px."""
-    # Powers of 2: a pose a little nearer or farther does not ask for another model.
-    faces = 1 << math.ceil(math.log2(max(FACES_PER_PIXEL * pixels, 1.0)))
-    return renderer.reduced(faces) if isinstance(renderer, Reducible) else renderer
-
-
-def culled(level: Level, pose: Pose) -> Renderer:
-    """A renderer of a level of factor 1 for poses near ``pose``, without what is hidden there."""
-    renderer = level.renderer
-    if not isinstance(renderer, Cullable):
-        return renderer
-    return renderer.culled(level_pose(pose, level.photo.factor))
 
 
 def _boxes(

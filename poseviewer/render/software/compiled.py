@@ -18,7 +18,7 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.kernel import KERNELS, is_compiled
-from poseviewer.render.software.renderer import Box, SoftwareRenderer
+from poseviewer.render.software.software_renderer import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.render.software.kernel import kernel
 from poseviewer.render.software.rasterise import COLUMN_OF, GREY, MAPPED, ROW_OF
 

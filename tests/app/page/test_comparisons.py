@@ -10,24 +10,23 @@ from lxml import html
 
 from poseviewer.app.page.comparisons import ends_table
 from poseviewer.app.page.panels import curve_of
-from poseviewer.app.state.session import SearchUpdate
-from poseviewer.app.workers.jobs import ends_of, search
+from poseviewer.app.state.session import Search, SearchUpdate
+from poseviewer.app.workers.jobs import ends_of, run_search
+from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_registration
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.loading import load_model
 
 
 @pytest.fixture(scope="module")
 def ended(scene) -> list[SearchUpdate]:
     """The last update of a search by each method."""
-    own = load_registration(scene.photo, scene.model, scene.start)
-    renderer, limits = SoftwareRenderer(own.mesh), Limits(evaluations=600)
+    document, limits = open_files(scene.photo, scene.model, scene.start).document, Limits(600)
     methods: Any = ("paper", "default")
-    return [
-        list(search(own, own.start, FitSettings(method, limits=limits), renderer))[-1]
-        for method in methods
-    ]
+    settings = tuple(FitSettings(method, limits=limits) for method in methods)
+    *_, last = run_search(Search(1, document, settings, (0,)))
+    return [end.update for end in last.ends]
 
 
 def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
@@ -45,9 +44,10 @@ def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
             assert shown == pytest.approx(scale.shown(step.loss))
 
 
-def test_the_table_has_the_loss_of_each_end_by_each_method(ended):
-    ours, paper = ends = ends_of(ended)
-    page = html.fromstring(ends_table(ends))
+def test_the_table_has_the_loss_of_each_end_by_each_method(scene, ended):
+    mesh = load_model(scene.model).mesh
+    ours, paper = ends = ends_of(ended, SoftwareRenderer(mesh))
+    page = html.fromstring(ends_table(ends, mesh))
     assert [cell.text_content() for cell in page.xpath("//th")] == [
         "",
         "classes and edges",
@@ -61,7 +61,6 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(ended):
         assert [cell.text_content() for cell in rows[what]][1:] == [
             read(end.update.progress) for end in ends
         ]
-    mesh = ours.update.case.registration.mesh
     apart = pose_error(mesh, paper.update.progress.pose, ours.update.progress.pose)
     assert f"{apart.reprojection_px:.1f} px apart" in page.text_content()
 

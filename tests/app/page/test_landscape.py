@@ -11,7 +11,7 @@ import numpy as np
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.landscape import (
+from poseviewer.app.page.map_panel import (
     PALETTE,
     GridOptions,
     Markers,
@@ -19,7 +19,7 @@ from poseviewer.app.page.landscape import (
     on_map,
 )
 from poseviewer.app.state.commands import picked_parameters
-from poseviewer.fit.landscape import Slice, slice_minimum
+from poseviewer.fit.slices import Slice, slice_minimum
 from poseviewer.geometry.pose_covariance import region_reach
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")

@@ -9,12 +9,13 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.files.demo import demo_case
+from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.starts.loading import load_model
 from poseviewer.starts.placing import look_from, surface_point
-from poseviewer.starts.registration import load_registration
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, keep_picture
 
@@ -26,9 +27,8 @@ SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 
 
 @pytest.fixture(scope="module")
-def registration() -> Registration:
-    case = demo_case()
-    return load_registration(case.photo, case.model, case.start)
+def model() -> LoadedModel:
+    return load_model(demo_case().model)
 
 
 @pytest.fixture
@@ -72,43 +72,39 @@ def click(tab: AppPage, point) -> None:
 
 def saved(tab: AppPage, app: AppProcess) -> Pose:
     path = app.folder / "demo_photo.pose.json"
-    tab.saved_pose(path)
+    tab.saved(path)
     return load_pose(path, *PHOTO).pose
 
 
-def click_pair(tab: AppPage, registration: Registration, now: Pose, truth: Pose, spot) -> None:
+def click_pair(tab: AppPage, model: LoadedModel, now: Pose, truth: Pose, spot) -> None:
     """The model point that the photo shows at a spot, as it is drawn now; then the spot."""
-    point = surface_point(registration.mesh, truth, spot)
+    point = surface_point(model.mesh, truth, spot)
     assert point is not None
     drawn = now.project(point)
-    seen = surface_point(registration.mesh, now, drawn)
+    seen = surface_point(model.mesh, now, drawn)
     assert seen is not None
     click(tab, drawn)
     click(tab, truth.project(seen))
 
 
 def test_four_point_pairs_place_the_model(
-    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+    page: AppPage, app: AppProcess, model: LoadedModel, truth: Pose
 ):
-    now = look_from(
-        "three-quarter",
-        registration.mesh,
-        registration.keypoints,
-        registration.photo.default_camera(),
-    )
+    camera = load_photo(demo_case().photo).default_camera()
+    now = look_from("three-quarter", model.mesh, model.keypoints, camera)
     page.page.get_by_role("button", name="Point pairs").click()
     page.wait_for_text("pair 1: click a point of the model")
     for count, spot in enumerate(SPOTS[:4]):
-        click_pair(page, registration, now, truth, spot)
+        click_pair(page, model, now, truth, spot)
         if count < 3:
             page.wait_for_text(f"{3 - count} more to a pose")
     page.wait_for_text("pair 4: ")
     keep_picture(page, "pairs")
     found = saved(page, app)
-    assert pose_error(registration.mesh, found, truth).percent < 3.0
+    assert pose_error(model.mesh, found, truth).percent < 3.0
     # A mark that is dragged takes the pose along; undo brings both back.
     page.drag(SPOTS[0], (SPOTS[0][0], SPOTS[0][1] + 40.0), PHOTO)
-    assert pose_error(registration.mesh, saved(page, app), found).percent > 0.5
+    assert pose_error(model.mesh, saved(page, app), found).percent > 0.5
     page.page.keyboard.press("z")
     again = saved(page, app)
     np.testing.assert_array_equal(again.project([0, 0, 0]), found.project([0, 0, 0]))
@@ -123,7 +119,7 @@ CAR, ROAD = ((810.0, 550.0), (140.0, 220.0)), ((600.0, 600.0), (900.0, 690.0))
 
 
 def test_wheels_are_found_in_the_region_that_is_drawn(
-    page: AppPage, app: AppProcess, registration: Registration, truth: Pose
+    page: AppPage, app: AppProcess, model: LoadedModel, truth: Pose
 ):
     page.page.get_by_role("button", name="Find wheels: draw a region").click()
     page.wait_for_text("drag a rectangle on the photo")
@@ -138,6 +134,6 @@ def test_wheels_are_found_in_the_region_that_is_drawn(
     keep_picture(page, "looking")
     page.wait_for_text("10 of 10 points on the rims")
     keep_picture(page, "found_wheels")
-    assert pose_error(registration.mesh, saved(page, app), truth).percent < 5.0
+    assert pose_error(model.mesh, saved(page, app), truth).percent < 5.0
     page.page.keyboard.press("z")
     page.wait_for_text("0 of 10 points on the rims")

@@ -18,10 +18,11 @@ from poseviewer.app.page.panels import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import SearchEnd
-from poseviewer.app.state.session import Overlay, OverlayRequest
-from poseviewer.app.workers.exporting import record_of
-from poseviewer.files.pose import PoseRecord, RecordedVerdict
+from poseviewer.app.state.session import Losses, Overlay, OverlayRequest
+from poseviewer.app.workers.exporting import saved_scene
+from poseviewer.fit.scene import SearchResult
+from poseviewer.fit.verdict import Verdict
+from poseviewer.starts.loading import pose_record
 from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 
 
@@ -30,7 +31,8 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
     for camera, guessed in ((assumed, True), (PERSPECTIVE, False)):
         session = make_session(camera)
         assert ("is assumed" in focal_note(session)) == guessed
-        assert any("is assumed" in note for note in record_of(session).notes) == guessed
+        notes = pose_record(saved_scene(session)).notes
+        assert any("is assumed" in note for note in notes) == guessed
 
 
 @pytest.mark.parametrize(
@@ -44,12 +46,9 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    own = session.document
-    asked = OverlayRequest(own.registration, own.settings, own.pose, own.pose, "outline")
-    nowhere = (0.0, 0.0, 0.0, 0.0)
-    overlay = Overlay(asked, np.zeros((0, 2, 2)), None, nowhere, None, f"{name}: no loss")
-    marks = replace(session.document.marks, note=name)
-    document = replace(session.document, marks=marks)
+    asked = OverlayRequest(session.document, session.document.scene, "outline")
+    overlay = Overlay(asked, np.zeros((0, 2, 2)), Losses(note=f"{name}: no loss"))
+    document = session.document.with_marks(note=name)
     session = replace(session, overlay=overlay, document=document, tool="pairs")
     assert shown in search_text(session)
     assert shown in marks_text(session)
@@ -59,9 +58,8 @@ def test_no_name_is_markup_to_the_page(name: str):
 
 def test_reasons_of_a_file_are_no_markup_to_the_page():
     session = make_session()
-    verdict = RecordedVerdict("lost", 0.1, ("<script>alert(1)</script>",), {})
-    record = PoseRecord(session.document.pose, verdict=verdict)
-    document = replace(session.document, end=SearchEnd(record))
+    verdict = Verdict("lost", 0.1, ("<script>alert(1)</script>",), None)
+    document = session.document.with_object(result=SearchResult(verdict, 0.1, 0.1))
     assert "<script" not in verdict_text(replace(session, document=document))
     assert "alert(1)" in verdict_text(replace(session, document=document))
 

@@ -10,14 +10,15 @@ from poseviewer.app.state.commands import Command
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
-from poseviewer.fit.registration import Registration
+from poseviewer.fit.scene import LoadedModel, scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.photo import Photo
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view import View
 from poseviewer.starts.placing import look_from
-from poseviewer.vehicle.keypoints import SideKeypoints, VehicleKeypoints
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box, make_bumpy
 
 WIDTH, HEIGHT = 160, 120
@@ -55,8 +56,9 @@ def make_document(
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.2, -0.1, 8.0]))
     if vehicle:
         pose = look_from("three-quarter", CAR, keypoints, camera)
-    registration = Registration(photo or make_photo(), mesh, "m.ply", "0" * 64, keypoints, pose, ())
-    return Document(registration, pose, settings or FitSettings())
+    photo = photo or make_photo()
+    model = LoadedModel(mesh, "m.ply", "0" * 64, keypoints)
+    return Document.of(scene_at(View(photo.name, photo, camera), model, pose, settings))
 
 
 def make_session(*arguments, **more) -> Session:
@@ -76,4 +78,12 @@ def moved_document(document: Document, step: float) -> Document:
     """The same with another pose."""
     place = document.pose.camera_from_model
     shifted = RigidTransform(place.rotation, place.translation + np.array([step, 0.0, 0.0]))
-    return replace(document, pose=replace(document.pose, camera_from_model=shifted))
+    return document.at_pose(replace(document.pose, camera_from_model=shifted))
+
+
+def assert_same_pose(own: Pose, its: Pose, atol: float = 1e-9) -> None:
+    """Fail unless both are one but for rounding."""
+    a, b = own.camera_from_model, its.camera_from_model
+    np.testing.assert_allclose(a.rotation, b.rotation, atol=atol)
+    np.testing.assert_allclose(a.translation, b.translation, atol=atol)
+    assert own.camera == its.camera

@@ -2,37 +2,65 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from poseviewer.app.page.panels import sure_text, verdict_text
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import Document, SearchEnd
+from poseviewer.app.state.objects import LookAt
 from poseviewer.app.state.session import Session
-from poseviewer.files.pose import PoseRecord, RecordedVerdict
+from poseviewer.fit.scene import SearchResult
+from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from tests.app.state.documents import after, make_document
+from tests.app.state.sets import make_set_session
+from tests.view_sets import MESH
 
 
 @pytest.fixture
 def session() -> Session:
     """A pose that a search has ended in."""
-    document: Document = make_document()
-    mesh, pose = document.registration.mesh, document.pose
+    document = make_document()
+    mesh, pose = document.mesh, document.pose
     sure = PoseCovariance.from_chart(
         mesh, pose, FreeBodyChart.near(mesh, pose), np.diag([1, 2, 3, 4, 5, 600]) * 1e-6
     )
-    record = PoseRecord(pose, verdict=RecordedVerdict("found", 0.97), covariance=sure)
-    return Session(replace(document, end=SearchEnd(record)), anchor=pose)
+    verdict = Verdict("found", 0.97, (), None, sure)
+    return Session(document.with_object(result=SearchResult(verdict, 0.1, 0.1)))
 
 
 def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
-    assert session.covariance is not None
-    assert session.covariance.words(session.document.registration.mesh.unit) in sure_text(session)
+    sure = session.covariance_in(0)
+    assert sure is not None
+    assert sure.words(session.document.mesh.unit) in sure_text(session)
     assert sure_text(session) in verdict_text(session)
     moved = after(session, c.Nudge("move", 1.0))
-    assert moved.covariance is None
+    assert moved.covariance_in(0) is None
     assert sure_text(moved) == ""
+
+
+def test_another_view_turns_and_shifts_it() -> None:
+    """As the covariance there, of poses that are moved in the view that it is known in."""
+    session = make_set_session(free_scale=True)
+    document, views = session.document, session.document.scene.views
+    place = document.object.world_from_model
+    chart, here = document.chart, np.diag([1, 2, 3, 4, 5, 6, 7]) * 1e-4
+    plain = PoseCovariance(document.pose, MESH.centre, here, seventh="log_size")
+    verdict = Verdict("found", 0.97, (), None, plain.with_matrix(here, MESH))
+    session = Session(document.with_object(result=SearchResult(verdict, 0.1, 0.1)))
+    there = after(session, LookAt(1))
+    sure = there.covariance_in(1)
+    assert sure is not None
+    assert sure.px > 0.0
+    random = np.random.default_rng(0)
+    moved = []
+    for deviation in random.multivariate_normal(np.zeros(7), here, 400):
+        pose = plain.moved(deviation)
+        scale = place.scale * np.exp(deviation[6])
+        other = document.at_pose(pose, scale=scale).scene.pose(0, 1)
+        moved.append([*sure.deviation(other)[:6], deviation[6]])
+    found = np.cov(np.array(moved).T)
+    np.testing.assert_allclose(np.diag(found), np.diag(sure.matrix), rtol=0.35)
+    assert views[1].photo is there.document.photo
+    assert chart.names[-1] == "log_size"

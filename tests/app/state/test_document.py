@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from poseviewer.app.state.cameras import with_camera, with_projection
-from poseviewer.app.state.document import MOST_REGISTRATIONS, MOST_STEPS, History
+from poseviewer.app.state.camera_change import with_camera, with_projection
+from poseviewer.app.state.document import MOST_OPENED, MOST_STEPS, History
 from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -67,14 +65,14 @@ def test_history_is_bounded_in_steps():
 def test_history_keeps_few_photos_and_models(other):
     photo, history = make_photo(), History()
     documents = []
-    for i in range(MOST_REGISTRATIONS + 3):
+    for i in range(MOST_OPENED + 3):
         photo_now = photo if other == "model" else make_photo(i)
         mesh = BUMPY if other == "photo" else make_box((1.0, 1.0, 1.0 + i))
         opened = make_document(photo=photo_now, mesh=mesh)
         documents += [opened, moved_document(opened, 0.1)]
     for document in documents:
         history = history.with_step(document)
-    assert history.past == tuple(documents[-2 * MOST_REGISTRATIONS :])
+    assert history.past == tuple(documents[-2 * MOST_OPENED :])
 
 
 @CAMERAS
@@ -129,7 +127,7 @@ def test_numbers_are_of_the_pose_and_zero_at_the_start(camera):
 def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, camera, free_focal):
     document = make_document(start, settings=FitSettings(free_focal=free_focal))
     pose = with_camera(moved_document(document, 0.3).pose, camera, BUMPY.centre)
-    document = replace(document, pose=pose)
+    document = document.at_pose(pose)
     again = document.chart.to_pose(document.parameters)
     assert type(again.camera) is type(camera)
     assert again.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-7)
@@ -145,8 +143,8 @@ def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, cam
 def test_a_vehicle_seen_head_on_has_the_other_chart(camera):
     document = make_document(camera, vehicle=True)
     assert isinstance(document.chart, VehicleChart)
-    front = look_from("front", CAR, document.registration.keypoints, camera)
-    document = replace(document, pose=front)
+    front = look_from("front", CAR, document.model.keypoints, camera)
+    document = document.at_pose(front)
     assert isinstance(document.chart, FreeBodyChart)
     again = document.chart.to_pose(document.parameters)
     assert again.project(CAR.vertices) == pytest.approx(front.project(CAR.vertices), abs=1e-6)
@@ -156,7 +154,6 @@ def test_another_start_is_the_pose_too():
     document = make_document()
     pose = moved_document(document, 0.3).pose
     started = document.started_from(pose)
-    assert started.pose is pose
-    assert started.registration.start is pose
-    assert started.registration.photo is document.registration.photo
+    assert started.pose is started.start
+    assert started.photo is document.photo
     assert started.parameters == pytest.approx(np.zeros(6), abs=1e-9)

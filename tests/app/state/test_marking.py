@@ -22,6 +22,7 @@ from tests.app.state.documents import (
     PARALLEL,
     PERSPECTIVE,
     after,
+    assert_same_pose,
     make_keypoints,
     make_session,
 )
@@ -33,8 +34,8 @@ SPOTS = np.array([[-0.7, -0.4], [0.6, -0.5], [0.5, 0.6], [-0.4, 0.5], [0.1, 0.1]
 def with_pair(session: Session, spot: np.ndarray, target: Pose) -> Session:
     """Click the model at ``spot``, in its radii from its middle, then where ``target`` shows it."""
     document = session.document
-    middle = document.pose.project(document.registration.mesh.centre)
-    radius = 0.8 * np.abs(document.pose.project(document.registration.mesh.vertices) - middle).max()
+    middle = document.pose.project(document.mesh.centre)
+    radius = 0.8 * np.abs(document.pose.project(document.mesh.vertices) - middle).max()
     picked = after(session, c.Press(*(middle + radius * spot), zoom=30.0), c.Release())
     assert picked.document.marks.waits_for_pixel
     pixel = target.project(picked.document.marks.pairs[-1].point)
@@ -136,7 +137,7 @@ def test_five_points_on_each_rim_place_the_car(camera):
 def lay(session: Session, target: Pose) -> c.LayWheels:
     side = visible_side(make_keypoints(), target)
     rear, front = (ellipse_through(rim) for rim in wheel_rims(target, side, 0.35))
-    return c.LayWheels(session.document.registration, rear, front, target)
+    return c.LayWheels(session.document.photo, session.document.mesh, rear, front, target)
 
 
 def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
@@ -144,7 +145,7 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
     target = look_from("three-quarter", CAR, make_keypoints(), PERSPECTIVE)
     found = lay(session, target)
     laid = after(session, found)
-    assert laid.document.pose is target
+    assert_same_pose(laid.document.pose, target)
     for seen, given in zip(laid.document.marks.ellipses, (found.rear, found.front), strict=True):
         np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
     assert after(laid, c.Undo()).document is session.document

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import SearchEnd
+from poseviewer.app.state.document import compared, label_of, verdict_of
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MOST_OBJECTS,
@@ -20,9 +20,9 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
-from poseviewer.files.pose import PoseRecord, RecordedVerdict
-from poseviewer.fit.registration import LoadedModel
-from poseviewer.geometry.camera import Parallel
+from poseviewer.fit.scene import LoadedModel, SearchResult
+from poseviewer.fit.verdict import Verdict
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state.documents import (
@@ -30,28 +30,37 @@ from tests.app.state.documents import (
     PARALLEL,
     PERSPECTIVE,
     after,
-    make_document,
     make_keypoints,
-    make_photo,
     make_session,
     moved_document,
 )
 from tests.meshes import make_box
 
-BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, None)
+BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, path=Path("box.ply"))
 TAXI = LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints())
+FOUND = SearchResult(Verdict("found", 0.9, (), None), 0.1, 0.1)
 
 
 def with_two(camera=PERSPECTIVE) -> Session:
-    """The ball at the left, and a box, which is picked, at the right of it and behind it."""
+    """The ball at the left, and a box, which is active, at the right of it and behind it."""
     session = after(make_session(camera), c.Nudge("move", -30.0), AddObject(BOX))
     return after(session, c.Nudge("scale", -60.0), c.Nudge("move", 30.0))
 
 
+def pose_of(session: Session, number: int) -> Pose:
+    index = session.document.index_of(number)
+    assert index is not None
+    return session.document.scene.pose(index)
+
+
+def poses_of(session: Session) -> list[Pose]:
+    return [pose_of(session, number) for number in numbers(session)]
+
+
 def middle(session: Session, number: int) -> np.ndarray:
-    one = session.document.numbered(number)
-    assert one is not None
-    return one.pose.project(one.registration.mesh.centre)
+    document = session.document
+    one = document.scene.objects[document.index_of(number) or 0]
+    return pose_of(session, number).project(one.model.mesh.centre)
 
 
 def press(session: Session, number: int) -> c.Press:
@@ -60,28 +69,27 @@ def press(session: Session, number: int) -> c.Press:
 
 
 def numbers(session: Session) -> list[int]:
-    return [one.number for one in session.document.objects]
+    return [int(one.id) for one in session.document.scene.objects]
 
 
 def test_an_added_object_is_picked_and_waits_for_its_place():
     first = after(make_session(), c.Nudge("move", 3.0))
-    session = after(first, AddObject(BOX, Path("box.ply")))
+    session = after(first, AddObject(BOX))
     document = session.document
-    assert (document.number, document.label, document.model_path) == (2, "box.ply", Path("box.ply"))
-    assert document.awaits_place
-    assert document.verdict == "not placed"
+    assert (document.number, label_of(document.object)) == (2, "box.ply")
+    assert not document.object.is_placed
+    assert verdict_of(document.object) == "not placed"
     assert document.pose.camera == PERSPECTIVE
-    (other,) = document.others
-    assert other.pose is first.document.pose
-    assert other.registration.mesh is first.document.registration.mesh
-    assert type(other) is not type(document)  # no document holds documents
+    assert document.others == (0,)
+    assert pose_of(session, 1) is first.document.pose
+    assert BOX.path in session.paths
     assert after(session, c.Undo()).document is first.document
     # The next press puts it there, also where the other one is: that one stays.
     x = middle(session, 1)[0]
     placed = after(session, c.Press(float(x), 5.0), c.Release())
     assert placed.document.number == 2
     assert middle(placed, 2) == pytest.approx([x, 5.0], abs=0.5)
-    assert placed.document.others == session.document.others
+    assert placed.document.scene.objects[0] is session.document.scene.objects[0]
     # Also where the new one was drawn until then.
     x = middle(session, 2)[0] - 5.0
     placed = after(session, c.Press(float(x), 60.0), c.Release())
@@ -91,11 +99,10 @@ def test_an_added_object_is_picked_and_waits_for_its_place():
 
 def test_the_same_model_again_shares_its_mesh():
     session = after(make_session(vehicle=True), AddObject())
-    (other,) = session.document.others
-    assert session.document.registration.mesh is other.registration.mesh
-    assert session.document.awaits_place
+    assert session.document.mesh is session.document.scene.objects[0].mesh
+    assert not session.document.object.is_placed
     assert isinstance(session.document.chart, VehicleChart)
-    assert isinstance(other.chart, VehicleChart)
+    assert isinstance(session.document.with_active(0).chart, VehicleChart)
 
 
 def test_every_object_keeps_what_is_its_own_when_another_is_picked():
@@ -108,16 +115,11 @@ def test_every_object_keeps_what_is_its_own_when_another_is_picked():
     session = after(session, AlterObject(2, name="taxi"))
     car = session.document
     back = after(session, PickObject(1)).document
-    names = ("pose", "settings", "pins", "marks", "model_path", "name")
-    for name in names:
-        assert getattr(back, name) is getattr(ball, name)
-    assert back.registration.start is ball.registration.start
-    assert back.registration.mesh is ball.registration.mesh
+    assert (back.object, back.state) == (ball.object, ball.state)
     again = after(session, PickObject(1), PickObject(2)).document
-    for name in names:
-        assert getattr(again, name) is getattr(car, name)
-    assert again.registration.keypoints is car.registration.keypoints
-    assert again.label == "taxi"
+    assert (again.object, again.state) == (car.object, car.state)
+    assert again.model.keypoints is TAXI.keypoints
+    assert label_of(again.object) == "taxi"
     assert session.document.settings.seed == 7  # new ones are compared alike
 
 
@@ -127,7 +129,7 @@ def test_picking_is_no_step_and_ends_a_search():
     assert picked.search is None
     assert picked.history is session.history
     assert picked.document.number == 1
-    assert picked.document.poses == session.document.poses
+    assert picked.document.scene is session.document.scene
     assert after(picked, PickObject(1)) is picked
     assert after(picked, PickObject(9)) is picked
 
@@ -147,12 +149,12 @@ def test_undo_and_redo_go_over_all_objects():
     now = sessions[-1]
     for before in reversed(sessions[:-1]):
         now = after(now, c.Undo())
-        assert now.document.poses == before.document.poses
+        assert poses_of(now) == poses_of(before)
     for later in sessions[1:]:
         now = after(now, c.Redo())
-        assert now.document.poses == later.document.poses
+        assert poses_of(now) == poses_of(later)
         assert numbers(now) == numbers(later)
-    assert now.document.locked
+    assert now.document.object.locked
 
 
 def test_a_press_picks_what_is_nearest_there_and_holds_it():
@@ -164,13 +166,13 @@ def test_a_press_picks_what_is_nearest_there_and_holds_it():
     moved = after(held, c.DragTo(at.x + 6.0, at.y), c.Release())
     assert middle(moved, 1) == pytest.approx([at.x + 6.0, at.y])
     assert middle(moved, 2) == pytest.approx(middle(session, 2))
-    assert after(moved, c.Undo()).document.poses == session.document.poses
+    assert poses_of(after(moved, c.Undo())) == poses_of(session)
     # Where one is in front of the other, the one in front is taken; beside both, none.
     x, y = middle(session, 1)
     session = after(session, c.Nudge("move", *(middle(session, 1) - middle(session, 2))))
-    assert nearest_object(session.document, np.array([x, y])) == 1
+    assert nearest_object(session.document, np.array([x, y])) == 0
     behind = after(session, c.Nudge("scale", 200.0))
-    assert nearest_object(behind.document, np.array([x, y])) == 2
+    assert nearest_object(behind.document, np.array([x, y])) == 1
     assert after(session, c.Press(1.0, 1.0)).document.number == 2
 
 
@@ -189,7 +191,7 @@ def test_a_locked_object_stays_where_it_is_in_the_photo():
         c.Nudge("move", 1.0),
         c.ResetToStart(),
         c.LookFrom("left"),
-        c.SetPose(moved_document(session.document, 0.3).pose),
+        c.Open(moved_document(session.document, 0.3)),
         c.StartSearch(),
     ):
         found = update(session, command)
@@ -217,44 +219,35 @@ def test_one_camera_sees_all_and_each_keeps_its_place(command):
     seen = after(session, command)
     for number in (1, 2):
         assert middle(seen, number) == pytest.approx(middle(session, number), abs=1e-6)
-    (other,) = seen.document.others
-    own, its = seen.document.pose.camera, other.pose.camera
+    own, its = seen.document.pose.camera, pose_of(seen, 1).camera
     if isinstance(own, Parallel) and isinstance(its, Parallel):
         its = replace(its, scale=own.scale)
     assert own == its
-    assert after(seen, c.Undo()).document.poses == session.document.poses
+    assert poses_of(after(seen, c.Undo())) == poses_of(session)
 
 
 def test_under_parallel_projection_each_has_its_own_size():
     session = after(make_session(PARALLEL), AddObject(BOX))
-    (before,) = session.document.others
     larger = after(session, c.Nudge("scale", 10.0))
-    (other,) = larger.document.others
-    assert other is before
+    assert pose_of(larger, 1) is pose_of(session, 1)
+    assert pose_of(larger, 2).camera != pose_of(session, 2).camera
 
 
-def test_another_photo_is_that_of_all():
-    document = with_two().document
-    photo = make_photo(3)
-    changed = replace(document, registration=replace(document.registration, photo=photo))
-    assert all(one.registration.photo is photo for one in changed.objects)
+def test_the_active_one_is_compared_among_those_that_stand_firm():
+    def firm(session: Session) -> int:
+        own = session.document
+        return len(own.scene.occluders(own.active))
 
-
-def test_the_picked_one_is_compared_among_those_that_stand():
-    session = after(make_session(), AddObject(BOX))
-    (ball,) = session.document.registration.others
-    assert ball.pose is session.document.others[0].pose
-    # Nobody has said yet where the box is: it is in front of nothing.
-    assert after(session, PickObject(1)).document.registration.others == ()
-    placed = after(session, c.Nudge("move", 30.0))
-    assert placed.document.registration.others == (ball,)  # the very one: what is compared stays
-    (box,) = after(placed, PickObject(1)).document.registration.others
-    assert box.mesh is BOX.mesh
-    hidden = after(placed, AlterObject(1, hidden=True))
-    assert hidden.document.registration.others == ()
-    assert after(hidden, AlterObject(1, hidden=False)).document.registration.others[0].pose is (
-        ball.pose
-    )
+    session = with_two()
+    assert firm(session) == 0  # nobody trusts where the ball is
+    locked = after(session, AlterObject(1, locked=True))
+    assert firm(locked) == 1
+    assert firm(after(locked, AlterObject(1, hidden=True))) == 0
+    searched = replace(session, document=session.document.with_object(0, result=FOUND))
+    assert firm(searched) == 1
+    assert compared(searched.document.scene, 1) != compared(session.document.scene, 1)
+    named = after(searched, AlterObject(1, name="ball"))
+    assert compared(searched.document.scene, 1) == compared(named.document.scene, 1)
 
 
 def test_a_name_is_one_step_however_many_letters():
@@ -262,9 +255,9 @@ def test_a_name_is_one_step_however_many_letters():
     named = session
     for letters in ("t", "ta", "tax", "taxi"):
         named = after(named, AlterObject(2, name=letters))
-    assert named.document.label == "taxi"
+    assert label_of(named.document.object) == "taxi"
     assert after(named, c.Undo()).document is session.document
-    assert after(named, AlterObject(2, name="")).document.label == "box.ply"
+    assert label_of(after(named, AlterObject(2, name="")).document.object) == "box.ply"
 
 
 def test_removing_picks_the_next_and_never_the_last():
@@ -277,6 +270,14 @@ def test_removing_picks_the_next_and_never_the_last():
     refused = update(alone, RemoveObject(3))
     assert refused.error_message.startswith("This is the only object")
     assert refused.document is alone.document
+
+
+def test_models_in_different_units_are_refused():
+    session = after(make_session(), AddObject(replace(BOX, mesh=replace(BOX.mesh, unit="mm"))))
+    metres = replace(TAXI, mesh=replace(CAR, unit="m"))
+    refused = update(session, AddObject(metres))
+    assert refused.error_message.startswith("Taxi.glb is in m, box.ply in mm")
+    assert refused.document is session.document
 
 
 def test_there_is_a_limit():
@@ -294,7 +295,7 @@ def test_undo_reaches_back_over_objects_that_are_at_hand():
     """
     session = make_session()
     for number in range(8):
-        model = LoadedModel(make_box((1.0, 1.0, 1.0 + number)), "b.ply", f"{number:064d}", None)
+        model = LoadedModel(make_box((1.0, 1.0, 1.0 + number)), "b.ply", f"{number:064d}")
         session = after(session, AddObject(model), c.Nudge("move", 1.0))
     session = after(session, PickObject(1), c.Nudge("move", 1.0))
     for _ in range(17):
@@ -304,17 +305,17 @@ def test_undo_reaches_back_over_objects_that_are_at_hand():
 
 
 def test_a_verdict_is_of_the_pose_that_it_was_given_to():
-    document = make_document()
-    assert document.verdict == "not searched"
-    record = PoseRecord(document.pose, verdict=RecordedVerdict("found", 0.9))
-    found = replace(document, end=SearchEnd(record))
-    assert found.verdict == "found"
-    session = after(Session(found), AddObject(BOX))
-    assert session.document.others[0].verdict == "found"
-    assert after(session, PickObject(1)).document.verdict == "found"
-    assert after(session, PickObject(1), c.Nudge("move", 1.0)).document.verdict == "not searched"
+    def verdict(session: Session) -> str:
+        return verdict_of(session.document.scene.objects[0])
+
+    session = make_session()
+    assert verdict(session) == "not searched"
+    found = replace(session, document=session.document.with_object(result=FOUND))
+    session = after(found, AddObject(BOX))
+    assert verdict(session) == "found"
+    assert verdict(after(session, PickObject(1), c.Nudge("move", 1.0))) == "not searched"
     # Nor is it that by another camera.
-    assert after(session, c.SetFieldOfView(30.0)).document.others[0].verdict == "not searched"
+    assert verdict(after(session, c.SetFieldOfView(30.0))) == "not searched"
 
 
 def test_unsaved_is_what_any_object_changed():
@@ -327,30 +328,26 @@ def test_unsaved_is_what_any_object_changed():
 
 
 def meshes(session: Session) -> set[Mesh]:
-    return {one.registration.mesh for one in session.document.objects}
+    return {one.model.mesh for one in session.document.scene.objects}
 
 
 def test_opening_another_model_in_place_of_the_picked_one_keeps_the_others():
     session = with_two()
     document = session.document
-    own = replace(document.registration, mesh=CAR)
-    found = after(session, c.Open(replace(document, registration=own)))
+    found = after(session, c.Open(document.with_object(model=TAXI)))
     assert numbers(found) == [1, 2]
     assert CAR in meshes(found)
 
 
-def test_a_search_among_others_is_one_of_several_for_the_picked_one():
-    alone = after(make_session(), c.StartSearch())
-    assert alone.search is not None
-    assert alone.search.objects == ()
+def test_a_search_is_for_the_active_one_and_all_are_searched_for_in_turn():
     session = with_two()
-    among = after(session, c.StartSearch())
-    assert among.search is not None
-    assert among.search.objects == (session.document,)
-    # Those that are hidden are in front of nothing.
-    hidden = after(session, AlterObject(1, hidden=True), c.StartSearch())
-    assert hidden.search is not None
-    assert hidden.search.objects == ()
+    one, both = after(session, c.StartSearch()).search, after(session, c.SearchAll()).search
+    assert one is not None
+    assert both is not None
+    assert (one.indices, both.indices) == ((1,), (0, 1))
+    hidden = after(session, AlterObject(1, hidden=True), c.SearchAll()).search
+    assert hidden is not None
+    assert hidden.indices == (1,)
     locked = update(after(session, AlterObject(2, locked=True)), c.StartSearch())
     assert locked.search is None
     assert "locked" in locked.error_message

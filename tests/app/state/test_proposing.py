@@ -12,7 +12,14 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
-from tests.app.state.documents import PERSPECTIVE, after, make_document, make_photo, make_session
+from tests.app.state.documents import (
+    PERSPECTIVE,
+    after,
+    assert_same_pose,
+    make_document,
+    make_photo,
+    make_session,
+)
 
 POSES = tuple(
     Pose(PERSPECTIVE, RigidTransform.from_rotation_vector([turn, 0.1, 0.2], [0.1, 0.0, 7.0]))
@@ -33,8 +40,8 @@ def test_a_box_is_drawn_once_and_undone():
     assert drawn.proposals is not None  # they are looked for at once
     assert drawn.proposals.running
     assert drawn.proposals.query.rectangle == (20, 15, 70, 105)
-    assert drawn.document.settings.region is None
-    seen = drawn.document.pose.project(drawn.document.registration.mesh.vertices)
+    assert drawn.document.region is None
+    seen = drawn.document.pose.project(drawn.document.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
     assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)
     for ending in (c.StopProposing(), c.CancelDrag()):
@@ -45,9 +52,9 @@ def test_a_box_is_drawn_once_and_undone():
 
 def test_a_press_puts_a_model_that_is_nowhere_yet():
     document = make_document()
-    guessed = replace(document, registration=replace(document.registration, start_is_guess=True))
+    guessed = document.with_object(is_placed=False)
     session = after(Session(guessed), c.Press(5.0, 6.0), c.Release())
-    centre = document.registration.mesh.centre
+    centre = document.mesh.centre
     assert session.document.pose.project(centre) == pytest.approx([5.0, 6.0])
     assert after(session, c.Undo()).document is guessed
     for placed in (session, Session(document)):  # it is somewhere: a press beside it does nothing
@@ -57,15 +64,15 @@ def test_a_press_puts_a_model_that_is_nowhere_yet():
 def test_proposals_are_stepped_through_in_one_step_of_the_history():
     session = make_session()
     first = proposed(session)
-    assert first.document.pose is POSES[0]
+    assert_same_pose(first.document.pose, POSES[0])
     second = after(first, c.StepProposals(1))
-    assert second.document.pose is POSES[1]
-    assert after(first, c.StepProposals(-1)).document.pose is POSES[2]
+    assert_same_pose(second.document.pose, POSES[1])
+    assert_same_pose(after(first, c.StepProposals(-1)).document.pose, POSES[2])
     assert after(second, c.Undo()).document is session.document
     # What is moved by hand is a step of its own, and the proposals stay at hand.
     moved = after(second, c.Nudge("move", 1.0), c.StepProposals(1))
-    assert moved.document.pose is POSES[2]
-    assert after(moved, c.Undo(), c.Undo()).document.pose is POSES[1]
+    assert_same_pose(moved.document.pose, POSES[2])
+    assert_same_pose(after(moved, c.Undo(), c.Undo()).document.pose, POSES[1])
 
 
 def test_the_box_is_seen_while_starts_are_taken_from_it():
@@ -90,7 +97,7 @@ def test_the_box_is_seen_while_starts_are_taken_from_it():
 def test_the_one_taken_becomes_the_start():
     session = make_session()
     taken = after(proposed(session), c.StepProposals(1), c.TakeProposal())
-    assert taken.document.registration.start is POSES[1]
+    assert_same_pose(taken.document.start, POSES[1])
     assert taken.proposals is None
     assert after(taken, c.StepProposals(1)).document is taken.document
     assert after(taken, c.Undo()).document is session.document

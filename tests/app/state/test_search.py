@@ -8,18 +8,25 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import MOST_STEPS, Document
+from poseviewer.app.state.document import MOST_STEPS
 from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import case_at, search
+from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_registration
-from tests.app.state.documents import PARALLEL, PERSPECTIVE, after, make_document, make_photo
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.app.state.documents import (
+    PARALLEL,
+    PERSPECTIVE,
+    after,
+    assert_same_pose,
+    make_document,
+    make_photo,
+)
 
 SETTINGS = FitSettings(limits=Limits(evaluations=60))
 UPDATES = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
@@ -29,24 +36,24 @@ UPDATES = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
 @pytest.fixture(scope="module")
 def session(scene) -> Session:
     """The small scene at its start."""
-    registration = load_registration(scene.photo, scene.model, scene.start)
-    return Session(Document(registration, registration.start, SETTINGS))
+    document = open_files(scene.photo, scene.model, scene.start).document
+    return Session(document.with_object(settings=SETTINGS))
 
 
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchUpdate]:
     """All updates of a short search from the start."""
-    registration = session.document.registration
-    renderer = SoftwareRenderer(registration.mesh)
-    return list(search(registration, session.document.pose, SETTINGS, renderer))
+    asked = after(session, c.StartSearch()).search
+    assert asked is not None
+    return list(run_search(asked))
 
 
 @pytest.fixture(scope="module")
 def landscape(session) -> tuple[LandscapeUpdate, ...]:
     """The whole of small maps about the start."""
     document = session.document
-    renderer = SoftwareRenderer(document.registration.mesh)
-    case = case_at(document.registration, document.pose, SETTINGS, renderer)
+    renderer = SoftwareRenderer(document.mesh)
+    case = case_of(document.scene, 0, 0, SETTINGS, renderer)
     with RendererPool(renderer) as pool:
         *_, last = maps(case, document, pool, 0.2, 5)
     return (last,)
@@ -63,7 +70,7 @@ def test_a_search_is_one_step_to_its_best_pose(session, updates):
     done = searched(session, updates, len(updates))
     assert not done.searching
     assert done.search is not None
-    assert done.document.pose is updates[-1].progress.pose
+    assert_same_pose(done.document.pose, updates[-1].progress.pose)
     assert done.history.past == (session.document,)
     assert after(done, c.Undo()).document is session.document
     assert after(done, c.RevertSearch()).document is session.document
@@ -106,7 +113,7 @@ def test_updates_of_an_older_search_are_dropped(session, updates):
 
 def test_a_drag_stops_a_search_and_is_kept(session, updates):
     running = searched(session, updates, 40)
-    centre = session.document.registration.mesh.centre
+    centre = session.document.mesh.centre
     x, y = running.document.pose.project(centre)
     dragged = after(running, c.Press(x, y))
     assert dragged.searching  # a click alone does not stop it
@@ -166,7 +173,7 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
     """Any command, sometimes with nonsense in it."""
     x, y = random.uniform(-20.0, 180.0, 2)
     if random.uniform() < 0.7:
-        x, y = session.document.pose.project(session.document.registration.mesh.centre)
+        x, y = session.document.pose.project(session.document.mesh.centre)
         x, y = np.array([x, y]) + random.normal(size=2) * 15.0
     if random.uniform() < 0.02:
         x = random.choice([np.nan, np.inf, 1e300, -1e8])
@@ -186,7 +193,6 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
         *[c.DoublePress(x, y, 2.0)] * 2,
         c.Nudge(kinds[pick(4)], amount, -amount),
         c.SetNumber(names[pick(len(names))], float(random.normal() * 0.3)),
-        c.SetPose(session.document.registration.start, flip[0]),
         c.ResetToStart(),
         c.MakeStart(),
         c.LookFrom(sides[pick(len(sides))]),
@@ -217,7 +223,7 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
     session, updates, landscape, seed
 ):
     random = np.random.default_rng(seed)
-    renderer = SoftwareRenderer(session.document.registration.mesh)
+    renderer = SoftwareRenderer(session.document.mesh)
     others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
     now = session
     for request in OverlayDrawer(renderer).draw(_request(session)):
@@ -237,11 +243,9 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
 
 def _request(session: Session) -> OverlayRequest:
     document = session.document
-    return OverlayRequest(
-        document.registration, document.settings, document.pose, document.pose, "outline"
-    )
+    return OverlayRequest(document, document.scene, "outline")
 
 
 def test_the_updates_are_of_a_search_that_ended(updates):
     assert updates[-1].progress.status is Status.EVALUATIONS_SPENT
-    assert all(item.progress.status is Status.RUNNING for item in updates[:-1])
+    assert all(item.progress.status is Status.RUNNING for item in updates[:-2])

@@ -19,6 +19,7 @@ from tests.app.state.documents import (
     PARALLEL,
     PERSPECTIVE,
     after,
+    assert_same_pose,
     make_session,
     moved_document,
 )
@@ -27,7 +28,7 @@ CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["paral
 
 
 def centre_of(session: Session):
-    return session.document.pose.project(session.document.registration.mesh.centre)
+    return session.document.pose.project(session.document.mesh.centre)
 
 
 def press(session: Session, offset=(0.0, 0.0), **more) -> c.Press:
@@ -154,12 +155,12 @@ def test_pins_are_refused_beside_the_model_and_on_vehicles():
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
     session = after(make_session(), c.SetTool("region"))
     drawn = after(session, c.Press(150.2, 20.7), c.DragTo(300.0, 5.5), c.DragTo(170.0, 60.1))
-    assert drawn.document.settings.region == (150, 20, 10, 41)
+    assert drawn.document.region == (150, 20, 10, 41)
     done = after(drawn, c.Release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
     none = after(done, c.SetTool("region"), c.Press(20.0, 20.0), c.DragTo(20.5, 60.0), c.Release())
-    assert none.document.settings.region is None
+    assert none.document.region is None
 
 
 @pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])
@@ -278,9 +279,9 @@ def test_start_reset_and_poses_set():
     started = after(there, c.MakeStart(), c.Nudge("roll", 5.0), c.ResetToStart())
     assert started.document.pose is there.document.pose
     pose = moved_document(session.document, 0.2).pose
-    assert after(session, c.SetPose(pose)).document.pose is pose
-    loaded = after(session, c.SetPose(pose, as_start=True), c.Nudge("roll", 1.0), c.ResetToStart())
-    assert loaded.document.pose is pose
+    opened = c.Open(session.document.started_from(pose))
+    loaded = after(session, opened, c.Nudge("roll", 1.0), c.ResetToStart())
+    assert_same_pose(loaded.document.pose, pose)
 
 
 def test_unsaved_is_told():
@@ -326,4 +327,5 @@ def test_a_pose_behind_the_camera_is_refused():
     session = make_session()
     turned = session.document.pose.camera_from_model
     behind = replace(turned, translation=turned.translation * -1.0)
-    refused(session, c.SetPose(replace(session.document.pose, camera_from_model=behind)))
+    away = replace(session.document.pose, camera_from_model=behind)
+    refused(session, c.Open(session.document.at_pose(away)))

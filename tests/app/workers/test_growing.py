@@ -9,7 +9,7 @@ import pytest
 from poseviewer.app.state.hiding import Stroke
 from poseviewer.app.workers.tasks import grown
 from poseviewer.errors import QuickStartError
-from poseviewer.geometry.photo import Photo
+from poseviewer.geometry.image import Photo
 
 
 def photo_of(thing: np.ndarray, depth: type[np.unsignedinteger] = np.uint8) -> Photo:

@@ -10,49 +10,58 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import OverlayRequest, Session
+from poseviewer.app.state.session import OverlayRequest, Search, SearchUpdate, Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import case_at, search
+from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker, maps
+from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import OverlayDrawer
-from poseviewer.fit.landscape import free_pairs
 from poseviewer.fit.problem import make_problem, pose_loss
-from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.slices import free_pairs
 from poseviewer.fit.stages import fit_pose
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.software.renderer import SoftwareRenderer
-from poseviewer.starts.registration import load_registration
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 SETTINGS = FitSettings(limits=Limits(evaluations=150))
 
 
 @pytest.fixture(scope="module")
-def registration(scene) -> Registration:
-    return load_registration(scene.photo, scene.model, scene.start)
+def document(scene) -> Document:
+    return compared_by(open_files(scene.photo, scene.model, scene.start).document, SETTINGS)
 
 
 @pytest.fixture(scope="module")
-def renderer(registration) -> SoftwareRenderer:
-    return SoftwareRenderer(registration.mesh)
+def renderer(document) -> SoftwareRenderer:
+    return SoftwareRenderer(document.mesh)
 
 
-def request_of(registration, look="outline", **more) -> OverlayRequest:
-    pose = registration.start
-    return OverlayRequest(registration, SETTINGS, pose, pose, look, **more)
+def compared_by(document: Document, settings: FitSettings) -> Document:
+    return document.with_object(settings=settings)
 
 
-def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
-    quick, fine = OverlayDrawer(renderer).draw(request_of(registration))
+def request_of(document: Document, look="outline", **more) -> OverlayRequest:
+    return OverlayRequest(document, document.scene, look, **more)
+
+
+def searched(document: Document) -> list[SearchUpdate]:
+    """All updates of a search from where the model is, but for the last word."""
+    *updates, _ = run_search(Search(1, document, (document.settings,), (0,)))
+    return updates
+
+
+def test_an_outline_is_drawn_quickly_then_finely(document, renderer):
+    quick, fine = OverlayDrawer(renderer).draw(request_of(document))
     assert len(quick.outline) > 10
     assert quick.picture is None
     assert fine.picture is not None
-    assert fine.unexplained == quick.unexplained
+    assert fine.losses.mean == quick.losses.mean
     left, top, width, height = fine.place
     assert fine.picture.shape[2] == 4
     assert fine.picture.shape[1] / fine.picture.shape[0] == pytest.approx(width / height)
     # Both go round the model: within a pixel of the box of its vertices.
-    seen = registration.start.project(registration.mesh.vertices)
+    seen = document.pose.project(document.mesh.vertices)
     for overlay in (quick, fine):
         points = overlay.outline.reshape(-1, 2)
         assert points.min(axis=0) == pytest.approx(seen.min(axis=0), abs=1.0)
@@ -61,69 +70,67 @@ def test_an_outline_is_drawn_quickly_then_finely(registration, renderer):
     assert np.all(fine.outline <= [left + width, top + height])
 
 
-def test_a_moving_model_is_drawn_quickly_alone(registration, renderer):
-    first, second = OverlayDrawer(renderer).draw(request_of(registration, moving=True))
+def test_a_moving_model_is_drawn_quickly_alone(document, renderer):
+    first, second = OverlayDrawer(renderer).draw(request_of(document, moving=True))
     assert (first.loss_is_current, second.loss_is_current) == (False, True)
-    assert second.unexplained is not None
+    assert second.losses.mean is not None
     for overlay in (first, second):
         assert overlay.picture is None
         assert len(overlay.outline) > 10
 
 
-def test_the_loss_is_that_of_the_search(registration, renderer):
-    problem, _ = make_problem(registration, SETTINGS)
+def test_the_loss_is_that_of_the_search(document, renderer):
+    problem, _ = make_problem(document.scene)
     drawer = OverlayDrawer(renderer)
     for shift in (0.0, 0.05, -0.1):
         parameters = problem.start + shift
-        request = replace(request_of(registration, "none"), pose=problem.chart.to_pose(parameters))
-        (overlay,) = drawer.draw(request)
+        there = document.at_numbers(problem.chart, parameters)
+        (overlay,) = drawer.draw(OverlayRequest(there, document.scene, "none"))
         wanted = pose_loss(problem, renderer, parameters)
-        assert overlay.unexplained is not None
-        assert overlay.unexplained.loss == pytest.approx(wanted, rel=1e-12)
-        assert overlay.start_loss == pytest.approx(pose_loss(problem, renderer, problem.start))
+        assert overlay.losses.mean is not None
+        assert overlay.losses.mean.loss == pytest.approx(wanted, rel=1e-12)
+        assert overlay.losses.start == pytest.approx(pose_loss(problem, renderer, problem.start))
 
 
-def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(registration, renderer):
+def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(document, renderer):
     drawer = OverlayDrawer(renderer)
-    request = request_of(registration, "none")
+    request = request_of(document, "none")
 
     def loss(asked: OverlayRequest) -> float:
         (overlay,) = drawer.draw(asked)
-        assert overlay.unexplained is not None
-        return overlay.unexplained.loss
+        assert overlay.losses.mean is not None
+        return overlay.losses.mean.loss
 
-    other = replace(request, settings=replace(SETTINGS, region=(40, 30, 80, 60)))
+    other = request_of(document.with_own(region=Rectangle(40, 30, 80, 60)), "none")
     for asked in (request, other, request):
-        fresh = next(iter(OverlayDrawer(renderer).draw(asked))).unexplained
+        fresh = next(iter(OverlayDrawer(renderer).draw(asked))).losses.mean
         assert fresh is not None
         assert loss(asked) == fresh.loss
     assert loss(request) != loss(other)
 
 
-def test_why_there_is_no_loss_is_told(registration, renderer):
-    settings = replace(SETTINGS, region=(0, 0, 2, 2))
-    request = replace(request_of(registration), settings=settings)
+def test_why_there_is_no_loss_is_told(document, renderer):
+    request = request_of(document.with_own(region=Rectangle(0, 0, 2, 2)))
     for overlay in OverlayDrawer(renderer).draw(request):
-        assert overlay.unexplained is None
-        assert len(overlay.note) > 20
+        assert overlay.losses.mean is None
+        assert len(overlay.losses.note) > 20
         assert len(overlay.outline) > 10
 
 
 @pytest.mark.parametrize("look", ["solid", "relit", "residual"])
-def test_pictures_cover_the_photo(registration, renderer, look):
-    (overlay,) = OverlayDrawer(renderer).draw(request_of(registration, look))
+def test_pictures_cover_the_photo(document, renderer, look):
+    (overlay,) = OverlayDrawer(renderer).draw(request_of(document, look))
     assert overlay.picture is not None
     assert overlay.picture.shape[:2] == (120, 160)
     assert overlay.place == (0.0, 0.0, 160.0, 120.0)
-    photo = registration.photo.as_rgb8(160, 120)
+    photo = document.photo.as_rgb8(160, 120)
     assert np.any(overlay.picture[..., :3] != photo)
 
 
-def test_a_search_ends_where_a_fit_ends(registration, renderer):
-    problem, _ = make_problem(registration, SETTINGS)
+def test_a_search_ends_where_a_fit_ends(document, renderer):
+    problem, _ = make_problem(document.scene)
     *_, last = fit_pose(problem, renderer)
-    pose = registration.start
-    updates = list(search(registration, pose, SETTINGS, renderer))
+    updates = searched(document)
     assert np.array_equal(updates[-1].progress.parameters, last.parameters)
     assert updates[-1].progress.loss == last.loss
     assert updates[-1].progress.status is last.status
@@ -133,17 +140,17 @@ def test_a_search_ends_where_a_fit_ends(registration, renderer):
     assert counts[-1] == 150
 
 
-def test_a_search_starts_at_the_pose_at_hand(registration, renderer):
-    problem, _ = make_problem(registration, SETTINGS)
-    pose = problem.chart.to_pose(problem.start + 0.03)
-    first = next(iter(search(registration, pose, SETTINGS, renderer)))
-    assert first.progress.pose.project(registration.mesh.vertices) == pytest.approx(
-        pose.project(registration.mesh.vertices), abs=1e-9
+def test_a_search_starts_at_the_pose_at_hand(document):
+    problem, _ = make_problem(document.scene)
+    there = document.at_numbers(problem.chart, problem.start + 0.03)
+    first = searched(there)[0]
+    assert first.progress.pose.project(document.mesh.vertices) == pytest.approx(
+        there.pose.project(document.mesh.vertices), abs=1e-9
     )
 
 
-def test_improvements_are_each_better_than_the_last(registration, renderer):
-    updates = list(search(registration, registration.start, SETTINGS, renderer))
+def test_improvements_are_each_better_than_the_last(document):
+    updates = searched(document)
     losses = [step.loss for step in updates[-1].improvements]
     assert losses == sorted(losses, reverse=True)
     assert len(set(losses)) == len(losses) > 2
@@ -154,13 +161,12 @@ def test_improvements_are_each_better_than_the_last(registration, renderer):
 
 
 @pytest.mark.parametrize("lock", [(), ("rotation_x", "shift_y", "log_depth", "rotation_z")])
-def test_maps_become_known_until_they_are_complete(registration, renderer, lock):
+def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     settings = replace(SETTINGS, lock=lock)
-    pose = registration.start
-    case = case_at(registration, pose, settings, renderer)
+    case = case_of(document.scene, 0, 0, settings, renderer)
     problem = case.problem
     with RendererPool(renderer) as pool:
-        updates = list(maps(case, Document(registration, pose), pool, 0.2, 5))
+        updates = list(maps(case, document, pool, 0.2, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
@@ -174,9 +180,9 @@ def test_maps_become_known_until_they_are_complete(registration, renderer, lock)
         assert math.isclose(piece.first_values[2], problem.start[piece.first], abs_tol=1e-12)
 
 
-def test_restarts_are_told_where_they_begin(registration, renderer):
+def test_restarts_are_told_where_they_begin(document):
     settings = FitSettings("paper", limits=Limits(evaluations=900))
-    *_, last = search(registration, registration.start, settings, renderer)
+    last = searched(compared_by(document, settings))[-1]
     begun = last.restarts
     assert [step.restart for step in begun] == list(range(1, last.progress.restart + 1))
     counts = [step.evaluations for step in begun]
@@ -185,20 +191,19 @@ def test_restarts_are_told_where_they_begin(registration, renderer):
 
 
 @pytest.mark.parametrize("pixels", ["clip", "whole"])
-def test_the_papers_loss_is_drawn_as_it_is_searched(registration, renderer, pixels):
+def test_the_papers_loss_is_drawn_as_it_is_searched(document, renderer, pixels):
     settings = FitSettings("paper", pixels=pixels)
-    problem, _ = make_problem(registration, settings)
-    (overlay,) = OverlayDrawer(renderer).draw(
-        replace(request_of(registration, "none"), settings=settings)
-    )
-    assert overlay.unexplained is not None
-    loss = overlay.unexplained.loss
+    document = compared_by(document, settings)
+    problem, _ = make_problem(document.scene)
+    (overlay,) = OverlayDrawer(renderer).draw(request_of(document, "none"))
+    assert overlay.losses.mean is not None
+    loss = overlay.losses.mean.loss
     assert loss == pytest.approx(pose_loss(problem, renderer, problem.start.copy()))
     assert 0.0 < loss <= 1.0
 
 
-def test_two_losses_are_mapped_about_one_pose(registration, renderer):
-    session = Session(Document(registration, registration.start, SETTINGS))
+def test_two_losses_are_mapped_about_one_pose(document, renderer):
+    session = Session(document)
     session = update(session, c.ChangeLandscape(whose="both"))
     job = MapJob.wanted(session, moving=True)
     found = list(MapMaker(renderer).run(job))

@@ -8,19 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from poseviewer.app.state.commands import Nudge
-from poseviewer.app.state.document import SearchEnd
+from poseviewer.app.state.document import verdict_of
 from poseviewer.app.state.objects import AddObject, AlterObject
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import export, record_of
+from poseviewer.app.workers.autosaving import Autosaver, kept_of
+from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
-    Opened,
     open_file_set,
     open_files,
-    open_objects,
     open_photo,
     open_pose,
     restore,
@@ -28,8 +27,12 @@ from poseviewer.app.workers.opening import (
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
-from poseviewer.files.pose import PoseRecord, RecordedVerdict, save_pose
-from poseviewer.files.state.autosave import AutosavedSession, load_autosave
+from poseviewer.files.pose import save_pose
+from poseviewer.files.state.autosave import load_autosave
+from poseviewer.fit.scene import SearchResult
+from poseviewer.fit.verdict import Verdict
+from poseviewer.starts.loading import load_model, pose_record
+from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene
 from tests.textured import write_obj
 
@@ -43,29 +46,17 @@ def calibration(tmp_path: Path) -> Calibration:
     return Calibration(path)
 
 
-def kept_of(opened: Opened) -> AutosavedSession:
-    registration = opened.document.registration
-    photo = registration.photo
-    record = PoseRecord(opened.document.pose, undistortion=photo.undistortion)
-    paths = opened.document.photo_path, opened.document.model_path
-    return AutosavedSession(
-        paths[0], photo.name, photo.sha256, paths[1], registration.mesh_name,
-        record, PoseRecord(registration.start), {}, 0.0,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("placed", [True, False])
 def test_with_a_calibration_the_undistorted_photo_is_open(
     scene: Scene, calibration: Calibration, placed: bool
 ) -> None:
     wanted = load_calibrated_photo(scene.photo, calibration)
     opened = open_files(scene.photo, scene.model, scene.start if placed else None, calibration)
-    photo = opened.document.registration.photo
+    photo = opened.document.photo
     assert not np.array_equal(photo.pixels, load_photo(scene.photo).pixels)
     np.testing.assert_array_equal(photo.pixels, wanted.pixels)
     assert opened.document.pose.camera == wanted.camera
     session = Session(opened.document)
-    assert record_of(session).undistortion == photo.undistortion
     (name,) = export("overlay", session)
     assert name == "p.undistorted.overlay.png"
     (pose,) = export("pose", session).values()
@@ -77,27 +68,25 @@ def test_a_pose_of_an_undistorted_photo_brings_that_photo(
 ) -> None:
     first = open_files(scene.photo, scene.model, scene.start, calibration)
     wanted = first.document
-    save_pose(tmp_path / "pose.json", record_of(Session(wanted)))
+    save_pose(tmp_path / "pose.json", pose_record(wanted.scene, 0, 0))
     plain = open_files(scene.photo, scene.model, scene.start)
-    (opened,) = open_pose(plain.document, tmp_path / "pose.json")
-    assert not opened.pose_alone
-    registration = opened.document.registration
-    np.testing.assert_array_equal(registration.photo.pixels, wanted.registration.photo.pixels)
+    opened = open_pose(plain.document, tmp_path / "pose.json")
+    photo = opened.document.photo
+    np.testing.assert_array_equal(photo.pixels, wanted.photo.pixels)
     # Once more: the photo is that one already.
-    (again,) = open_pose(opened.document, tmp_path / "pose.json")
-    assert again.pose_alone
-    assert again.document.registration.photo is registration.photo
+    again = open_pose(opened.document, tmp_path / "pose.json")
+    assert again.document.photo is photo
 
 
 def test_what_an_earlier_session_left_is_undistorted_again(
     scene: Scene, calibration: Calibration
 ) -> None:
     before = open_files(scene.photo, scene.model, scene.start, calibration)
-    (opened,) = restore(kept_of(before))
-    now, then = opened.document.registration, before.document.registration
+    (opened,) = restore(kept_of(before.document))
+    now, then = opened.document, before.document
     np.testing.assert_array_equal(now.photo.pixels, then.photo.pixels)
     assert same_undistortion(now.photo.undistortion, then.photo.undistortion)
-    assert opened.document.pose == before.document.pose
+    assert_same_pose(now.pose, then.pose, 0.0)
 
 
 def test_another_photo_is_shown_as_taken_and_said_so(
@@ -107,7 +96,7 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     other = scene.photo.with_name("other.png")
     other.write_bytes(scene.photo.read_bytes())
     opened = open_photo(before.document, other)
-    photo = opened.document.registration.photo
+    photo = opened.document.photo
     assert photo.undistortion is None
     np.testing.assert_array_equal(photo.pixels, load_photo(scene.photo).pixels)
     assert any("as taken" in warning for warning in opened.warnings)
@@ -116,7 +105,7 @@ def test_another_photo_is_shown_as_taken_and_said_so(
 def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
     other = write_obj(tmp_path, "wood.png")
     save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
-    ((added,), _) = open_objects([other])
+    added = AddObject(load_model(other))
     session = Session(open_files(scene.photo, scene.model, scene.start).document)
     for command in (
         AddObject(),
@@ -128,29 +117,27 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
     ):
         session = update(session, command)
         assert not session.error_message
-    verdict = RecordedVerdict("found", 0.9)
-    record = PoseRecord(session.document.pose, verdict=verdict)
-    session = replace(session, document=replace(session.document, end=SearchEnd(record)))
+    result = SearchResult(Verdict("found", 0.9, (), None), 0.1, 0.1)
+    session = replace(session, document=session.document.with_object(result=result))
     Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)
     (opened,) = restore(kept)
-    before, after = session.document.objects, opened.document.objects
+    before, after = session.document.scene, opened.document.scene
     assert opened.document.number == 3
-    for one, again in zip(before, after, strict=True):
-        for name in ("number", "name", "hidden", "locked", "model_path"):
+    for index, (one, again) in enumerate(zip(before.objects, after.objects, strict=True)):
+        for name in ("id", "name", "hidden", "locked"):
             assert getattr(one, name) == getattr(again, name)
-        np.testing.assert_array_equal(
-            one.pose.camera_from_model.rotation, again.pose.camera_from_model.rotation
-        )
-        assert one.pose.camera == again.pose.camera
-        assert again.registration.photo is opened.document.registration.photo
-    assert opened.document.verdict == "found"
-    assert after[0].registration.mesh is after[1].registration.mesh
+        assert one.model.path == again.model.path
+        assert_same_pose(before.pose(index), after.pose(index), 0.0)
+    assert verdict_of(opened.document.object) == "found"
+    assert after.objects[0].mesh is after.objects[1].mesh
     # An object whose model is gone is said, and the others open.
-    gone = replace(kept.others[0], model=tmp_path / "gone.ply", model_name="gone.ply")
-    (opened,) = restore(replace(kept, others=(gone, kept.others[1])))
-    assert [one.number for one in opened.document.objects] == [2, 3]
+    first, *others = kept.scene.objects
+    gone = structs.replace(first, model=structs.replace(first.model, file="gone.ply"))
+    record = structs.replace(kept.scene, objects=(gone, *others))
+    (opened,) = restore(structs.replace(kept, scene=record))
+    assert [one.id for one in opened.document.scene.objects] == ["2", "3"]
     assert any(warning.startswith("gone.ply: is not where") for warning in opened.warnings)
 
 
@@ -160,13 +147,12 @@ def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
     other = scene.photo.with_name("other.png")
     other.write_bytes(scene.photo.read_bytes())
     document = open_photo(session.document, other).document
-    assert [one.verdict for one in document.objects] == ["not placed", "not placed"]
-    (one,) = document.others
-    assert one.registration.photo is document.registration.photo
+    assert [verdict_of(one) for one in document.scene.objects] == ["not placed", "not placed"]
     # As they stood to each other.
     was, now = (
-        a.pose.camera_from_model.translation - b.pose.camera_from_model.translation
-        for a, b in ((session.document, session.document.others[0]), (document, one))
+        one.scene.pose(1).camera_from_model.translation
+        - one.scene.pose(0).camera_from_model.translation
+        for one in (session.document, document)
     )
     np.testing.assert_allclose(was, now, atol=1e-9)
 
@@ -174,10 +160,9 @@ def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
 def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:
     before = open_files(scene.photo, scene.model, scene.start).document
     opened = open_file_set(before, FileSet(camera=calibration.path), [])
-    registration = opened.document.registration
-    assert registration.photo.undistortion is not None
-    assert registration.mesh is before.registration.mesh
-    centre = registration.mesh.centre
+    assert opened.document.photo.undistortion is not None
+    assert opened.document.mesh is before.mesh
+    centre = before.mesh.centre
     moved = opened.document.pose.project(centre) - before.pose.project(centre)
     np.testing.assert_allclose(moved, 0.0, atol=1e-6)
 
@@ -186,11 +171,12 @@ def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> N
     before = open_files(scene.photo, scene.model, None).document
     files = sort_set([scene.photo, scene.model, scene.start, scene.photo.with_name("notes.txt")])
     opened = open_file_set(before, files, [scene.model])
-    assert not opened.document.awaits_place
+    assert opened.document.object.is_placed
     assert opened.warnings[0] == "Not used: notes.txt."
-    assert not opened.objects
+    assert len(opened.document.scene.objects) == 1
     models = [scene.model] * 2
     opened = open_file_set(
         before, FileSet(models=tuple(model_files(m, []) for m in models)), models
     )
-    assert [one.path for one in opened.objects] == [scene.model]
+    paths = [one.model.path for one in opened.document.scene.objects]
+    assert paths == models

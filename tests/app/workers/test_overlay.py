@@ -6,36 +6,25 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.app.state.document import Document, SceneObject
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import OverlayRequest, Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.overlay import OverlayDrawer
-from poseviewer.fit.registration import Registration
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import visibility
-from poseviewer.render.software.renderer import SoftwareRenderer
-from tests.several import MESHES, TRUTH, make_photo
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.app.state.sets import document_of
+from tests.several import MESHES, TRUTH
 
 
 def ball_behind_box() -> Document:
-    photo = make_photo()
-    ball, box = (
-        SceneObject(
-            Registration(photo, one.mesh, "m.ply", str(n) * 64, None, one.pose, ()),
-            one.pose,
-            FitSettings(),
-            number=n,
-        )
-        for n, one in enumerate(TRUTH[:2], 1)
-    )
-    return Document.of(ball, None, (box,))
+    return document_of([one.pose for one in TRUTH[:2]])
 
 
 @pytest.mark.parametrize("look", ["solid", "relit", "residual", "normals"])
 def test_no_look_draws_what_is_behind_another(look: str):
     document = ball_behind_box()
-    own = document.registration
-    request = OverlayRequest(own, document.settings, document.pose, document.pose, look)
+    own = document
+    request = OverlayRequest(document, document.scene, look)
     (overlay,) = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
     assert overlay.picture is not None
     seen = visibility(TRUTH[:2])
@@ -53,7 +42,7 @@ def test_the_picture_that_is_sent_does_not_either():
     (data,) = export("overlay", session).values()
     picture = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
     seen = visibility(TRUTH[:2])
-    photo = document.registration.photo.as_rgb8(320, 240)
+    photo = document.photo.as_rgb8(320, 240)
     # Well inside: an outline is wider than a pixel.
     behind = cv2.erode((seen.drawn[0] & ~seen.seen(0)).astype(np.uint8), np.ones((9, 9))) > 0
     assert behind.any()

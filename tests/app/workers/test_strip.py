@@ -7,31 +7,32 @@ from threading import Event
 
 import numpy as np
 
-from poseviewer.app.state.session import Session, Strip
-from poseviewer.app.workers.outlines import StripWorker
+from poseviewer.app.state.objects import AddObject
+from poseviewer.app.state.session import Outlines, Session
+from poseviewer.app.workers.outlines import OutlineWorker
+from tests.app.state.documents import after
 from tests.app.state.sets import make_set_session
-from tests.view_sets import MESH
+from tests.view_sets import MESH, TRUTH
 
 
-def strip_of(session: Session) -> Strip:
-    """The model in all photos, as the worker draws it."""
+def drawn_in(session: Session) -> Outlines:
+    """The objects in all photos, as the worker draws it."""
     drawn = Event()
-    with closing(StripWorker("strip", drawn.set)) as worker:
-        worker.start(session)
+    with closing(OutlineWorker(drawn.set)) as worker:
+        worker.start(session, moving=False)
         while drawn.wait(60.0):
             drawn.clear()
             for update in worker.take():
-                return update.strip
+                return update.outlines
     raise AssertionError("nothing was drawn")
 
 
-def test_the_model_is_drawn_in_all_photos():
-    session = make_set_session(free_size=True)
-    views = session.document.views
-    assert views is not None
-    strip = strip_of(session)
-    assert strip.poses == views.poses
-    for pose, lines in zip(strip.poses, strip.lines, strict=True):
+def test_all_objects_are_drawn_in_all_photos():
+    session = after(make_set_session(), AddObject())
+    for pose, drawn in zip(TRUTH, drawn_in(session).small, strict=True):
+        assert set(drawn) == {1, 2}
+        assert len(drawn[2])
+        lines = drawn[1]
         seen = pose.project(MESH.vertices) / np.array([pose.camera.width, pose.camera.height])
         np.testing.assert_allclose(lines.min((0, 1)), seen.min(axis=0), atol=0.02)
         np.testing.assert_allclose(lines.max((0, 1)), seen.max(axis=0), atol=0.02)

@@ -8,35 +8,25 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import Document, SceneObject
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.errors import SettingsError
-from poseviewer.fit.registration import Registration
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from tests.app.state.documents import after
-from tests.several import MESHES, STARTS, TRUTH, make_photo
+from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.sets import document_of
+from tests.several import MESHES, STARTS, TRUTH
 
 
 def among(*poses) -> Session:
-    """The ball, picked, and what stands in front of it."""
-    photo, settings = make_photo(), FitSettings(limits=Limits(800))
-    ball, front = (
-        SceneObject(
-            Registration(photo, mesh, f"{n}.ply", str(n) * 64, None, pose, ()),
-            pose,
-            settings,
-            number=n,
-        )
-        for n, (mesh, pose) in enumerate(zip(MESHES, poses, strict=False), 1)
-    )
-    return after(Session(Document.of(ball, None, (front,))), c.StartSearch())
+    """The ball, active, and what stands in front of it."""
+    document = document_of(poses, FitSettings(limits=Limits(800)))
+    return after(Session(document.with_object(1, locked=True)), c.StartSearch())
 
 
 @pytest.mark.slow
-def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
+def test_the_active_one_is_searched_for_until_the_others_hide_no_more_of_it():
     # At the start the ball is as near as the box: most of that is not in front of it. Half of the
     # ball and more is where the box is, so that its depth there decides.
     place = STARTS[0].pose.camera_from_model
@@ -46,20 +36,20 @@ def test_the_picked_one_is_searched_for_until_the_others_hide_no_more_of_it():
     assert session.search is not None
     number, rounds = session.searches, []
     for update in run_search(session.search):
-        if not rounds or update.case.problem is not rounds[-1]:
-            rounds.append(update.case.problem)
+        if not rounds or update.problem is not rounds[-1]:
+            rounds.append(update.problem)
         session = after(session, c.SearchAdvanced(number, update))
     assert len(rounds) > 1  # at the start other pixels of it were hidden
     assert session.search is not None
     assert not session.search.running
     document = session.document
-    assert document.searched is not None
+    assert document.object.result is not None
     before, now = (
         pose_error(MESHES[0], pose, TRUTH[0].pose).percent for pose in (start, document.pose)
     )
     assert now < 0.8 * before  # as far off as that start is, it is no more in so few evaluations
-    assert document.others[0].pose is TRUTH[1].pose
-    assert after(session, c.Undo()).document.pose is start
+    assert_same_pose(document.scene.pose(1), TRUTH[1].pose)
+    assert_same_pose(after(session, c.Undo()).document.pose, start)
 
 
 def test_what_stands_wholly_behind_another_is_said():

@@ -20,9 +20,9 @@ from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene import load_scene
+from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.camera import Perspective
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.files.formats.cases import (
     HEIGHT,
     WIDTH,
@@ -125,10 +125,10 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
         assert (tmp_path / str(mesh.get("filename"))).is_file()
     path.write_text(ElementTree.tostring(project, encoding="unicode"))
     camera = read_meshlab(path, ConvertOptions()).pose  # from the project's world
-    for one in scene.objects:
-        points = load_mesh(one.model).vertices
+    for index, one in enumerate(scene.objects):
+        points = load_mesh(one.path).vertices
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]
-        wanted = one.record.pose.project(points)
+        wanted = scene.pose(index).project(points)
         np.testing.assert_allclose(camera.project(placed), wanted, atol=1e-9)
 
 

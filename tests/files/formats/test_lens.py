@@ -12,6 +12,7 @@ import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import (
     colmap_lens,
@@ -20,7 +21,6 @@ from poseviewer.files.formats.reconstructions import (
     write_colmap,
     write_nerfstudio,
 )
-from poseviewer.files.formats.table import FORMATS
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective

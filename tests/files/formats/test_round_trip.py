@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.table import FORMATS
+from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.pose import PoseRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform

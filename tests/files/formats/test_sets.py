@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +12,23 @@ import pytest
 
 from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.table import FORMATS
-from poseviewer.files.pose import (
-    ModelReference,
-    PhotoReference,
-    PoseRecord,
-    load_pose,
-    save_pose,
-    set_frame,
+from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.photo_sets import SetChoice, load_views
+from poseviewer.files.scene_file import (
+    ModelFile,
+    ObjectRecord,
+    SceneRecord,
+    ViewRecord,
+    load_scene,
+    place_of,
+    save_scene,
 )
-from poseviewer.files.view_set import SetChoice, load_view_set, set_as_json
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.geometry.symmetry import NO_SYMMETRY
-from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, make_views, write_views
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view import world_from_pose
+from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views
 
+FIXTURES = Path(__file__).parents[2] / "fixtures" / "v0_1_0"
 UNIT = 2.5
 """Lengths of the model's unit in one of the set's."""
 SIZE = CAMERA.width, CAMERA.height
@@ -37,34 +40,32 @@ KINDS = {
     "bop": ("scene", ("7", "8", "9")),
 }
 """Of each format an output, and what its photos are called in it."""
-SENTENCE = "The frame of set (m): x_in_set = [["
+SENTENCE = "the frame of the photos (m): x_in_world = [["
 
 
-def record_in_set(lens: Lens | None = None) -> PoseRecord:
-    """The true pose in all three photos; with a lens, in the undistorted ones."""
-    records = [
-        PoseRecord(
-            pose,
-            PhotoReference(name, *SIZE),
-            undistortion=None if lens is None else Undistortion(lens, CAMERA, CAMERA),
-        )
-        for name, pose in zip(NAMES, TRUTH, strict=True)
-    ]
-    views = replace(make_views(UNIT, None), unit="m")
-    in_set = set_as_json(views, records, UNIT, True, NO_SYMMETRY)
-    return replace(records[0], model=ModelReference("m.ply", unit="m"), in_set=in_set)
+def save(path: Path, lens: Lens | None = None) -> Path:
+    """Save the true pose in all three photos as a scene; with a lens, in the undistorted ones."""
+    undistortion = None if lens is None else Undistortion(lens, CAMERA, CAMERA)
+    views = []
+    for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
+        place = RigidTransform(place.rotation, place.translation / UNIT)
+        views.append(ViewRecord.of(path.with_name(name), CAMERA, None, undistortion, place))
+    own = views[0].place.rigid
+    place = place_of(world_from_pose(CAMERA, own, TRUTH[0], 1.0 / UNIT))
+    one = ObjectRecord(id="1", model=ModelFile(str(path.with_name("m.ply")), unit="m"), place=place)
+    save_scene(path, SceneRecord(unit="m", views=tuple(views), objects=(one,)))
+    return path
 
 
 @pytest.fixture
 def pose(tmp_path: Path) -> Path:
     for path in write_views(tmp_path)[::2]:
         path.unlink()
-    save_pose(tmp_path / "pose.json", record_in_set())
-    return tmp_path / "pose.json"
+    return save(tmp_path / "three.json")
 
 
 def convert(*words: object) -> int:
-    return main(["convert", *map(str, words)])
+    return main(["convert", "--from", "scene", *map(str, words)])
 
 
 def assert_frame(matrix: Any) -> None:
@@ -76,13 +77,11 @@ def assert_frame(matrix: Any) -> None:
         np.testing.assert_allclose(CAMERA.project(seen), truth.project(MESH.vertices), atol=1e-6)
 
 
-def test_a_pose_file_says_the_frame(pose: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    frame = set_frame(load_pose(pose, *SIZE))
-    assert frame is not None
-    assert (frame.name, frame.unit, frame.size) == ("set", "m", pytest.approx(1.0 / UNIT))
-    assert_frame(frame.set_from_model)
+def test_a_scene_says_the_frame(pose: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (one,) = load_scene(pose).objects
+    assert_frame(one.place.similarity.matrix)
     assert main(["info", str(pose)]) == 0
-    assert f"one of 3 photos: {SENTENCE}" in capsys.readouterr().out
+    assert SENTENCE in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -104,10 +103,10 @@ def test_what_is_written_is_a_set_again(pose: Path, tmp_path: Path) -> None:
     for kind in ("colmap", "nerfstudio"):
         name, _ = KINDS[kind]
         assert convert(pose, "--to", kind, tmp_path / name) == 0
-        assert len(load_view_set(tmp_path / name).views) == 3
+        assert len(load_views(tmp_path / name).views) == 3
     data = json.loads((tmp_path / "transforms.json").read_text())
     assert [set(frame) for frame in data["frames"]] == [{"file_path", "transform_matrix"}] * 3
-    assert len(load_view_set(tmp_path / "model", SetChoice(NAMES[:2])).views) == 2
+    assert len(load_views(tmp_path / "model", SetChoice(NAMES[:2])).views) == 2
 
 
 def test_opencv_holds_the_first_photo(
@@ -116,23 +115,32 @@ def test_opencv_holds_the_first_photo(
     assert convert(pose, "--to", "opencv", tmp_path / "cv.yml") == 0
     assert "the other 2 of the set are left out" in capsys.readouterr().out
     assert convert(pose, tmp_path / "own.json") == 0
-    assert json.loads((tmp_path / "own.json").read_text())["set"]
+    assert json.loads((tmp_path / "own.json").read_text())["photo"]["file"] == NAMES[0]
 
 
-def test_photos_are_undistorted_for_formats_without_their_lens(
-    pose: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save_pose(pose, record_in_set(Lens("opencv", (-0.1, 0.02, 0.0, 0.0))))
+def test_photos_are_undistorted_for_formats_without_their_lens(pose: Path, tmp_path: Path) -> None:
+    save(pose, Lens("opencv", (-0.1, 0.02, 0.0, 0.0)))
     assert convert(pose, "--to", "colmap", tmp_path / "model") == 0
     assert (tmp_path / "model" / "cameras.txt").read_text().count("OPENCV") == 1
     assert not list(tmp_path.glob("*undistorted*"))
-    (tmp_path / NAMES[2]).unlink()
     assert convert(pose, "--to", "meshlab", tmp_path / "out.mlp") == 0
-    assert f"note: {NAMES[2]} is not there to be undistorted: left out." in capsys.readouterr().out
     written = sorted(path.name for path in tmp_path.glob("*undistorted*"))
-    assert written == ["a.undistorted.png", "b.undistorted.png"]
+    assert written == ["a.undistorted.png", "b.undistorted.png", "c.undistorted.png"]
     text = (tmp_path / "out.mlp").read_text()
-    assert [text.count(f'fileName="{name}"') for name in written] == [1, 1]
+    assert [text.count(f'fileName="{name}"') for name in written] == [1, 1, 1]
+
+
+def test_a_pose_file_of_version_0_1_0_holds_all_its_photos(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_views(tmp_path)
+    pose = shutil.copy(FIXTURES / "in_set.pose.json", tmp_path)
+    words = ["convert", pose, tmp_path / "out.json", "--to", "nerfstudio"]
+    assert main([*map(str, words)]) == 0
+    frames = json.loads((tmp_path / "out.json").read_text())["frames"]
+    assert [Path(frame["file_path"]).name for frame in frames] == list(NAMES)
+    assert main(["info", str(pose)]) == 0
+    assert "one of 3 photos" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -145,13 +153,15 @@ def test_photos_are_undistorted_for_formats_without_their_lens(
         lambda data: data["set"]["views"][2].pop("camera"),
     ],
 )
-def test_a_damaged_set_is_one_sentence(
-    pose: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any
+def test_a_damaged_set_of_version_0_1_0_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any
 ) -> None:
-    data = json.loads(pose.read_text())
+    data = json.loads((FIXTURES / "in_set.pose.json").read_text())
     change(data)
+    pose = tmp_path / "set.pose.json"
     pose.write_text(json.dumps(data))
-    assert convert(pose, "--to", "colmap", tmp_path / "out") == 2
+    words = ["convert", pose, "--to", "colmap", tmp_path / "out"]
+    assert main([*map(str, words)]) == 2
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
     assert "set" in error

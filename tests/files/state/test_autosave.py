@@ -1,6 +1,7 @@
+"""Sessions: written and read back, left behind by a killed process, damaged, of version 1."""
+
 from __future__ import annotations
 
-import dataclasses
 import json
 import logging
 import os
@@ -14,49 +15,65 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import AutosaveError
-from poseviewer.files.pose import ChartParameters, ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import ChartParameters, PoseRecord
+from poseviewer.files.scene_file import (
+    InViewRecord,
+    ObjectRecord,
+    Place,
+    SceneRecord,
+    ViewRecord,
+    mask_text,
+)
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     SessionFile,
     discard,
+    files_of_sessions,
     left_behind,
     load_autosave,
 )
+from poseviewer.files.structs import CameraNumbers
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 PARALLEL = Parallel(123.45678901234567, 300.1, 200.2, 640, 480)
 SHA = "0123456789abcdef" * 4
 
 
-def record(camera: Camera = PARALLEL, turn: float = 0.3) -> PoseRecord:
-    transform = RigidTransform.from_rotation_vector([turn, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
-    return PoseRecord(
-        Pose(camera, transform),
-        PhotoReference("Straße 道.jpg", 640, 480, SHA),
-        ModelReference("car.glb", SHA[::-1], "m"),
-        ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
-        0.1 + 0.2,
-        {"restarts": 8},
+def transform(turn: float = 0.3) -> RigidTransform:
+    return RigidTransform.from_rotation_vector([turn, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
+
+
+def scene(camera: Camera = PARALLEL, place: RigidTransform | None = None) -> SceneRecord:
+    """Two objects in a photo with a mask."""
+    mask = Mask.of(np.tri(480, 640))
+    view = ViewRecord.of(Path("/photos/Straße 道.jpg"), camera, SHA, mask=mask)
+    record = PoseRecord(
+        Pose(camera, place or transform()),
+        chart=ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
+        loss=0.1 + 0.2,
+        settings={"restarts": 8},
     )
+    first = structs.replace(
+        ObjectRecord.of("1", Path("car.glb"), record, view),
+        start=Place.of(transform(0.4)),
+        start_cameras=(CameraNumbers.of(Perspective(501.0, 502.0, 320.5, 240.5, 640, 480)),),
+        settings={"restarts": 8, "loss": "invariant", "limits": [0.1, 0.2]},
+        in_views=(InViewRecord(mask_text(mask), (1.0, 2.0, 3.0, 4.5), False),),
+        locked=True,
+    )
+    second = ObjectRecord.of("7", Path("/models/a.ply"), record, view, "Straße")
+    return SceneRecord(views=(view,), objects=(first, structs.replace(second, hidden=True)))
 
 
 def session(**changes: Any) -> AutosavedSession:
-    whole = AutosavedSession(
-        photo=Path("/photos/Straße 道.jpg"),
-        photo_name="Straße 道.jpg",
-        photo_sha256=SHA,
-        model=Path("car.glb"),
-        model_name="car.glb",
-        pose=record(),
-        start=record(turn=0.4),
-        settings={"restarts": 8, "loss": "invariant", "limits": [0.1, 0.2], "mask": None},
-        saved_at=1.7e9 + 1.0 / 3.0,
-    )
-    return dataclasses.replace(whole, **changes)
+    named = {"saved_at": 1.7e9 + 1.0 / 3.0, "active_object": "7", "photo_names": ("Straße 道.jpg",)}
+    return AutosavedSession(**{**named, "scene": scene(), **changes})
 
 
 def saved(folder: Path, session: AutosavedSession) -> Path:
@@ -67,40 +84,13 @@ def saved(folder: Path, session: AutosavedSession) -> Path:
     return file.path
 
 
-def parameters(record: PoseRecord) -> bytes:
-    """All numbers of a pose, bit by bit."""
-    camera, transform = record.pose.camera, record.pose.camera_from_model
-    values = [*dataclasses.astuple(camera), *transform.rotation.ravel(), *transform.translation]
-    return np.array(values, dtype=np.float64).tobytes()
-
-
-def assert_same(a: AutosavedSession, b: AutosavedSession) -> None:
-    for which in ("pose", "start"):
-        x, y = getattr(a, which), getattr(b, which)
-        assert type(x.pose.camera) is type(y.pose.camera)
-        assert parameters(x) == parameters(y)
-        assert dataclasses.replace(x, pose=y.pose) == y
-    assert dataclasses.replace(a, pose=b.pose, start=b.start) == b
-
-
 def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     whole = session()
-    assert_same(load_autosave(saved(tmp_path / "new", whole)), whole)
-    empty = session(photo=None, photo_sha256=None, model=None, settings={})
-    assert_same(load_autosave(saved(tmp_path, empty)), empty)
-
-
-def test_all_objects_of_a_session_come_back_to_the_last_digit(tmp_path: Path) -> None:
-    others = (
-        session(number=1, name="Straße", pose=record(turn=1.3)),
-        session(number=7, hidden=True, locked=True),
-    )
-    whole = session(number=4, others=others)
-    back = load_autosave(saved(tmp_path, whole))
-    assert len(back.others) == 2
-    for one, other in zip(back.others, others, strict=True):
-        assert_same(one, other)
-    assert_same(dataclasses.replace(back, others=others), whole)
+    assert load_autosave(saved(tmp_path, whole)) == whole
+    assert (whole.photo_name, whole.model_name) == ("Straße 道.jpg", "a.ply")
+    assert files_of_sessions(tmp_path) == {
+        *(Path("/photos/Straße 道.jpg"), Path("car.glb"), Path("/models/a.ply"))
+    }
 
 
 finite = st.floats(-1e6, 1e6)
@@ -119,24 +109,29 @@ def test_any_pose_comes_back_to_the_last_digit(
     place: list[float],
     slack: float,
 ) -> None:
-    """Also a rotation that rounding has worn, which a pose file would mend."""
+    """Also a rotation that rounding has worn, which a scene file would mend."""
     worn = Rotation.from_rotvec(turn).as_matrix() * (1.0 + slack)
-    pose = PoseRecord(Pose(camera, RigidTransform(worn, np.array(place))))
-    folder = tmp_path_factory.getbasetemp()
-    worn_session = session(pose=pose)
-    assert_same(load_autosave(saved(folder, worn_session)), worn_session)
+    moved = RigidTransform(worn, np.array(place))
+    whole = session(scene=scene(camera, moved))
+    pose = load_autosave(saved(tmp_path_factory.getbasetemp(), whole)).scene.pose(0)
+    assert np.array_equal(pose.camera_from_model.rotation, worn)
+    assert np.array_equal(pose.camera_from_model.translation, place)
+    assert pose.camera == whole.scene.views[0].camera
 
 
 def test_paths_that_are_no_text_come_back(tmp_path: Path) -> None:
-    odd = session(photo=Path(os.fsdecode(b"/photos/\xff\xfe.jpg")), photo_name="a? .jpg")
-    assert_same(load_autosave(saved(tmp_path, odd)), odd)
+    odd, whole = os.fsdecode(b"/photos/\xff\xfe.jpg"), session()
+    view = whole.scene.views[0]
+    view = structs.replace(view, photo=structs.replace(view.photo, file=odd))
+    whole = structs.replace(whole, scene=structs.replace(whole.scene, views=(view,)))
+    assert load_autosave(saved(tmp_path, whole)) == whole
 
 
 def test_a_session_stays_with_its_app_until_that_ends(tmp_path: Path) -> None:
     file = SessionFile(tmp_path)
     file.save(session())
     shutil.rmtree(tmp_path)
-    file.save(session(name="again"))
+    file.save(session(active_object="1"))
     assert left_behind(tmp_path) is None
     assert list(tmp_path.glob("*.json")) == [file.path]
     file.close()
@@ -144,7 +139,7 @@ def test_a_session_stays_with_its_app_until_that_ends(tmp_path: Path) -> None:
     found = left_behind(tmp_path)
     assert found is not None
     assert found[0] == file.path
-    assert found[1].name == "again"
+    assert found[1].active_object == "1"
 
 
 CHILD = """
@@ -176,7 +171,7 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
     found = left_behind(folder)
     assert found is not None
     assert found[0] == path
-    assert_same(found[1], session())
+    assert found[1] == session()
     discard(path)
     discard(path)
     assert list(folder.iterdir()) == []
@@ -192,10 +187,10 @@ def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
 
 def _changed(data: dict[str, Any], where: str, value: Any) -> str:
     *path, last = where.split(".")
-    place = data
+    place: Any = data
     for key in path:
-        place = place[key]
-    place[last] = value
+        place = place[int(key) if key.isdecimal() else key]
+    place[int(last) if last.isdecimal() else last] = value
     return json.dumps(data)
 
 
@@ -203,14 +198,18 @@ def _changed(data: dict[str, Any], where: str, value: Any) -> str:
     ("where", "value"),
     [
         ("format", "poseviewer-pose"),
-        ("photo", 5),
-        ("hidden", "yes"),
+        ("version", 3),
+        ("scene", None),
         ("saved_at", None),
-        ("start.file", {}),
-        ("pose.exact.width", 0),
-        ("pose.exact.cx", float("nan")),
-        ("pose.exact.cx", 301.5),
-        ("pose.file.camera.cx", None),
+        ("active_object", "gone"),
+        ("active_view", 1),
+        ("scene.views.0.photo.file", 5),
+        ("scene.views.0.camera.cx", float("nan")),
+        ("scene.views.0.mask", "data:image/png;base64,AAAA"),
+        ("scene.objects.0.hidden", "yes"),
+        ("scene.objects.0.start", {}),
+        ("scene.objects.0.world_from_model.rotation.0", [1.0, 1.0, 1.0]),
+        ("scene.objects.1.id", "1"),
     ],
 )
 def test_damaged_sessions_are_left_out_with_a_sentence(

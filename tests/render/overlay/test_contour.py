@@ -19,7 +19,7 @@ from poseviewer.render.overlay.contour import (
     within,
 )
 from poseviewer.render.overlay.window import Window
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_box, make_sphere
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.photo import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.edges import find_lines
@@ -20,7 +20,7 @@ from poseviewer.render.overlay.residual import (
     paint_residual,
     symmetric_range,
 )
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_mesh, make_sphere
 

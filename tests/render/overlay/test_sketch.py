@@ -9,7 +9,7 @@ import pytest
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import FEW_FACES, Sketch, quick_silhouette
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_box, make_sphere
 
 MESHES = {"box": make_box(), "ball": make_sphere(6)}

@@ -16,7 +16,7 @@ from poseviewer.render.pyramid.levels import (
     make_level,
     smaller,
 )
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
@@ -98,7 +98,6 @@ def test_models_have_no_more_triangles_than_the_level_shows():
         shown = np.unique(level.renderer.render(level_pose(pose, factor)).face_ids)
         area = pixels / factor**2
         assert 0.1 * area < len(shown) < area
-    assert make_level(photo, renderer, 1, pixels).renderer is renderer
 
 
 def test_a_level_judges_the_pose_that_its_smaller_picture_shows():

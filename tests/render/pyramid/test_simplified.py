@@ -14,7 +14,7 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.simplified import simplify
-from poseviewer.render.software.renderer import SoftwareRenderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_bumpy, make_mesh, make_soup, make_sphere
 

@@ -67,9 +67,9 @@ kernels = rasterise.rasterise, shade.shade, sums.moments, sums.structure_sums
 ahead = types_of(kernels)
 files = demo_case()
 case = load(files.photo, files.model, files.start)
-case.start.loss
+case.loss
 load(files.photo, files.model, files.start, pixels="clip", grey=True).start.loss
-case.renderer.render(case.registration.start)
+case.renderer.render(case.pose)
 print(all(ahead), types_of(kernels) == ahead)
 print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 """

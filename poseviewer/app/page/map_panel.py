@@ -1,0 +1,372 @@
+"""The loss landscape at the right: the panel with all maps, and one of them large.
+
+All maps are one piece of HTML, in a triangle as a corner plot. The client's script answers presses:
+``window.poseviewerPick(first, second, u, v, event)`` with the place from the map's left and lower
+border, each as a share of its side, and ``window.poseviewerOpen(first, second)``. Until it is
+there, presses do nothing. How the classes ``pv-...`` look stands in ``page.css``.
+"""
+
+from __future__ import annotations
+
+import base64
+import operator
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from poseviewer.app.page.controls import Controls, plain, set_properties
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
+from poseviewer.errors import PoseViewerError
+from poseviewer.fit.settings import METHODS
+from poseviewer.fit.slices import Pair, Slice, slice_minimum
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.charts import OutsideChartError, short_name
+from poseviewer.geometry.pose_covariance import ellipse
+
+LEVELS = 128
+"""Steps of colour: more cannot be told apart, and make every picture larger."""
+PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
+    np.linspace(255, 0, LEVELS).round().astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS
+)[:, 0, ::-1].astype(np.uint8)
+"""(LEVELS, 3) sRGB, the colour of the lowest loss first: viridis, perceptually even and safe for
+the colour-blind, reversed so that basins stand out of a dark page."""
+GRADIENT_STOPS = 9
+LONGEST_TRAIL = 60
+"""Points of a trail that are drawn, at most, on each map."""
+FEWEST_COLUMNS = 4
+"""Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
+_PICK = (
+    "var r=this.getBoundingClientRect();window.poseviewerPick&&poseviewerPick({first},{second},"
+    "(event.clientX-r.left)/r.width,(r.bottom-event.clientY)/r.height,event)"
+)
+_OPEN = "event.stopPropagation();window.poseviewerOpen&&poseviewerOpen({first},{second})"
+_DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
+_CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markers:
+    """Marks on the maps, in the space of the chart's d parameters."""
+
+    pose: FloatArray
+    """(d,): the current pose."""
+    candidates: FloatArray | None = None
+    """(n, d): the points that the search compares now."""
+    trail: FloatArray | None = None
+    """(t, d): the poses that the search came through, the oldest first."""
+    covariance: FloatArray | None = None
+    """(d, d): how sure the current pose is; nan where nothing is said of a number."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridOptions:
+    """Options of the grid of maps."""
+
+    parameters: tuple[int, ...] | None = None
+    """Indices of the parameters whose pairs have a place, ascending; None for all."""
+    centre: tuple[float, ...] = ()
+    """The parameters that the maps are about: the page has them as ``data-centre``."""
+    dimmed: bool = False
+    """The maps are about an older pose, while new ones are computed."""
+    half_width: float = 0.2
+    """Reach of the maps from their centre, as a share of each parameter's scale."""
+    what: str = "loss"
+    """Name of the values."""
+    whose: str = ""
+    """Whose loss it is; "" says nothing."""
+    error: float | None = None
+    """Error of the values, as ``Slice.error``; None says nothing."""
+    large: Pair | None = None
+    """The pair whose map is shown large as well."""
+
+
+def landscape_grid(
+    slices: Sequence[Slice], names: Sequence[str], markers: Markers, options: GridOptions
+) -> str:
+    """The maps, their names, the colours' meaning: 15 maps for six parameters, 21 for seven.
+
+    Args:
+        slices: at most one for each pair, in any order; unfinished ones are drawn as far as known,
+            those of parameters without a place are left out, and missing ones leave an empty place.
+        names: (d,) of the chart's parameters.
+        markers: a pose beside a map is held at its border.
+        options: see there.
+    """
+    parameters = options.parameters if options.parameters is not None else tuple(range(len(names)))
+    pieces = {(s.first, s.second): s for s in slices if not np.isnan(s.losses).all()}
+    pairs = list(combinations(parameters, 2))
+    cells = []
+    for pair in pairs:
+        place = f"grid-area:{parameters.index(pair[1])}/{parameters.index(pair[0]) + 2}"
+        cells.append(_cell(pieces.get(pair), pair, names, markers, place))
+    columns = max(len(parameters) - 1, FEWEST_COLUMNS)
+    large = pieces.get(options.large) if options.large is not None else None
+    shown_large = "" if large is None else _large(large, names, markers, options.what)
+    dim = " pv-dim" if options.dimmed else ""
+    return (
+        f'<div class="pv-with">{shown_large}<div class="pv-land{dim}" '
+        f'data-centre="{" ".join(map(repr, options.centre))}" '
+        f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
+        f"{_labels(parameters, names)}{''.join(cells)}{_key(markers, options)}</div>"
+        "</div>"
+    )
+
+
+def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
+    """(..., 2): where parameters (..., d) lie on a slice's map, from its left and lower border, as
+    shares of its width and height; beyond 0 and 1 they lie beside it.
+    """
+    parameters = np.asarray(parameters, dtype=float)
+    x, y = piece.first_values, piece.second_values
+    u = (parameters[..., piece.first] - x[0]) / (x[-1] - x[0])
+    v = (parameters[..., piece.second] - y[0]) / (y[-1] - y[0])
+    return np.stack([u, v], axis=-1)
+
+
+def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
+    """The second parameters left of their rows, the first ones below their columns."""
+    last = len(parameters)
+    labels = []
+    for i, parameter in enumerate(parameters):
+        name = escape(short_name(names[parameter]))
+        turned = " pv-turned" if len(short_name(names[parameter])) > 3 else ""
+        if i > 0:
+            labels.append(f'<span class="pv-row{turned}" style="grid-area:{i}/1">{name}</span>')
+        if i < last - 1:
+            labels.append(f'<span class="pv-col" style="grid-area:{last}/{i + 2}">{name}</span>')
+    return "".join(labels)
+
+
+def _large(piece: Slice, names: Sequence[str], markers: Markers, what: str) -> str:
+    """A map with its two ranges and its least value."""
+    pair, least = (piece.first, piece.second), slice_minimum(piece)
+    x, y = (
+        f"{escape(short_name(names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
+        for i, values in zip(pair, (piece.first_values, piece.second_values), strict=True)
+    )
+    said = "" if least is None else f", least {escape(what)} {least.loss:.3f}"
+    return (
+        f'<div class="pv-large">{_cell(piece, pair, names, markers, "")}'
+        f"<div>to the right {x}, upwards {y}{said}</div></div>"
+    )
+
+
+def _cell(
+    piece: Slice | None,
+    pair: Pair,
+    names: Sequence[str],
+    markers: Markers,
+    place: str,
+) -> str:
+    if piece is None:
+        return f'<div class="pv-cell pv-none" style="{place}"></div>'
+    first, second = pair
+    pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
+    what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
+    least = slice_minimum(piece)
+    # The map from its first to its last grid point: half of each border pixel is cut off.
+    data = base64.b64encode(_png(piece)).decode()
+    step = 100.0 / (len(piece.first_values) - 1)
+    side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
+    return (
+        f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" onpointerdown="{pick}">'
+        f"<title>{what}{f': least {least.loss:.3f}' if least else ''}</title>"
+        f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
+        f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
+        f'<button type="button" title="{what}: large, and back" onpointerdown="{enlarge}" '
+        f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
+    )
+
+
+def _png(piece: Slice) -> bytes:
+    """An 8-bit palette PNG of a map, the last row at the top: values grow to the right and upwards.
+    The known losses span the colours; points between them take the nearest colour.
+    """
+    known = piece.losses[np.isfinite(piece.losses)]
+    low, high = known.min(), known.max()
+    shares = np.clip((piece.filled() - low) / max(high - low, 1e-12), 0.0, 1.0)
+    image = Image.fromarray((shares * (LEVELS - 1)).round().astype(np.uint8)[::-1])
+    image.putpalette(PALETTE.tobytes())
+    memory = BytesIO()
+    image.save(memory, "PNG", bits=8, compress_level=9)
+    return memory.getvalue()
+
+
+def _markers(piece: Slice, markers: Markers) -> str:
+    """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
+    drawn = []
+    if markers.trail is not None and len(markers.trail) > 1:
+        count = len(markers.trail)
+        kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
+        points = _points(on_map(piece, markers.trail[kept]))
+        drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
+    if markers.candidates is not None and len(markers.candidates):
+        places = on_map(piece, markers.candidates)
+        within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
+        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
+        drawn.append(_DOTS.format(dots))
+    least = slice_minimum(piece)
+    if least is not None:
+        parameters = np.array(markers.pose)
+        parameters[[piece.first, piece.second]] = least.first_value, least.second_value
+        x, y = _on_picture(on_map(piece, parameters))
+        drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
+    pair = [piece.first, piece.second]
+    covariance = None if markers.covariance is None else markers.covariance[np.ix_(pair, pair)]
+    if covariance is not None and not np.isnan(covariance[0, 1]):
+        region = ellipse(covariance)
+        border = np.tile(markers.pose, (len(region), 1))
+        border[:, pair] += region
+        points = _points(on_map(piece, border))
+        drawn.append(f'<polygon class="pv-region" points="{points}"/>')
+    u, v = on_map(piece, markers.pose)
+    beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
+    x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
+    drawn.append(f'<g class="pv-pose{beside}" transform="translate({x:.4g} {y:.4g})">{_CROSS}</g>')
+    return "".join(drawn)
+
+
+def _on_picture(shares: FloatArray) -> FloatArray:
+    """(..., 2): places from left and below as shares (..., 2), from left and above in percent."""
+    shares = np.clip(shares, -10.0, 11.0)
+    return np.stack([100.0 * shares[..., 0], 100.0 - 100.0 * shares[..., 1]], axis=-1)
+
+
+def _points(shares: FloatArray) -> str:
+    return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(shares))
+
+
+def _key(markers: Markers, options: GridOptions) -> str:
+    """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
+    what = escape(options.what)
+    what += f", each map by itself, ±{100.0 * options.half_width:.3g}&nbsp;%"
+    if options.error:
+        what += f"<br>good to {100.0 * options.error:.1g}&nbsp;% of its range"
+    whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
+    stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
+    gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
+    entries = {
+        "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
+        "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
+    }
+    if markers.candidates is not None:
+        entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+    if markers.covariance is not None:
+        entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
+    if markers.trail is not None:
+        entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
+    key = "".join(
+        f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
+        for text, drawing in entries.items()
+    )
+    return (
+        f'<div class="pv-key"><div>{whose}{what}</div>'
+        f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
+        f'<div class="pv-ends"><span>least</span><span>greatest</span></div>'
+        f'<div class="pv-marks">{key}</div></div>'
+    )
+
+
+PERIOD_S = 0.2
+"""The maps are sent no oftener."""
+WHOSE: dict[str, Whose] = {
+    "the chosen method's": "chosen",
+    METHODS["default"]: "default",
+    METHODS["paper"]: "paper",
+    "both": "both",
+}
+
+
+class LandscapePanel:
+    """The panel's content."""
+
+    def __init__(self, controls: Controls) -> None:
+        gui = controls.gui
+        self._shown: tuple[Any, ...] = ()
+        self._next = 0.0
+        self._maps = gui.add_html("")
+        self._note = gui.add_markdown("Drawing the maps ...")
+        self._whose = controls.field(
+            gui.add_dropdown("Whose loss", tuple(WHOSE)),
+            lambda text: c.ChangeLandscape(whose=WHOSE[text]),
+        )
+        self._range = controls.field(
+            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
+            lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
+        )
+        with gui.add_folder("Save the maps", expand_by_default=False):
+            controls.download("Sheet (PNG)", "sheet")
+            controls.download("Numbers (NPZ)", "maps-npz")
+
+    def show(self, session: Session) -> bool:
+        """Bring the panel to the session; False if it is to be asked again soon."""
+        self._range.show(round(session.maps.half_width * 100.0, 3))
+        self._whose.show(next(text for text, whose in WHOSE.items() if whose == session.maps.whose))
+        if not session.landscapes:
+            return True
+        set_properties(self._note, visible=False)
+        search = session.own_search
+        key = (session.landscapes, session.document.pose, search, session.maps)
+        if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
+            return True
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._shown, self._next = key, now + PERIOD_S
+        grids = [_grid(session, latest) for latest in session.landscapes]
+        self._maps.content = f'<div class="pv-both">{"".join(grids)}</div>'
+        return True
+
+    def note(self, text: str) -> None:
+        """Say why there are no maps."""
+        set_properties(self._note, content=plain(text), visible=True)
+
+
+def _grid(session: Session, latest: LandscapeUpdate) -> str:
+    problem = latest.case.problem
+    options = GridOptions(
+        parameters=tuple(int(i) for i in problem.free_indices),
+        centre=tuple(map(float, latest.parameters)),
+        dimmed=latest.centre is not session.document.pose
+        and not (session.searching or session.drag is not None),
+        half_width=latest.half_width,
+        whose=latest.case.settings.method_name,
+        what=problem.scale.name,
+        error=max((piece.error or 0.0 for piece in latest.slices), default=None),
+        large=session.maps.large,
+    )
+    markers = markers_of(session, latest)
+    return landscape_grid(latest.shown, problem.chart.names, markers, options)
+
+
+def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
+    """The pose, and the search where it searches in the maps' chart."""
+    try:
+        pose = session.document.numbers_in(latest.case.problem)
+    except (PoseViewerError, OutsideChartError):
+        pose = np.array(latest.parameters)
+    covariance, search = None, session.own_search
+    first = latest.case.problem.views[0]
+    sure, chart = session.covariance_in(first.index), first.chart
+    if sure is not None:
+        with suppress(PoseViewerError, OutsideChartError):
+            covariance = sure.in_chart(chart)
+    if search is None or session.search is None or search.problem.chart.names != chart.names:
+        return Markers(pose, covariance=covariance)
+    start = session.search.start
+    if start.scene.pose(start.active, first.index) is not latest.case.pose:  # of another chart
+        return Markers(pose, covariance=covariance)
+    trail = np.array([step.parameters for step in search.improvements])
+    candidates = search.progress.candidates if session.searching else None
+    return Markers(pose, candidates, trail, covariance)

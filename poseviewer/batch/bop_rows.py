@@ -1,0 +1,108 @@
+"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from poseviewer.batch.job_table import Job, with_keys
+from poseviewer.batch.results import Batch, Row, make_folders
+from poseviewer.errors import BatchError
+from poseviewer.files.formats.bop import (
+    CAMERAS,
+    MODEL_FILE,
+    MODEL_NAME,
+    PHOTO_NAME,
+    BopImage,
+    BopObject,
+    load_bop_images,
+    load_scene_file,
+    same_intrinsics,
+    save_bop_images,
+)
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Camera, Perspective, Pose
+
+STARTS = "starts"
+"""In the folder of results: the start poses of a scene's rows."""
+
+
+def load_scene_jobs(
+    scene: Path, out: Path, settings: FitSettings, models: Path | None, objects: Sequence[int]
+) -> tuple[Job, ...]:
+    """The rows of a scene's ``objects`` (empty: all that have poses); their start poses are written
+    into ``out``, where they changed. ``models``: the folder of ``obj_000001.ply`` and so on, in mm.
+    """
+    if settings.free_focal:
+        raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
+    if models is None:
+        raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
+    if not models.is_dir():
+        raise BatchError(f"--models {models}: no such folder; name that of obj_000001.ply ...")
+    relative = Path(os.path.relpath(models.resolve(), scene))
+    images, jobs = load_bop_images(scene, posed=True), []
+    make_folders(out, [STARTS])
+    for image in images:
+        instances: Counter[int] = Counter()
+        for posed in image.objects:
+            number = posed.object_id
+            if objects and number not in objects:
+                continue
+            start = os.path.relpath(_save_start(out, image, posed, instances[number]), scene)
+            instances[number] += 1
+            model = str(relative / MODEL_FILE.format(number))
+            jobs.append(Job(len(jobs) + 1, image.photo, model, start, str(scene)))
+    if not jobs:
+        raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")
+    return with_keys(jobs, settings)
+
+
+def _save_start(out: Path, image: BopImage, found: BopObject, instance: int) -> Path:
+    """The start pose as a file, which keeps its time where nothing changed."""
+    more = f"-{instance + 1}" if instance else ""
+    path = out / STARTS / f"{image.number:06d}-{found.object_id:06d}{more}.json"
+    new = out / STARTS / ".new.json"
+    save_pose(new, PoseRecord(Pose(image.camera, found.place)))
+    if path.is_file() and path.read_bytes() == new.read_bytes():
+        new.unlink()
+    else:
+        new.replace(path)
+    return path
+
+
+def save_scene(batch: Batch, rows: Sequence[Row]) -> None:
+    """Write the poses of a BOP scene's rows (mm) and the scene's cameras as a BOP scene."""
+    if batch.scene is None:
+        return
+    poses: dict[int, list[BopObject]] = defaultdict(list)
+    for row in rows:
+        if row.result.pose:
+            place = load_pose(batch.folder / row.result.pose, 1, 1).pose.camera_from_model
+            posed = BopObject(_number(MODEL_NAME, row.job.model), place)
+            poses[_number(PHOTO_NAME, row.job.photo)].append(posed)
+    save_bop_images(batch.folder, load_scene_file(Path(batch.scene) / CAMERAS), dict(poses))
+
+
+def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:
+    """Refuse a pose with another camera than the scene's, which a BOP scene cannot hold."""
+    if batch.scene is None:
+        return
+    number = _number(PHOTO_NAME, photo)
+    images = load_bop_images(Path(batch.scene))
+    own = next((image.camera for image in images if image.number == number), None)
+    if own is None or not isinstance(camera, Perspective) or not same_intrinsics(own, camera):
+        raise BatchError(
+            f"The camera is not the BOP scene's for image {number}; undo (Z) what changed it, the "
+            "poses of a scene are by its own cameras."
+        )
+
+
+def _number(pattern: str, path: str) -> int:
+    found = re.fullmatch(pattern, Path(path).name)
+    if found is None:
+        raise BatchError(f"{Path(path).name}: no BOP number in its name; run the batch again.")
+    return int(found[1])

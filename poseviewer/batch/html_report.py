@@ -1,0 +1,94 @@
+"""The results of a batch as one HTML page: pictures inside, no script, nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from poseviewer.batch.results import REJECTED, REPORT, JobResult, Row, worst_first
+from poseviewer.errors import BatchError
+from poseviewer.files.writing import write_whole
+
+_STYLE = """
+:root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
+body { margin: 2rem auto; max-width: 72rem; padding: 0 1rem; }
+table { border-collapse: collapse; width: 100%; }
+th, td { border-bottom: 1px solid #8884; padding: .5rem; text-align: left; vertical-align: top; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; }
+img { display: block; max-width: 20rem; max-height: 14rem; }
+.failed, .lost { color: #c62828; }
+.doubtful { color: #b26a00; }
+.found, .accepted { color: #2e7d32; }
+.accepted, .lost, .doubtful, .found { font-weight: 600; }
+ul { margin: .25rem 0 0; padding-left: 1.1rem; font-size: .9em; }
+td.files { overflow-wrap: anywhere; min-width: 10rem; }
+td.verdict { min-width: 20rem; }
+"""
+_COLUMNS = ("pose", "row", "files", "verdict", "unexplained (0 to 1), at the start", "outcome")
+_HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
+
+
+def save_report(folder: Path, rows: Sequence[Row]) -> None:
+    """Write ``report.html``: all rows, the worst first; pictures that are gone are left out."""
+    failed = sum(row.result.failed for row in rows)
+    rejected = sum(row.result.review == REJECTED for row in rows)
+    accepted = sum(bool(row.result.review) for row in rows) - rejected
+    counts = f" {accepted} accepted and {rejected} rejected by a person, which are last."
+    reviewed = counts if accepted or rejected else ""
+    lines = "\n".join(_row(folder, row) for row in worst_first(rows))
+    page = (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
+        f"<h1>{len(rows)} photos</h1>\n<p>{len(rows) - failed} fitted, {failed} failed. "
+        "Worst first: those that failed, then by how likely the pose is to be wrong."
+        f"{reviewed}</p>\n"
+        f"<table><thead>{_HEAD}</thead><tbody>\n{lines}\n</tbody></table></body></html>\n"
+    )
+    write_whole(folder / REPORT, page.encode(), BatchError)
+
+
+def _row(folder: Path, row: Row) -> str:
+    job, result = row.job, row.result
+    files = "<br>".join(escape(name) for name in (job.photo, job.model, job.start))
+    if result.failed:
+        picture, losses, verdict = "", "", ""
+        outcome = f'<span class="failed">{escape(result.reason)}</span>'
+    else:
+        picture = _picture(folder / result.picture, job.photo)
+        # A pose set by hand may have no loss.
+        pair = (result.unexplained, result.start_unexplained)
+        losses = "<br>".join("-" if share is None else f"{share:.3f}" for share in pair)
+        verdict = _verdict(result)
+        outcome = (
+            f"{escape(result.status)}<br>{result.evaluations:,} evaluations, "
+            f"{result.seconds:.1f} s<br>{escape(result.pose)}"
+        )
+    if result.review:
+        word = "lost" if result.review == REJECTED else "accepted"
+        outcome = f'<span class="{word}">{escape(result.review)}</span><br>{outcome}'
+    if result.note:
+        outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
+    return (
+        f'<tr><td>{picture}</td><td class="number">{job.row}</td><td class="files">{files}</td>'
+        f'<td class="verdict">{verdict}</td><td class="number">{losses}</td><td>{outcome}</td></tr>'
+    )
+
+
+def _verdict(result: JobResult) -> str:
+    if not result.verdict or result.probability is None:
+        return ""
+    reasons = "".join(f"<li>{escape(text)}</li>" for text in result.reasons.split("\n"))
+    return (
+        f'<span class="{escape(result.verdict)}">{escape(result.verdict)}</span> '
+        f"({result.probability:.0%})<ul>{reasons}</ul>"
+    )
+
+
+def _picture(path: Path, name: str) -> str:
+    try:
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+    except OSError:
+        return "(its picture is gone)"
+    return f'<img alt="{escape(name)}" src="data:image/jpeg;base64,{data}">'

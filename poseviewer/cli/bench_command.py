@@ -1,0 +1,33 @@
+"""Measure how long evaluations take on each path, searches and maps."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from poseviewer.cli.options import QUIET, option
+from poseviewer.cli.terminal import ignore, require_writable, say, tell, tell_of_compiling
+from poseviewer.errors import SettingsError
+
+OPTIONS = {
+    "": (
+        option("--quick", "fewer runs, fits of 3 s at most: under a minute"),
+        option("--json FILE", "write all rows"),
+        QUIET,
+    )
+}
+
+
+def run(options: Namespace) -> int:
+    """Print the tables."""
+    from poseviewer.evaluation.speed import measure_speed
+    from poseviewer.files.writing import write_whole
+
+    if options.json:
+        require_writable(options.json, SettingsError)
+    tell_of_compiling()
+    report = measure_speed(options.quick, ignore if options.quiet else tell)
+    say(report.as_markdown())
+    if options.json:
+        write_whole(options.json, report.as_json_bytes(), SettingsError)
+        say(f"\nrows: {options.json}")
+    return 0

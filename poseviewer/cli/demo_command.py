@@ -1,0 +1,35 @@
+"""Fit the bundled demo, without the app."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from poseviewer.cli.terminal import say, tell_of_compiling
+from poseviewer.errors import EXIT_INTERRUPTED
+from poseviewer.files.writing import make_folder
+
+LOOKS = ("outline", "relit", "residual")
+OPTIONS = {"": ()}
+FOLDER = Path("poseviewer-demo")
+
+
+def run(_: Namespace) -> int:
+    """Fit it, and say where the results are."""
+    make_folder(FOLDER, parents=False)
+    say("Fitting the bundled demo: a car of our own making on a path-traced photo.")
+    tell_of_compiling()
+    from poseviewer.api import load
+    from poseviewer.cli.fit_command import search
+    from poseviewer.files.demo import demo_case
+
+    files = demo_case()
+    case = load(files.photo, files.model, files.start)
+    found = search(case, quiet=False)
+    found.save(FOLDER / "pose.json")
+    for look in LOOKS:
+        found.draw(FOLDER / f"{look}.png", look)
+    case.draw(FOLDER / "start.png")
+    names = ", ".join(f"{look}.png" for look in ("start", *LOOKS))
+    say(f"The pose and pictures of it are in {FOLDER}/: pose.json, {names}.")
+    return EXIT_INTERRUPTED if found.stopped else 0

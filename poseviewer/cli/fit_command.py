@@ -1,0 +1,134 @@
+"""Search for the pose."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from poseviewer.cli.case import open_scene
+from poseviewer.cli.options import (
+    FILES,
+    KEEP_START,
+    LIMITS,
+    LOOK,
+    METHOD,
+    RECTANGLE,
+    SCENE,
+    one_of,
+    option,
+)
+from poseviewer.cli.terminal import progress_bar, require_writable, say
+from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
+
+if TYPE_CHECKING:
+    from poseviewer.api import Scene
+    from poseviewer.fit.progress import FitProgress
+
+_ELLIPSES = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
+_UNKNOWN = "where no pose file says it"
+OPTIONS = {
+    "": (
+        *FILES,
+        option("--out POSE.json", "of a scene: SCENE.json", required=True),
+        option("--overlay OVERLAY.png", "draw the pose found"),
+        LOOK,
+    ),
+    "start, one of": (
+        one_of(
+            option("--pose POSE.json", "a pose file"),
+            option("--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point"),
+            option("--wheels REAR;FRONT", _ELLIPSES),
+            option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
+            option("--start", "look for one in the --box, or the --region", ("auto",)),
+        ),
+        option("--object ID", "the only one of the scene to search for"),
+        option(f"--box {RECTANGLE}", "about the object, px"),
+        option("--projection", _UNKNOWN, ("perspective", "parallel"), default="perspective"),
+        option("--focal PX", f"{_UNKNOWN} (EXIF's)"),
+    ),
+    **SCENE,
+    "search": (
+        *LIMITS,
+        METHOD,
+        option("--lock NAME,...", "parameters of the chart to hold"),
+        option("--seed SEED"),
+        KEEP_START,
+    ),
+}
+
+
+def run(options: Namespace) -> int:
+    """Write the pose found, or the scene, and an overlay, or one for each photo, if wanted."""
+    require_writable(options.out, PoseFileError)
+    if options.overlay:
+        require_writable(options.overlay, PhotoFileError)
+    result = search(open_scene(options), options.quiet).whole
+    result.save(options.out)
+    say(f"{'scene' if result.index is None else 'pose'}: {options.out}")
+    for path in result.draw(options.overlay, options.look) if options.overlay else ():
+        say(f"overlay: {path}")
+    return EXIT_INTERRUPTED if result.stopped else 0
+
+
+def search(scene: Scene, quiet: bool) -> Scene:
+    """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
+    from poseviewer.render.pool import processors
+
+    with progress_bar(None, quiet) as bar:
+        last = 0
+
+        def watch(progress: FitProgress) -> None:
+            nonlocal last
+            text = f"restart {progress.restart}, {progress.loss_text}"
+            bar.set_description_str(text, refresh=False)
+            # The next object's search counts from the beginning.
+            fresh = progress.evaluations - last
+            bar.update(fresh if fresh >= 0 else progress.evaluations)
+            last = progress.evaluations
+
+        result = scene.fit(watch=watch, threads=processors(), interruptible=True)
+    shares = result.visibility.shares if len(result.objects) > 1 else ()
+    for index, each in enumerate(result.objects):
+        if result.index not in (None, index):
+            continue
+        if len(shares):
+            say(f"{each.label} (seen to {shares[index]:.0%})")
+        if index in result.placings:
+            _print_end(result[each.id])
+        else:
+            say("Not searched for: it stands wholly behind others; its pose is as it was.")
+    return result
+
+
+def _print_end(scene: Scene) -> None:
+    """How the search for an object ended."""
+    progress, verdict = scene.progress, scene.verdict
+    assert progress is not None  # it was searched for
+    say(
+        f"{progress.status.value}\n"
+        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
+        f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
+    )
+    if len(scene.views) > 1:
+        for view in scene.alone:
+            word = "" if view.verdict is None else f", {view.verdict.word} by it alone"
+            share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
+            say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
+    else:
+        if parts := scene.parts.parts_text:
+            say(f"unexplained by part: {parts}")
+        if scene.hidden is not None:
+            say(
+                "something in front was taken to hide a part of the model: "
+                f"{scene.seen:.0%} of it is seen, and the rest was left out"
+            )
+    if scene.data.free_scale:
+        scale = 1.0 / scene.one.world_from_model.scale
+        say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
+    if verdict is None:
+        return
+    say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
+    for reason in (*verdict.reasons, *scene.end_notes):
+        say(f"  {reason}")
+    if verdict.covariance is not None:
+        say(f"how sure, as standard deviations: {verdict.covariance.words(scene.mesh.unit)}")

@@ -1,0 +1,59 @@
+"""Fit every model from one start, and rank them by their losses over the same pixels. The models
+share a frame: the start is meant for each of them.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from poseviewer.cli.case import settings_of
+from poseviewer.cli.options import COMPARED, LIMITS, QUIET, option
+from poseviewer.cli.terminal import progress_bar, say, tell
+
+if TYPE_CHECKING:
+    from poseviewer.fit.progress import FitProgress
+
+
+OPTIONS = {
+    "": (
+        option("photo PHOTO"),
+        option("models MODEL", nargs="+"),
+        option("--start POSE.json", required=True),
+        QUIET,
+    ),
+    **COMPARED,
+    "search": LIMITS,
+}
+
+
+def run(options: Namespace) -> int:
+    """Print which model explains the photo best."""
+    from poseviewer.fit.identification import identify
+    from poseviewer.starts.loading import open_photo
+
+    settings = settings_of(options)
+    opened = [
+        open_photo(options.photo, model, options.start, settings, None, options.mask)
+        for model in options.models
+    ]
+    if not options.quiet:
+        for warning in dict.fromkeys(text for one in opened for text in one.notes):
+            tell(f"note: {warning}")
+    with progress_bar(None, options.quiet) as bar:
+
+        def watch(name: str, progress: FitProgress) -> None:
+            bar.set_description_str(f"{name}, {progress.loss_text}", refresh=False)
+            bar.update()
+
+        ranked = identify(opened, settings, watch)
+    width = max(len(name) for name, _ in ranked)
+    say(f"{'':3}{'model':{width}}  {'unexplained':>11}  {'margin':>7}  {'start':>6}")
+    shares_left = [fit.unexplained for _, fit in ranked]
+    for rank, (name, fit) in enumerate(ranked, 1):
+        margin = f"{shares_left[rank] - fit.unexplained:+.3f}" if rank < len(ranked) else ""
+        shares = f"{fit.unexplained:11.3f}  {margin:>7}  {fit.start_unexplained:6.3f}"
+        say(f"{rank:<3}{name:{width}}  {shares}")
+    say("unexplained, of the same pixels: 0, all explained, to 1, nothing")
+    say("margin: how much more the next model leaves unexplained")
+    return 0

@@ -1,0 +1,35 @@
+"""Write the undistorted photo, which the poses belong to; say its camera."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from poseviewer.cli.case import calibration_of
+from poseviewer.cli.options import CAMERA, option
+from poseviewer.cli.terminal import require_writable, say
+from poseviewer.errors import PhotoFileError, SettingsError
+
+OPTIONS = {
+    "": (
+        option("photo PHOTO"),
+        option("--out UNDISTORTED.png", required=True),
+    ),
+    **CAMERA,
+}
+
+
+def run(options: Namespace) -> int:
+    """Write it."""
+    if options.calibration is None:
+        raise SettingsError("the photo's camera is wanted: give --calibration")
+    require_writable(options.out, PhotoFileError)
+    from poseviewer.cli.info_command import print_camera
+    from poseviewer.files.photo import load_calibrated_photo, pixels_for, save_image
+
+    photo = load_calibrated_photo(options.photo, calibration_of(options))
+    if photo.undistortion is None:
+        raise SettingsError(f"{options.calibration}: a camera without distortion; nothing to undo")
+    save_image(options.out, pixels_for(options.out, photo))
+    print_camera(photo)
+    say(f"undistorted: {options.out}")
+    return 0

@@ -1,1 +1,0 @@
-"""Whether a pose is right: found, doubtful or lost, and why."""

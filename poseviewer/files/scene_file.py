@@ -1,0 +1,573 @@
+"""Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
+
+The structs are what a file of version 2 holds, and what the program hands about: there, files are
+absolute paths. Version 1 was one photo; an object's pose was a pose file's words, or a pose file.
+"""
+
+from __future__ import annotations
+
+import os
+from base64 import b64decode, b64encode
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import cv2
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct, structs
+
+from poseviewer.errors import PoseFileError, printable
+from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of
+from poseviewer.files.masks import mask_as_png, mask_from_png
+from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.pose import PoseRecord, record_from_json
+from poseviewer.files.structs import (
+    PROJECTIONS,
+    SCENE,
+    CameraNumbers,
+    ChartParameters,
+    Distortion,
+    ModelReference,
+    Number,
+    PhotoReference,
+    Pixels,
+    Positive,
+    Projection,
+    RecordedVerdict,
+    Sha256,
+    Transform,
+    Uncertainty,
+    camera_as_json,
+    camera_from,
+    covariance_from,
+    decoded,
+    distortion_as_json,
+    transform_as_json,
+    transform_from,
+    uncertainty_of,
+    undistortion_from,
+)
+from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
+from poseviewer.files.writing import json_bytes, write_whole
+from poseviewer.geometry.camera import Camera, Pose
+from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.symmetry_group import Symmetry
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.view import View, pose_in_view, world_from_pose
+
+KIND = "scene file"
+INLINE = "data:image/png;base64,"
+"""Start of a mask that stands in the file itself."""
+OF_VIEW = ("projection", "camera", "distortion", "photo")
+"""What version 1 said once for the poses of all objects."""
+NOWHERE = {"rotation": np.eye(3).tolist(), "translation": [0.0, 0.0, 0.0]}
+SAME = 1e-9
+"""Relative: files round cameras in their last digit."""
+MADE = Reading(Path(KIND))
+"""Names no file in errors: what was read is checked, what was made needs no check."""
+
+
+class PhotoFile(Struct, frozen=True, omit_defaults=True):
+    """The photo's file, seen from the scene's folder, its size in px, and its fingerprint."""
+
+    file: str
+    width: Pixels
+    height: Pixels
+    sha256: Sha256 | None = None
+
+
+class ModelFile(Struct, frozen=True, omit_defaults=True):
+    """The model's file, seen from the scene's folder, its fingerprint and length unit."""
+
+    file: str
+    sha256: Sha256 | None = None
+    unit: str | None = None
+
+
+class Place(Transform, frozen=True, omit_defaults=True):
+    """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
+
+    scale: Positive = 1.0
+
+    @property
+    def similarity(self) -> Similarity:
+        """The place as the program has it."""
+        return Similarity(self.rigid, self.scale)
+
+
+def place_of(place: Similarity) -> Place:
+    """The place as files say it."""
+    return Place.of(place.rigid, scale=float(place.scale))
+
+
+class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A photo, its camera (of the undistorted photo where there is a distortion) and where that
+    stands: x_in_camera = rotation @ x_in_world + translation; left out for a camera in which the
+    world's frame is. mask: a picture of the photo's size, black where something stands in front.
+    """
+
+    photo: PhotoFile
+    projection: Projection
+    numbers: CameraNumbers = msgspec.field(name="camera")
+    distortion: Distortion | None = None
+    place: Transform = msgspec.field(name="camera_from_world", default=Transform(**NOWHERE))
+    mask: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        photo: Path,
+        camera: Camera,
+        sha256: str | None = None,
+        undistortion: Undistortion | None = None,
+        place: RigidTransform | None = None,
+        mask: Mask | Path | None = None,
+    ) -> ViewRecord:
+        """The view of a camera (pixel centres at i + 0.5) that stands in the world at a ``place``,
+        ``camera_from_world``.
+        """
+        data = {
+            **camera_as_json(camera),
+            "photo": {"file": str(photo), "width": camera.width, "height": camera.height},
+            "distortion": None if undistortion is None else distortion_as_json(undistortion),
+            "camera_from_world": NOWHERE if place is None else transform_as_json(place),
+            "mask": mask_text(mask),
+        }
+        made = msgspec.convert(data, cls)
+        return structs.replace(made, photo=structs.replace(made.photo, sha256=sha256))
+
+    @property
+    def path(self) -> Path:
+        """The photo's file."""
+        return Path(self.photo.file)
+
+    @property
+    def camera(self) -> Camera:
+        """Camera of the undistorted photo, pixel centres at i + 0.5."""
+        size = self.photo.width, self.photo.height
+        return camera_from(MADE, self.projection, self.numbers, *size)
+
+    @property
+    def undistortion(self) -> Undistortion | None:
+        """How the undistorted photo is made of the one as taken; None: it is the one as taken."""
+        return undistortion_from(MADE, self.distortion, self.photo.width, self.photo.height)
+
+    @property
+    def reference(self) -> PhotoReference:
+        """The photo as pose files name it."""
+        photo = self.photo
+        return PhotoReference(printable(self.path.name), photo.width, photo.height, photo.sha256)
+
+
+def view_record(view: View) -> ViewRecord:
+    """The record of a view."""
+    photo, path = view.photo, view.path or Path(view.photo.name)
+    more = photo.undistortion, view.camera_from_world, view.mask
+    return ViewRecord.of(path, view.camera, photo.sha256, *more)
+
+
+class InViewRecord(Struct, frozen=True, omit_defaults=True):
+    """What an object has of its own in a view: a mask besides the view's, a region (left, top,
+    width, height, px) in which pixels count, and whether a search reads the view.
+    """
+
+    mask: str | None = None
+    region: Annotated[tuple[Number, ...], Meta(min_length=4, max_length=4)] | None = None
+    is_compared: bool = True
+
+
+class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the last search said of an object. view: index of the view that chart and uncertainty
+    are of; seen: for each view, the share of the model's pixels that count, null where it was not
+    compared; settings: those of the search. The rest is as in pose files.
+    """
+
+    loss: Number | None = None
+    unexplained: Number | None = None
+    seen: tuple[Number | None, ...] = ()
+    verdict: RecordedVerdict | None = None
+    view: Annotated[int, Meta(ge=0)] = 0
+    uncertainty: Uncertainty | None = None
+    chart: ChartParameters | None = None
+    settings: dict[str, Any] | None = None
+    notes: tuple[str, ...] = ()
+
+
+class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A model in the scene. id: of this object alone, the same model may be there several times;
+    name: for people; start: where the last search began; in_views: one for each view, or none;
+    start_cameras: the views' then, where a focal length was another; locked: placed by the user,
+    searches leave it; placed: whether anybody has said where it is;
+    without: names of the model's parts that are left out; symmetry: as in pose files.
+    """
+
+    id: Annotated[str, Meta(min_length=1)]
+    name: str = ""
+    model: ModelFile
+    place: Place = msgspec.field(name="world_from_model")
+    start: Place | None = None
+    start_cameras: tuple[CameraNumbers, ...] = ()
+    settings: dict[str, Any] | None = None
+    in_views: tuple[InViewRecord, ...] = ()
+    locked: bool = False
+    hidden: bool = False
+    is_placed: bool = msgspec.field(name="placed", default=True)
+    without: tuple[str, ...] = ()
+    turns: SymmetryTurns | None = msgspec.field(name="symmetry", default=None)
+    result: Result | None = None
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, object_id: str, model: Path, record: PoseRecord, view: ViewRecord, name: str = ""
+    ) -> ObjectRecord:
+        """The object of a scene of one view that a pose file says."""
+        known, camera = record.model or ModelReference(), view.camera
+        sure = None if record.covariance is None else uncertainty_of(record.covariance)
+        settings = None if record.settings is None else dict(record.settings)
+        result = Result(
+            loss=record.loss,
+            unexplained=record.unexplained,
+            seen=() if record.seen is None else (record.seen,),
+            verdict=record.verdict,
+            uncertainty=sure,
+            chart=record.chart,
+            settings=settings,
+            notes=record.notes,
+        )
+        return cls(
+            id=object_id,
+            name=name,
+            model=ModelFile(str(model), known.sha256, known.unit),
+            place=place_of(world_from_pose(camera, view.place.rigid, record.pose)),
+            without=record.without,
+            turns=SymmetryTurns.of(record.symmetry),
+            result=None if result == Result() else result,
+        )
+
+    @property
+    def path(self) -> Path:
+        """The model's file."""
+        return Path(self.model.file)
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """Symmetry of the model as it is compared."""
+        return symmetry_from(MADE, self.turns)
+
+    @property
+    def label(self) -> str:
+        """What it is called: its name, or else its id."""
+        return self.name or self.id
+
+
+class PlaceInSet(Transform, frozen=True):
+    """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
+
+    size: Positive
+    size_was_free: bool = False
+
+
+class PoseInSet(Struct, frozen=True):
+    """Written by earlier versions where the pose was found on several photos: where the model is in
+    their frame, and the pose in each photo, as in a pose file.
+    """
+
+    set_from_model: PlaceInSet
+    views: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+    unit: str | None = None
+
+
+class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x right, y
+    down, z forward); pixel centres are at integers; paths start from the scene's folder. unit: of
+    the world; free_scale: nothing tells the world's unit in the model's, it is to be searched for.
+    """
+
+    format: Literal["poseviewer-scene"] = SCENE
+    version: Literal[2] = 2
+    unit: str | None = None
+    free_scale: bool = False
+    views: Annotated[
+        tuple[Annotated[ViewRecord, Meta(extra_json_schema=PROJECTIONS)], ...], Meta(min_length=1)
+    ]
+    objects: tuple[ObjectRecord, ...] = ()
+    software: dict[str, Any] | None = None
+    warnings: tuple[str, ...] = ()
+
+    def index(self, object_id: str) -> int:
+        """The number of the object that has an id."""
+        ids = [one.id for one in self.objects]
+        if object_id not in ids:
+            raise PoseFileError(
+                f"There is no object {object_id!r} in the scene; there are {', '.join(ids)}."
+            )
+        return ids.index(object_id)
+
+    def pose(self, index: int, view: int = 0) -> Pose:
+        """The pose of an object in a view, in the model's unit."""
+        own, one = self.views[view], self.objects[index]
+        return pose_in_view(own.camera, own.place.rigid, one.place.similarity)
+
+    def pose_record(self, index: int, view: int = 0) -> PoseRecord:
+        """All that a pose file says of an object in a view."""
+        one, own, pose = self.objects[index], self.views[view], self.pose(index, view)
+        result = one.result or Result(settings=one.settings)
+        is_own = result.view == view
+        return PoseRecord(
+            pose,
+            own.reference,
+            ModelReference(printable(one.path.name), one.model.sha256, one.model.unit),
+            result.chart if is_own else None,
+            result.loss,
+            result.settings,
+            self.software,
+            own.undistortion,
+            result.verdict,
+            result.notes,
+            result.unexplained,
+            without=one.without,
+            seen=result.seen[view] if view < len(result.seen) else None,
+            covariance=covariance_from(result.uncertainty, pose) if is_own else None,
+            symmetry=one.symmetry,
+            warnings=self.warnings,
+        )
+
+
+Named = Callable[[str, str], str]
+"""A file's name in another place; the second argument says where in the scene it stands."""
+
+
+def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
+    """The scene in a file; its photos, models and masks are there, but not yet read.
+
+    ``inside``: a folder in which all of them have to lie.
+
+    Raises:
+        PoseFileError: there is no such file, it does not hold a scene, or names a file that is not
+            there or not ``inside``; two objects have one id; the scale is not known, and there are
+            several objects; a pose file is by another camera.
+    """
+    reading = Reading(Path(path).absolute(), kind=KIND)
+
+    def find(name: str, what: str) -> str:
+        found = reading.path.parent / name
+        if not name or not is_there(found):
+            raise reading.error(
+                f"{what} is {name or 'empty'}, and there is no such file",
+                "put it there, seen from the scene's folder; on a page, drop that folder whole",
+            )
+        if inside is not None and inside.resolve() not in found.resolve().parents:
+            wanted = "drop one folder that holds the scene and all its files"
+            raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
+        return str(found)
+
+    with reading.naming_errors():
+        data = reading.load_object()
+        if data.get("format") != SCENE:
+            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {SCENE!r}")
+        if data.get("version") != 2:
+            reading.require_format(data, SCENE)
+            data = _upgraded(reading, data, find)
+        found = with_files(scene_from_json(reading, data), find)
+        return structs.replace(found, warnings=tuple(dict.fromkeys(reading.warnings)))
+
+
+def scene_from_json(reading: Reading, data: Any, is_exact: bool = False) -> SceneRecord:
+    """The scene that JSON of version 2 says, the names of its files as they are. ``is_exact``:
+    rotations, too, which are else mended.
+    """
+
+    def mended(key: str, value: Any, _: str) -> Any:
+        if key != "rotation":
+            return value
+        rotation = checked_rotation(reading, np.array(value))
+        return value if is_exact else rotation.tolist()
+
+    scene = decoded(reading, data, SceneRecord, raw=("file", "mask"))
+    for number, one in enumerate(scene.views):
+        own = replace(reading, path=Path(f"{reading.path.name}, views[{number}]"))
+        size = one.photo.width, one.photo.height
+        camera_from(own, one.projection, one.numbers, *size)
+        undistortion_from(own, one.distortion, *size)
+    for number, one in enumerate(scene.objects):
+        own = replace(reading, path=Path(f"{reading.path.name}, objects[{number}]"))
+        symmetry_from(own, one.turns)
+        if len(one.in_views) not in (0, len(scene.views)):
+            wanted = f"wanted one for each of {len(scene.views)} views, or none"
+            raise own.error(f"in_views is a list of {len(one.in_views)}", wanted)
+    _require_whole(reading, scene)
+    return msgspec.convert(_each(scene_as_json(scene), mended), SceneRecord)
+
+
+def _upgraded(reading: Reading, data: dict[str, Any], find: Named) -> dict[str, Any]:
+    """The JSON of version 2 of a scene in version 1."""
+    view, objects = {key: data.get(key) for key in OF_VIEW}, []
+    if not isinstance(data.get("objects"), list) or not data["objects"]:
+        found = f"objects is {kind_of(data.get('objects'))}"
+        raise reading.error(found, "wanted a list of one or more")
+    for number, one in enumerate(data["objects"]):
+        what = f"objects[{number}]"
+        pose, mask = reading.object(one, what).get("pose"), one.get("mask")
+        if isinstance(pose, str):
+            file = Path(find(pose, f"{what}.pose"))
+            pose = Reading(file).load_object()
+            if any(_differ(view[key], pose.get(key)) for key in OF_VIEW[:-1]):
+                raise reading.error(
+                    f"the pose of object {one.get('id')!r} is by another camera than the scene's",
+                    "one photo has one camera, fit the object again with that of the scene",
+                )
+            beside = Reading.text(reading, pose.get("mask"), f"{what}.pose.mask")
+            mask = str(file.with_name(bare_name(beside))) if beside and not mask else mask
+        pose = reading.object(pose, f"{what}.pose")
+        place, scales = pose.get("camera_from_model"), [view["camera"], pose.get("camera"), pose]
+        scales = [said["scale"] for said in scales if isinstance(said, dict) and "scale" in said]
+        if len(scales) > 1 and isinstance(place, dict):  # each is as large as the photo has it
+            scale = scales[-1] / scales[0]
+            moved = [scale * x for x in place["translation"]]
+            place = {**place, "scale": scale, "translation": moved}
+        objects.append({
+            **{key: one.get(key) for key in ("id", "name", "model")},
+            **{key: pose.get(key) for key in ("without", "symmetry")},
+            "world_from_model": place,
+            "in_views": [{"mask": mask}] if mask else [],
+            "result": {key: pose.get(key) for key in Result.__struct_encode_fields__}
+            | {"view": 0, "seen": [] if pose.get("seen") is None else [pose["seen"]]},
+        })  # fmt: skip
+    return {"format": SCENE, "version": 2, "views": [view], "objects": objects}
+
+
+def scene_of_set(path: Path, record: PoseRecord) -> SceneRecord | None:
+    """The scene of a pose file in which earlier versions said a pose in several photos, which lie
+    beside it, or not; None: it says one.
+    """
+    if record.in_set is None:
+        return None
+    reading, views = Reading(Path("set")), []
+    said = decoded(reading, dict(record.in_set), PoseInSet, raw=("mask",))
+    place, size = transform_from(reading, said.set_from_model), said.set_from_model.size
+    for number, entry in enumerate(said.views):
+        own = Reading(Path(f"set.views[{number}]"))
+        photo = decoded(own, own.object(entry.get("photo"), "photo"), PhotoFile)
+        seen = record_from_json(own, entry, photo.width, photo.height)
+        moved = seen.pose.camera_from_model
+        moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
+        mask = None if seen.mask is None else path.parent / bare_name(seen.mask)
+        file = path.parent / bare_name(photo.file)
+        more = photo.sha256, seen.undistortion, moved, mask
+        views.append(ViewRecord.of(file, seen.pose.camera, *more))
+    model = path.parent / ((record.model and record.model.file) or "model")
+    one = ObjectRecord.of("1", model, replace(record, seen=None), views[0])
+    one = structs.replace(one, place=place_of(Similarity(place, size)))
+    is_free = said.set_from_model.size_was_free
+    return SceneRecord(views=tuple(views), objects=(one,), unit=said.unit, free_scale=is_free)
+
+
+def _differ(one: Any, other: Any) -> bool:
+    """Whether two JSON values differ by more than rounding, the scale of cameras aside."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return any(_differ(one.get(k), other.get(k)) for k in {*one, *other} - {"scale"})
+    numbers: list[Any] = [one, other]
+    try:
+        return not np.allclose(*numbers, rtol=SAME)
+    except (TypeError, ValueError):
+        return one != other
+
+
+def _each(value: Any, change: Callable[[str, Any, str], Any], where: str = "") -> Any:
+    """JSON with what ``change`` makes of every key, its value and its place; but of settings."""
+    if isinstance(value, dict):
+        places = {key: f"{where}.{key}".lstrip(".") for key in value}
+        return {
+            k: v if k == "settings" else _each(change(k, v, places[k]), change, places[k])
+            for k, v in value.items()
+        }
+    if isinstance(value, list | tuple):
+        return [_each(item, change, f"{where}[{i}]") for i, item in enumerate(value)]
+    return value
+
+
+def with_files(scene: SceneRecord, name: Named) -> SceneRecord:
+    """The scene with its files, and masks that are files, under other names."""
+
+    def named(key: str, value: Any, where: str) -> Any:
+        is_file = key == "file" or (key == "mask" and not value.startswith(INLINE))
+        return name(value, where) if is_file else value
+
+    return msgspec.convert(_each(scene_as_json(scene), named), SceneRecord)
+
+
+def save_scene(path: str | Path, scene: SceneRecord) -> None:
+    """Write ``scene_files``, each whole or not at all."""
+    for file, content in scene_files(Path(path), scene).items():
+        write_whole(file, content, PoseFileError)
+
+
+def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
+    """What lies in a scene file at ``path`` and, beside it, the masks that the scene has itself.
+
+    Raises:
+        PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite.
+    """
+    reading, masks = Reading(path, kind=KIND), dict[Path, bytes]()
+    _require_whole(reading, scene)
+
+    def name(file: str, where: str) -> str:
+        if not is_there(Path(file)):
+            raise reading.error(
+                f"{where} is {Path(file).name}, and there is no such file",
+                "photos and models of a scene have to be files, save them first",
+            )
+        return _relative(path, Path(file))
+
+    def beside(key: str, value: Any, _: str) -> Any:
+        if key != "mask" or not value.startswith(INLINE):
+            return value
+        file = path.with_name(f"{path.stem}.{len(masks) + 1}.mask.png")
+        masks[file] = b64decode(value.removeprefix(INLINE))
+        return file.name
+
+    data = _each(scene_as_json(with_files(scene, name)), beside)
+    return {**masks, path: json_bytes(path, data, PoseFileError)}
+
+
+def scene_as_json(scene: SceneRecord) -> dict[str, Any]:
+    """What a scene file says, as JSON has it."""
+    data = msgspec.to_builtins(structs.replace(scene, warnings=()), enc_hook=float)
+    return {"format": SCENE, "version": scene.version, **data}
+
+
+def mask_text(mask: Mask | Path | None) -> str | None:
+    """A mask as a scene has it: the name of its file, or a picture in text."""
+    if isinstance(mask, Mask):
+        return INLINE + b64encode(mask_as_png(mask)).decode()
+    return None if mask is None else str(mask)
+
+
+def mask_in(text: str) -> Mask:
+    """The mask that a text of ``mask_text`` holds; raises PoseFileError where it is none."""
+    try:
+        return mask_from_png(b64decode(text.removeprefix(INLINE), validate=True))
+    except (ValueError, cv2.error) as error:
+        raise MADE.error(f"a mask is no picture ({error})", "wanted a PNG in base64") from None
+
+
+def _require_whole(reading: Reading, scene: SceneRecord) -> None:
+    ids = [one.id for one in scene.objects]
+    for number, one in enumerate(ids):
+        if one in ids[:number]:
+            raise reading.error(f"two objects have the id {one!r}", "give each an id of its own")
+    if scene.free_scale and len(ids) > 1:
+        wanted = "say free_scale: false and the objects' scales, or leave one object alone"
+        raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
+
+
+def _relative(path: Path, file: Path) -> str:
+    """A file as the scene at ``path`` names it: from the scene's folder, if there is a way."""
+    try:
+        return Path(os.path.relpath(file.resolve(), path.resolve().parent)).as_posix()
+    except ValueError:  # on another drive
+        return str(file.resolve())

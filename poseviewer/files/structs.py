@@ -1,0 +1,363 @@
+"""JSON of our own formats as structs (msgspec): what a file may hold, its schema, and errors in a
+sentence; and geometry to and from the structs that pose files and scene files share.
+
+In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geometry.frames``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct, inspect
+
+from poseviewer.errors import printable
+from poseviewer.files.checks import (
+    LARGEST_NUMBER,
+    Reading,
+    checked_camera,
+    checked_rotation,
+    kind_of,
+)
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
+from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view_chart import SIZE
+
+AnyStruct = TypeVar("AnyStruct")
+Number = Annotated[float, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
+Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
+Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
+SCENE, VIEWS = "poseviewer-scene", "poseviewer-views"
+"""Names of formats."""
+Projection = Literal["perspective", "parallel"]
+PROJECTIONS: Any = {
+    "oneOf": [
+        {"properties": {"projection": {"const": name}, "camera": {"required": list(keys)}}}
+        for name, keys in (("perspective", ("fx", "fy")), ("parallel", ("scale",)))
+    ]
+}
+"""Schema of what a camera needs by its projection."""
+MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
+"""Names of lens models in files."""
+NOTE = (
+    "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
+)
+PLACE = re.compile(r"(?s)(.*?)(?: - at `\$(.*)`)?")
+KEY = re.compile(r"\.?([^.\[\]]+)|\[(\d+|\.\.\.)\]")
+MISSING = re.compile(r"Object missing required field `(.*)`")
+
+
+class PhotoReference(Struct, frozen=True, omit_defaults=True):
+    """The photo that a pose was found on."""
+
+    file: str | None = None
+    width: Pixels | None = None
+    height: Pixels | None = None
+    sha256: Sha256 | None = None
+
+
+class ModelReference(Struct, frozen=True, omit_defaults=True):
+    """The model that a pose places."""
+
+    file: str | None = None
+    sha256: Sha256 | None = None
+    unit: str | None = None
+
+
+class ChartParameters(Struct, frozen=True):
+    """The pose as the numbers of a chart, which were searched over."""
+
+    name: str
+    names: tuple[str, ...]
+    parameters: tuple[Number, ...] = msgspec.field(name="numbers")
+
+    def __post_init__(self) -> None:
+        if len(self.names) != len(self.parameters):
+            found = f".numbers has {len(self.parameters)} of them"
+            raise ValueError(f"{found}; wanted as many as names, {len(self.names)}")
+
+
+class RecordedVerdict(Struct, frozen=True, omit_defaults=True):
+    """The verdict on a pose when it was found; probability: that the pose is right, as among the
+    trials that the verdict was calibrated on; evidence: the numbers that it comes from, by name;
+    views: by each compared view alone.
+    """
+
+    word: Literal["found", "doubtful", "lost"]
+    probability: Number
+    reasons: tuple[str, ...] = ()
+    features: Mapping[str, Number] = msgspec.field(name="evidence", default_factory=dict)
+    views: tuple[RecordedVerdict, ...] = ()
+
+
+class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
+    """A camera in px, pixel centres at integers: focal lengths under perspective, px per unit of
+    the model (of the world in a scene) under parallel projection; and the principal point.
+    """
+
+    fx: Positive | None = None
+    fy: Positive | None = None
+    scale: Positive | None = None
+    cx: Number
+    cy: Number
+
+    @classmethod
+    def of(cls, camera: Camera) -> Self:
+        """A camera (pixel centres at i + 0.5) as files say it."""
+        return msgspec.convert(camera_as_json(camera)["camera"], cls)
+
+
+class Transform(Struct, frozen=True):
+    """x_in_b = rotation @ x_in_a + translation; rotation: rows of an orthonormal matrix with
+    determinant 1.
+    """
+
+    rotation: Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
+    translation: Three
+
+    @classmethod
+    def of(cls, rigid: RigidTransform, **more: Any) -> Self:
+        """The transform as files say it; ``more``: what a kind of transform has besides."""
+        rotation = tuple(map(tuple, rigid.rotation.tolist()))
+        return cls(rotation, tuple(rigid.translation.tolist()), **more)
+
+    @property
+    def rigid(self) -> RigidTransform:
+        """The transform as the program has it."""
+        return RigidTransform(np.array(self.rotation), np.array(self.translation))
+
+
+class Distortion(Struct, frozen=True):
+    """Present where the photo was undistorted: the pose, its camera and its chart belong to the
+    undistorted photo, not to the photo as taken. Remapping the photo from camera_as_taken with the
+    coefficients (OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]], or the
+    fisheye's k1 k2 k3 k4) to camera_undistorted, in the same size, gives the undistorted photo.
+    """
+
+    model: Literal["opencv", "opencv-fisheye"]
+    coefficients: tuple[Number, ...]
+    camera_as_taken: CameraNumbers
+    camera_undistorted: CameraNumbers
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        known = COEFFICIENTS[MODELS[self.model]]
+        if len(self.coefficients) not in known:
+            found = f".coefficients is a list of {len(self.coefficients)}"
+            raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
+
+
+class Uncertainty(Struct, frozen=True, kw_only=True):
+    """How sure the pose is, if it is right: a normal distribution about it. A deviation is a
+    rotation vector (rad) and then a shift, both along the camera's axes (from the left, about the
+    centre, a point in the model's frame):
+    x_in_camera = exp(rotation) R (x - centre) + R centre + t + shift.
+
+    covariance: rows, symmetric, 6x6, or 7x7 where the focal length was free, or the model's size in
+    several photos. names: rotation_x, rotation_y, rotation_z (rad), shift_x, shift_y, shift_z (the
+    model's unit; under parallel projection log_scale stands for shift_z), and log_focal or
+    log_size. deviations: standard deviations: depth of the centre along its line of sight and
+    sideways across it, the way that is least sure (the model's unit); degrees, about the axis that
+    is least sure; scale_percent under parallel projection; focal_px; size_percent; px, root mean
+    square over the model's outer points in the photo.
+    """
+
+    covariance: tuple[tuple[Number, ...], ...]
+    names: tuple[str, ...] = ()
+    centre: Three
+    deviations: dict[str, Number] = {}
+
+    def __post_init__(self) -> None:
+        size = len(self.covariance)
+        if size not in (6, 7) or any(len(row) != size for row in self.covariance):
+            raise ValueError(".covariance is no square matrix; wanted 6 rows of 6 numbers, or 7")
+        if not all(row[i] >= 0.0 for i, row in enumerate(self.covariance)):
+            raise ValueError(".covariance has a variance below 0; wanted none")
+
+
+def decoded(
+    reading: Reading, data: Any, kind: type[AnyStruct], raw: Sequence[str] = ()
+) -> AnyStruct:
+    """JSON data as a struct; texts made ``printable`` but those of the keys ``raw``; null is as if
+    it were not there.
+
+    Raises the reading's error, which says the place, what is there, and what was wanted.
+    """
+    data = _printed(data, raw)
+    while True:
+        try:
+            return msgspec.convert(data, kind)
+        except msgspec.ValidationError as error:
+            match = PLACE.fullmatch(str(error))
+            said, place = match.groups() if match else (str(error), None)
+            keys = [int(b) if b.isdecimal() else a or b for a, b in KEY.findall(place or "")]
+            found, wanted, where = data, inspect.type_info(kind), (place or "").lstrip(".")
+            if match := MISSING.fullmatch(said):
+                keys.append(match[1])
+                where = f"{where}.{match[1]}".lstrip(".")
+            elif not said.startswith(("Expected", "Invalid", "Number")):  # of a struct's own check
+                found, _, wanted = said.partition("; ")
+                raise reading.error(f"{where}{found}".lstrip("."), wanted) from None
+            for key in keys:
+                holder, found = found, _item(found, key)
+                wanted = _type_inside(wanted, key)
+            if isinstance(found, float) and "`int" in said and found.is_integer():
+                holder[keys[-1]] = int(found)  # 640.0 is a whole number, too
+                continue
+            found = f"{where or 'its content'} is {kind_of(found)}"
+            raise reading.error(found, f"wanted {_words(wanted)}") from None
+
+
+def _printed(value: Any, raw: Sequence[str]) -> Any:
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, list):
+        return [_printed(item, raw) for item in value]
+    if isinstance(value, dict):
+        kept = ((printable(key), item) for key, item in value.items() if item is not None)
+        return {k: v if k in raw and isinstance(v, str) else _printed(v, raw) for k, v in kept}
+    return value
+
+
+def _item(value: Any, key: str | int) -> Any:
+    """What a JSON value holds at a key; None where that is not known."""
+    if isinstance(value, list):
+        return value[key] if isinstance(key, int) else None
+    return value.get(key) if isinstance(value, dict) else None
+
+
+def _type_inside(info: Any, key: str | int) -> Any:
+    """The type at a key of a type."""
+    for one in getattr(info, "types", (getattr(info, "type", info),)):
+        one = getattr(one, "type", one)
+        if isinstance(one, inspect.StructType):
+            return next((f.type for f in one.fields if f.encode_name == key), None)
+        if isinstance(one, inspect.VarTupleType | inspect.ListType):
+            return one.item_type
+        if isinstance(one, inspect.DictType):
+            return one.value_type
+    return None
+
+
+def _words(info: Any) -> str:
+    """What values of a type are, for a message."""
+    of_union = [one for one in getattr(info, "types", ()) if not isinstance(one, inspect.NoneType)]
+    if of_union:
+        return " or ".join(dict.fromkeys(map(_words, of_union)))
+    info = getattr(info, "type", info)
+    if isinstance(info, inspect.LiteralType):
+        return " or ".join(sorted(map(repr, info.values)))
+    if isinstance(info, inspect.IntType):
+        least = "" if info.ge in (None, 1) else f" from {info.ge} to {info.le}"
+        return f"a whole number{' above 0' if info.ge == 1 else least}"
+    if isinstance(info, inspect.FloatType):
+        above = info.ge is not None and info.ge > 0.0
+        return "a number above 0" if above else f"a finite number, of at most {LARGEST_NUMBER:g}"
+    if isinstance(info, inspect.VarTupleType | inspect.ListType):
+        if info.min_length is not None and info.min_length == info.max_length:
+            return f"a list of {info.min_length}"
+        most = "" if info.max_length is None else f" of {info.max_length} at most"
+        return f"a list{most}{' of one or more' if info.min_length == 1 else ''}"
+    if isinstance(info, inspect.StructType | inspect.DictType):
+        return "an object {...}"
+    return "true or false" if isinstance(info, inspect.BoolType) else "a text"
+
+
+def transform_as_json(transform: RigidTransform) -> dict[str, Any]:
+    """A rigid transform as files say it."""
+    return msgspec.to_builtins(Transform.of(transform))
+
+
+def transform_from(reading: Reading, said: Transform) -> RigidTransform:
+    """The rigid transform that a file says; raises the reading's error."""
+    rigid = said.rigid
+    return RigidTransform(checked_rotation(reading, rigid.rotation), rigid.translation)
+
+
+def camera_as_json(camera: Camera) -> dict[str, Any]:
+    """``projection`` and ``camera`` as files say them, pixel centres at integers."""
+    shifted = camera_as_integer_centres(camera)
+    is_parallel = isinstance(shifted, Parallel)
+    names = ("scale", "cx", "cy") if is_parallel else ("fx", "fy", "cx", "cy")
+    return {
+        "projection": "parallel" if is_parallel else "perspective",
+        "camera": {name: float(getattr(shifted, name)) for name in names},
+    }
+
+
+def perspective_from(
+    reading: Reading, said: CameraNumbers, width: int, height: int, what: str = "camera"
+) -> Perspective:
+    """The camera that a file says, pixel centres at i + 0.5; raises the reading's error."""
+    if said.fx is None or said.fy is None:
+        name = "fx" if said.fx is None else "fy"
+        raise reading.error(f"{what}.{name} is missing", "wanted a number above 0")
+    found = Perspective(said.fx, said.fy, said.cx, said.cy, width, height)
+    return camera_from_integer_centres(checked_camera(reading, found))
+
+
+def camera_from(
+    reading: Reading, projection: Projection, said: CameraNumbers, width: int, height: int
+) -> Camera:
+    """The camera that a file says under a projection; raises the reading's error."""
+    if projection == "perspective":
+        return perspective_from(reading, said, width, height)
+    if said.scale is None:
+        raise reading.error("camera.scale is missing", "wanted a number above 0")
+    found = Parallel(said.scale, said.cx, said.cy, width, height)
+    return camera_from_integer_centres(checked_camera(reading, found))
+
+
+def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
+    """All that is needed to make the undistorted photo of the one as taken."""
+    lens = undistortion.lens
+    return {
+        "note": NOTE,
+        "model": next(name for name, model in MODELS.items() if model == lens.model),
+        "coefficients": [float(value) for value in lens.coefficients],
+        "camera_as_taken": camera_as_json(undistortion.taken)["camera"],
+        "camera_undistorted": camera_as_json(undistortion.camera)["camera"],
+    }
+
+
+def undistortion_from(
+    reading: Reading, said: Distortion | None, width: int, height: int
+) -> Undistortion | None:
+    """What a file says of a photo's lens; raises the reading's error."""
+    if said is None:
+        return None
+    taken, camera = (
+        perspective_from(reading, getattr(said, name), width, height, f"distortion.{name}")
+        for name in ("camera_as_taken", "camera_undistorted")
+    )
+    return Undistortion(Lens(MODELS[said.model], said.coefficients), taken, camera)
+
+
+def uncertainty_of(covariance: PoseCovariance) -> Uncertainty:
+    """A covariance as files say it, and what it says of single quantities."""
+    names = ("depth", "sideways", "scale_percent", "degrees", "focal_px", "size_percent", "px")
+    deviations = {name: getattr(covariance, name) for name in names}
+    return Uncertainty(
+        covariance=tuple(map(tuple, covariance.matrix.tolist())),
+        names=covariance.names,
+        centre=tuple(covariance.centre.tolist()),
+        deviations={k: float(value) for k, value in deviations.items() if value is not None},
+    )
+
+
+def covariance_from(said: Uncertainty | None, pose: Pose) -> PoseCovariance | None:
+    """The covariance that a file says of a pose."""
+    if said is None:
+        return None
+    px = said.deviations.get("px", 0.0)
+    seventh = SIZE if SIZE in said.names else "log_focal"
+    centre, matrix = np.array(said.centre), np.array(said.covariance, dtype=float)
+    return PoseCovariance(pose, centre, matrix, px, seventh)

@@ -1,0 +1,142 @@
+"""The pixels that a fit compares: the attributes F of a photo and their weights P."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.loss import fewest_pixels
+from poseviewer.fit.scene import InView
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mesh import Mesh, hull_in_photo
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.view import View
+from poseviewer.render.pyramid.levels import smaller, structured
+from poseviewer.render.types import PhotoAttributes
+
+LEAST_COLOUR = 0.02
+"""Standard deviation across the main line of a photo's colours, of 1, from which these are not
+noise: the loss would weigh the noise of a grey scene's colours as much as its light."""
+NEAR_MARGIN = 0.25
+"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
+WORKING_PIXELS = 20_000
+"""Of the model's convex outline at the start: a photo that shows more is reduced. Half a pixel of
+these is less than a hundredth of the model's size."""
+FINE_PIXELS = 150_000
+"""The same for the photo that a search is refined on: there the minimum is nearer to the truth."""
+
+
+def compared_levels(
+    view: View,
+    own: InView,
+    mesh: Mesh,
+    pose: Pose,
+    settings: FitSettings,
+    hidden: NDArray[np.bool_] | None = None,
+) -> tuple[PhotoAttributes, Callable[[], PhotoAttributes], bool]:
+    """The level of a view's photo that poses are compared on; a function that makes the one that a
+    search is refined on; and whether that is finer. ``hidden`` (height, width) does not count.
+
+    Raises ``SettingsError`` where too few pixels count.
+    """
+    photo = plain = _plain(view, own, mesh, pose, settings, hidden)
+    counted = np.count_nonzero(plain.weights)
+    factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
+    if counted and not plain.clipped and settings.method == "default":
+        photo = structured(plain, factor, is_steep=factor == finest)
+    fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
+    if counted < fewest:
+        raise SettingsError(
+            f"{view.photo.name}: {counted} pixels count, and a fit needs at least "
+            f"{fewest}; use a larger photo or region, or hide less of it"
+        )
+    is_finer = photo.structure is not None and finest < factor
+    return photo, lambda: smaller(plain, finest), is_finer
+
+
+def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
+    """The attributes that a pose is shown relit by: the model's own pixels, and all its colours."""
+    coloured = photo.channels.shape[2] == 3
+    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
+
+
+def _plain(
+    view: View,
+    own: InView,
+    mesh: Mesh,
+    pose: Pose,
+    settings: FitSettings,
+    hidden: NDArray[np.bool_] | None,
+) -> PhotoAttributes:
+    """F and P at the photo's own size, without structure."""
+    photo = view.photo
+    weights = np.ones((photo.height, photo.width), np.float32)
+    for mask in (view.mask, own.mask):
+        weights = weights if mask is None else weights * mask.weights
+    if photo.covered is not None:
+        weights = weights * photo.covered
+    if hidden is not None:
+        weights = weights * ~hidden
+    for rectangle in (settings.region, own.region):
+        weights = weights if rectangle is None else weights * _inside(rectangle, photo)
+    if settings.pixels == "near" and np.any(weights > 0.0):
+        weights = weights * box_near(mesh, pose).mask(*weights.shape)
+        if not np.any(weights > 0.0):
+            raise SettingsError(
+                "no pixel that counts lies near the start pose: bring the start onto the photo "
+                "and the region, mask less, or use --pixels whole"
+            )
+    coloured = not settings.grey and _has_colour(photo, weights)
+    channels = photo.as_float() if coloured else photo.grey()[..., None]
+    is_clipped = settings.pixels == "clip"
+    return PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
+
+
+def _inside(rectangle: Rectangle, photo: Photo) -> NDArray[np.float32]:
+    region = rectangle.mask(photo.height, photo.width)
+    if not region.any():
+        left, top, width, height = rectangle
+        raise SettingsError(
+            f"--region {left},{top},{width},{height} has no pixel in the photo of "
+            f"{photo.width}x{photo.height} px; give left,top,width,height in px"
+        )
+    return region
+
+
+def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
+    """Whether the colours of the pixels that count leave a line in RGB by more than noise."""
+    if photo.pixels.shape[2] == 1 or np.count_nonzero(weights > 0.0) < 2:
+        return False
+    colours = photo.pixels[weights > 0.0] / np.iinfo(photo.pixels.dtype).max
+    variances = np.linalg.eigvalsh(np.cov(colours.T))
+    return bool(variances[1] > LEAST_COLOUR**2)
+
+
+def box_near(mesh: Mesh, start: Pose) -> Rectangle:
+    """The box of the model at the start, with a margin around it, px."""
+    size, outline = [start.camera.width, start.camera.height], hull_in_photo(mesh, start)
+    if not len(outline):
+        return Rectangle(0.0, 0.0, 0.0, 0.0)
+    # Where the start fills the photo and more, the photo is all there is to look at.
+    reach = np.array(size)
+    low, high = np.clip([outline.min(axis=0), outline.max(axis=0)], -reach, 2 * reach)
+    margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
+    return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))
+
+
+def working_factor(mesh: Mesh, start: Pose, most: float = WORKING_PIXELS) -> int:
+    """Factor by which a photo is reduced so that the model at the start has ``most`` pixels."""
+    outline = hull_in_photo(mesh, start).astype(np.float32)
+    if len(outline) < 3:
+        return 1
+    whole = float(start.camera.width * start.camera.height)
+    area = min(float(cv2.contourArea(cv2.convexHull(outline))), whole)
+    return max(1, math.ceil(math.sqrt(area / most)))

@@ -1,0 +1,265 @@
+"""A scene: views times objects.
+
+A view is a photo with its camera and where that stands in the world; an object is a model with its
+place in the world. One photo of one thing is one view and one object. The world is the first view's
+camera frame where nothing else is given.
+
+    camera_from_model(view, object) = view.camera_from_world @ object.world_from_model
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.verdict import Verdict
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
+from poseviewer.geometry.transform import Similarity
+from poseviewer.geometry.view import View
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedModel:
+    """A model as its file has it; many objects can share one."""
+
+    mesh: Mesh
+    name: str
+    """Name of the file, without its folder."""
+    sha256: str
+    keypoints: VehicleKeypoints | None = None
+    whole_symmetry: Symmetry = NO_SYMMETRY
+    """Symmetry of the model with all its parts, as far as a file says it."""
+    path: Path | None = None
+    """The file; None: it is in none."""
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """Symmetry of the mesh as it is compared: poses that differ by it are one."""
+        return NO_SYMMETRY if self.mesh.left_out else self.whole_symmetry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedModel:
+    """A mesh at a pose."""
+
+    mesh: Mesh
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InView:
+    """What one view has of one object alone."""
+
+    mask: Mask | None = None
+    """Weight of each pixel for this object, besides the view's mask."""
+    region: Rectangle | None = None
+    """Pixels that count lie in it, px."""
+    is_compared: bool = True
+    """Whether a search reads this view, where it shows the object."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult:
+    """What the last search said of an object; it holds as long as the object stays there."""
+
+    verdict: Verdict | None
+    loss: float
+    unexplained: float
+    parameters: tuple[float, ...] = ()
+    """Numbers of the pose in the chart that was searched."""
+    chart: str = ""
+    names: tuple[str, ...] = ()
+    """Names of ``parameters``."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """The settings as JSON holds them, and the photo's channels."""
+    seen: tuple[float, ...] = ()
+    """For each view, the share of the model's pixels that count, in [0, 1]; nan: not compared."""
+    hidden: tuple[NDArray[np.bool_] | None, ...] = ()
+    """For each view, (height, width) of its photo: what was taken for something in front."""
+    notes: tuple[str, ...] = ()
+    view: int = 0
+    """Number of the view that the chart and the verdict's covariance are of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneObject:
+    """A model in a scene."""
+
+    id: str
+    """Not that of another object of the scene."""
+    model: LoadedModel
+    world_from_model: Similarity
+    """Its scale is 1 but in a world of another unit, and for objects under parallel projection,
+    which are each as large as the photo has them."""
+    settings: FitSettings = field(default_factory=FitSettings)
+    name: str = ""
+    """What the user calls it; "": its id is shown."""
+    in_views: tuple[InView, ...] = ()
+    """For each view of the scene; empty: nothing is the object's own."""
+    hidden: bool = False
+    """Not drawn, and in front of nothing."""
+    locked: bool = False
+    """Placed by the user: searches leave it, and it hides what is behind it."""
+    is_placed: bool = True
+    """Whether anybody has said yet where it is."""
+    result: SearchResult | None = None
+    notes: tuple[str, ...] = ()
+    """What the user should know about how its files were read."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """Its surface."""
+        return self.model.mesh
+
+    @property
+    def label(self) -> str:
+        """What it is called."""
+        return self.name.strip() or self.id
+
+    @property
+    def stands_firm(self) -> bool:
+        """Whether its place is trusted, so that it hides pixels of others."""
+        if self.hidden or not self.is_placed:
+            return False
+        verdict = None if self.result is None else self.result.verdict
+        return self.locked or (verdict is not None and verdict.word == "found")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Views times objects."""
+
+    views: tuple[View, ...]
+    objects: tuple[SceneObject, ...]
+    name: str = ""
+    """Name of the file or folder that it was read from."""
+    unit: str | None = None
+    """Unit of the world; None: not said."""
+    free_scale: bool = False
+    """Whether nothing tells the world's unit in the model's: then it is searched for."""
+    notes: tuple[str, ...] = ()
+    """What the user should know about how the files were read."""
+
+    def __post_init__(self) -> None:
+        """Raises ``SettingsError`` where ids repeat, a mask or camera has another size than its
+        photo, or an unknown scale is to be found with several objects.
+        """
+        ids = [one.id for one in self.objects]
+        twice = next((one for one in ids if ids.count(one) > 1), None)
+        if twice is not None:
+            raise SettingsError(f"two objects have the id {twice!r}; give each an id of its own.")
+        if self.free_scale and len(self.objects) > 1:
+            raise SettingsError(
+                f"{self.name or 'the scene'}: its scale is not known, and it has "
+                f"{len(self.objects)} objects; give the scale, or search for one object alone."
+            )
+        for index, view in enumerate(self.views):
+            size, photo = (view.photo.width, view.photo.height), view.photo
+            if (view.camera.width, view.camera.height) != size:
+                raise SettingsError(
+                    f"the camera of {view.name} is for {view.camera.width}x{view.camera.height} "
+                    f"px, and the photo has {size[0]}x{size[1]} px; use the photo that the camera "
+                    "is of."
+                )
+            masks = [view.mask, *(one.in_views[index].mask for one in self.objects if one.in_views)]
+            for mask in masks:
+                if mask is not None and (mask.width, mask.height) != size:
+                    raise SettingsError(
+                        f"the mask has {mask.width}x{mask.height} px, the photo {photo.name} has "
+                        f"{size[0]}x{size[1]} px; make the mask in the photo's size."
+                    )
+
+    def index(self, object_id: str) -> int:
+        """The number of the object that has an id.
+
+        Raises:
+            SettingsError: none has.
+        """
+        ids = [one.id for one in self.objects]
+        if object_id not in ids:
+            raise SettingsError(
+                f"There is no object {object_id!r} in the scene; there are {', '.join(ids)}."
+            )
+        return ids.index(object_id)
+
+    def pose(self, index: int, view: int = 0) -> Pose:
+        """The pose of an object in a view, in the model's unit."""
+        return self.views[view].pose(self.objects[index].world_from_model)
+
+    def placed(self, index: int, view: int = 0) -> PlacedModel:
+        """An object's mesh at its pose in a view."""
+        return PlacedModel(self.objects[index].mesh, self.pose(index, view))
+
+    def in_view(self, index: int, view: int = 0) -> InView:
+        """What is an object's own in a view."""
+        own = self.objects[index].in_views
+        return own[view] if own else InView()
+
+    def mask(self, index: int, view: int = 0) -> Mask | None:
+        """The pixels of a view that count for an object: by the view's mask, its own, and without
+        what the last search took for something in front; None: all.
+        """
+        one, masks = self.objects[index], [self.views[view].mask, self.in_view(index, view).mask]
+        weights = [mask.weights for mask in masks if mask is not None]
+        in_front = one.result.hidden[view] if one.result and one.result.hidden else None
+        weights += [] if in_front is None else [~in_front]
+        return Mask.of(reduce(np.multiply, weights)) if weights else None
+
+    def occluders(self, index: int, view: int = 0) -> tuple[PlacedModel, ...]:
+        """The objects that hide pixels of another one in a view: those that stand firm."""
+        return tuple(
+            self.placed(other, view)
+            for other, one in enumerate(self.objects)
+            if other != index and one.stands_firm
+        )
+
+    def with_object(self, index: int, **changes: Any) -> Scene:
+        """The scene with changed fields of one object."""
+        objects = list(self.objects)
+        objects[index] = replace(objects[index], **changes)
+        return replace(self, objects=tuple(objects))
+
+    def with_pose(self, index: int, pose: Pose, view: int = 0, scale: float | None = None) -> Scene:
+        """The scene with an object where a view shows it at a ``pose``; ``scale``: lengths of the
+        world's unit to one of the model's, by default as it is. A focal length other than the
+        view's becomes that of all views of its camera.
+        """
+        views, own = self.views, self.views[view]
+        if pose.camera != own.camera and not _is_own_scale(pose, own, len(self.objects)):
+            views = tuple(
+                replace(one, camera=pose.camera) if one.camera == own.camera else one
+                for one in views
+            )
+        scale = self.objects[index].world_from_model.scale if scale is None else scale
+        place = views[view].world_from_model(pose, scale)
+        return replace(self, views=views).with_object(index, world_from_model=place)
+
+
+def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
+    """Whether a parallel camera differs from the view's by the object's own scale alone."""
+    camera = view.camera
+    if objects == 1 or not (isinstance(pose.camera, Parallel) and isinstance(camera, Parallel)):
+        return False
+    return replace(pose.camera, scale=camera.scale) == camera
+
+
+def scene_at(
+    view: View, model: LoadedModel, pose: Pose, settings: FitSettings | None = None, **fields: Any
+) -> Scene:
+    """The scene of one object in one view, by the pose's camera; ``fields`` are the object's."""
+    view = replace(view, camera=pose.camera)
+    place = view.world_from_model(pose)
+    return Scene((view,), (SceneObject("1", model, place, settings or FitSettings(), **fields),))

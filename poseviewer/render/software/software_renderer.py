@@ -1,0 +1,319 @@
+"""The numba rasteriser as a ``Renderer``: everywhere, without a GPU or a display."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
+from poseviewer.geometry.image import GREY_WEIGHTS
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.moments import moments_of_images
+from poseviewer.render.pyramid.simplified import simplify
+from poseviewer.render.software import rasterise, shade, sums
+from poseviewer.render.software.blocks import BLOCK
+from poseviewer.render.software.raster_surface import Surface, make_surface, part_of
+from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
+from poseviewer.render.texture import TexturePyramid, flatten_textures
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
+
+NEAR_PER_DIAMETER = 1e-3
+"""Nearer than this share of the model's diameter, nothing is drawn under perspective."""
+VIEW_PX = 256
+"""Side of the pictures from which the faces seen from outside are told."""
+CULLED_PX = 1
+"""How far a pose may move the model from where hidden faces were told: as far as the end of a
+search does."""
+NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
+CACHE_LINE = 64
+"""Of the processor, in bytes."""
+
+Box = tuple[int, int, int, int]
+
+
+class SoftwareRenderer(Renderer):
+    """The rasteriser with its buffers. Not for two threads at once: give each a ``clone``."""
+
+    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
+        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
+        self.mesh = mesh
+        self.two_sided = two_sided
+        self._near = NEAR_PER_DIAMETER * mesh.diameter
+        self._textures = flatten_textures(mesh.textures)
+        self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
+        self._surface = make_surface(mesh, np.ones(len(mesh.faces), bool))
+        self._allocate()
+        self._surface = make_surface(mesh, self._seen_from_outside())
+        self._allocate()
+
+    def clone(self) -> SoftwareRenderer:
+        """Another renderer of the same mesh with buffers of its own, for another thread."""
+        return self._with(self._surface)
+
+    def culled(self, pose: Pose) -> SoftwareRenderer:
+        """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
+        return self._with(part_of(self._surface, ~self._hidden(pose)))
+
+    def reduced(self, faces: int) -> SoftwareRenderer:
+        """A renderer of the model with at most this number of triangles, or of it as it is."""
+        if len(self.mesh.faces) <= faces:
+            return self.clone()
+        return _simplified(self._kind, self.mesh, faces, self.two_sided).clone()
+
+    @property
+    def _kind(self) -> type[SoftwareRenderer]:
+        """Class of renderers of decimated meshes."""
+        return SoftwareRenderer
+
+    def render(self, pose: Pose) -> AttributeImage:
+        """Visibility, reflectance and normals at every pixel centre."""
+        size = pose.camera.height, pose.camera.width
+        box = left, top, right, bottom = self._rasterise(pose)
+        reflectance, normals = np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
+        shade.shade(
+            box,
+            self._ids,
+            self._of_faces,
+            self._of_textures,
+            pose.camera_from_model.rotation,
+            self._of_row(0),
+            reflectance,
+            normals,
+        )
+        face_ids = np.full(size, -1, np.int32)
+        ids = self._ids[top:bottom, left:right]
+        face_ids[top:bottom, left:right] = np.where(ids >= 0, self._surface.order[ids], -1)
+        return AttributeImage(face_ids, reflectance, normals)
+
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
+        self._rasterise(pose)
+        return self._ids[:, : pose.camera.width] >= 0
+
+    def depth(self, pose: Pose) -> NDArray[np.float32]:
+        """(height, width): z in the camera of what is seen, in the model's unit; inf elsewhere."""
+        self._rasterise(pose)
+        nearness = self._depth[:, : pose.camera.width]  # 1 / z, or -z in parallel projection
+        if isinstance(pose.camera, Parallel):
+            return -nearness
+        depth = np.full(nearness.shape, np.inf, np.float32)
+        return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
+
+    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """Joint moments, added up in the kernel; by pictures for ``colour_reflectance``."""
+        pose = level_pose(pose, photo.factor)
+        if photo.weights.shape != (pose.camera.height, pose.camera.width):
+            raise ValueError("the pose's camera and the photo differ in size")
+        if photo.colour_reflectance:
+            return moments_of_images(self.render(pose), photo)
+        if photo.structure is not None:
+            return self._structure_moments(pose, photo, photo.structure)
+        box = self._rasterise(pose)
+        n, region = photo.channels.shape[2], NO_REGION
+        if not photo.clipped:
+            region = True, *photo.photo_sums
+        pixels, weight, mean, covariance = sums.moments(
+            box,
+            self._ids,
+            self._of_faces,
+            self._of_textures,
+            (photo.planar, photo.weights),
+            photo.origin,
+            photo.model_channels,
+            (self._of_row(n), self._weighted),
+            region,
+            pose.camera_from_model.rotation,
+        )
+        # They are ours alone: to freeze them here saves two copies for every pose.
+        mean.flags.writeable = covariance.flags.writeable = False
+        return Moments(pixels, weight, mean, covariance, n)
+
+    def _structure_moments(
+        self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
+    ) -> Moments:
+        box, fixed = self._rasterise(pose), photo.photo_moments
+        workspace = self._structure_workspace(photo)
+        pixels, dot, square = sums.structure_sums(
+            box,
+            self._ids,
+            self._of_faces,
+            self._of_textures,
+            (photo.planar, structure.labels, photo.weights),
+            fixed.edges,
+            pose.camera_from_model.rotation,
+            MODEL_NOISE,
+            BLUR_TAPS,
+            (self._of_row(0), *workspace),
+        )
+        _, joint, second = workspace[1]
+        (n, m), share = joint.shape, 1.0 / fixed.weight if fixed.weight > 0.0 else 0.0
+        mean, covariance = np.empty(n + m), np.empty((n + m, n + m))
+        # The last attribute of M is 1 on the model, so its row of ``M M^T`` is the sum of M.
+        mean[:n], mean[n:] = fixed.mean, share * second[-1]
+        covariance[:n, :n] = fixed.covariance
+        covariance[:n, n:] = share * joint - np.multiply.outer(mean[:n], mean[n:])
+        covariance[n:, :n] = covariance[:n, n:].T
+        covariance[n:, n:] = share * second - np.multiply.outer(mean[n:], mean[n:])
+        mean.flags.writeable = covariance.flags.writeable = False
+        cosine = dot / square**0.5 if square > 0.0 else 0.0
+        return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
+
+    def _with(self, surface: Surface) -> SoftwareRenderer:
+        """Another renderer of the same mesh, of which it draws the ``surface``."""
+        other = object.__new__(type(self))
+        other.mesh, other.two_sided = self.mesh, self.two_sided
+        other._near, other._surface = self._near, surface
+        other._textures, other._texel_areas = self._textures, self._texel_areas
+        other._allocate()
+        return other
+
+    def _hidden(self, pose: Pose) -> NDArray[np.bool_]:
+        """(F,): faces that show nowhere, all corners behind what is seen within ``CULLED_PX``."""
+        left, top, right, bottom = self._rasterise(pose)
+        screen, nearness = self._workspace[:2]
+        columns, rows = screen // rasterise.SUBPIXELS - np.array([[left], [top]])
+        free = (columns < 0) | (rows < 0) | (columns >= right - left) | (rows >= bottom - top)
+        inside = np.flatnonzero(~free)
+        if len(inside):
+            side = 2 * CULLED_PX + 1
+            depth = np.ascontiguousarray(self._depth[top:bottom, left:right])
+            farthest = cv2.erode(depth, np.ones((side, side), np.uint8))
+            free[inside] = nearness[inside] >= farthest[rows[inside], columns[inside]]
+        hidden = ~free[self._surface.faces].any(axis=1)
+        ids = self._ids[top:bottom, left:right]
+        hidden[ids[ids >= 0]] = False
+        return hidden
+
+    def _allocate(self) -> None:
+        surface, count_of_levels = self._surface, self._textures[1].shape[1]
+        faces, vertices = len(surface.faces), surface.vertices.shape[1]
+        planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
+        paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
+        levels = np.zeros(faces + 1, np.int32)
+        colours = surface.colours.copy()
+        planes[:-1, rasterise.GREY] = colours[:-1] @ GREY_WEIGHTS
+        varied, kinds = surface.kinds != rasterise.PLAIN, -surface.kinds.astype(np.float32)
+        planes[:-1, rasterise.GREY][varied] = colours[:-1, 0][varied] = kinds[varied]
+        painting = surface.kinds, surface.paint, self._texel_areas[surface.order]
+        self._workspace = (
+            np.empty((2, vertices), np.int32),
+            np.empty(vertices, np.float32),
+            np.empty(faces, np.int32),
+            planes,
+            (*painting, count_of_levels, paints, levels),
+            rasterise.make_chunk(),
+        )
+        self._of_faces = planes, colours, bool(varied.any()), paints, levels
+        self._of_textures = surface.colours, surface.face_texture, *self._textures
+        self._make_picture(0, 0)
+
+    def _make_picture(self, width: int, height: int) -> None:
+        self._size = width, height
+        self._depth = _aligned(height, _padded(width), np.float32, -np.inf)
+        self._ids = _aligned(height, _padded(width), np.int32, -1)
+        self._normals, self._paint = (
+            np.empty((3, width), np.float32),
+            np.empty((3, width), np.float32),
+        )
+        self._run = np.empty((0, width), np.float32)
+        self._weighted = np.empty(width)
+        self._drawn: Box = (0, 0, 0, 0)
+        self._of_structure: tuple[tuple[int, ...], tuple[Any, ...]] | None = None
+
+    def _of_row(self, channels: int) -> tuple[NDArray[np.float32], ...]:
+        """The workspace of ``shade``, with n ``channels`` of a photo."""
+        if len(self._run) < channels + 6:
+            self._run = np.empty((channels + 6, self._run.shape[1]), np.float32)
+        return self._normals, self._run, self._paint
+
+    def _structure_workspace(self, photo: PhotoAttributes) -> tuple[Any, ...]:
+        """(spans, planes), (run, joint, second), (rows, across), kept from pose to pose."""
+        (height, width), m, n = photo.weights.shape, photo.model_channels, photo.photo_channels
+        key = height, width, m, n
+        if self._of_structure is None or self._of_structure[0] != key:
+            planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
+            rows = np.empty((5, width + 2 * (len(BLUR_TAPS) - 1)), np.float32)
+            buffers = (
+                (np.zeros((height, 2), np.int64), planes),
+                (np.empty((n + m + 1, width)), np.empty((n, m)), np.empty((m, m))),
+                (rows, np.empty((2, height, width), np.float32)),
+            )
+            self._of_structure = key, buffers
+        return self._of_structure[1]
+
+    def _rasterise(self, pose: Pose) -> Box:
+        """Fill the id buffer; returns the box outside which it is empty."""
+        camera = pose.camera
+        if self._size != (camera.width, camera.height):
+            self._make_picture(camera.width, camera.height)
+        self._drawn = rasterise.rasterise(
+            self._drawn,
+            (self._surface.vertices, self._surface.faces, self._surface.normals),
+            camera_numbers(pose, self._surface.centre, self._near),
+            self.two_sided,
+            camera.width,
+            self._workspace,
+            (self._depth, self._ids),
+        )
+        return self._drawn
+
+    def _seen_from_outside(self) -> NDArray[np.bool_]:
+        """(F,): the mesh's faces that others do not hide all around."""
+        seen = np.zeros(len(self.mesh.faces), bool)
+        for pose in _views_around(self.mesh):
+            self._rasterise(pose)
+            seen[self._surface.order[self._ids[self._ids >= 0]]] = True
+        return seen
+
+
+def _aligned(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
+    """A buffer whose first entry starts a line of the processor's cache: so does each block."""
+    size = height * width
+    buffer = np.full(size + CACHE_LINE, value, kind)
+    skip = -(buffer.ctypes.data // buffer.itemsize) % (CACHE_LINE // buffer.itemsize)
+    return buffer[skip : skip + size].reshape(height, width)
+
+
+def _padded(width: int) -> int:
+    """The columns of a buffer whose rows are whole blocks."""
+    return -(-width // BLOCK) * BLOCK
+
+
+def _views_around(mesh: Mesh) -> Iterator[Pose]:
+    """The model filling a small picture, from its corners and from its sides."""
+    scale = 0.9 * VIEW_PX / max(mesh.diameter, 1e-300)
+    camera = Parallel(scale, VIEW_PX / 2, VIEW_PX / 2, VIEW_PX, VIEW_PX)
+    for x, y, z in product((-1.0, 0.0, 1.0), repeat=3):
+        if (x, y, z) == (0.0, 0.0, 0.0):
+            continue
+        rotation = Rotation.align_vectors([(0.0, 0.0, 1.0)], [(x, y, z)])[0].as_matrix()
+        yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
+
+
+def camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
+    """(17,): the pose as the kernels take it, for vertices about ``centre``."""
+    camera, transform = pose.camera, pose.camera_from_model
+    numbers = np.empty(17)
+    numbers[:9] = transform.rotation.ravel()
+    numbers[9:12] = transform.rotation @ centre + transform.translation
+    if isinstance(camera, Perspective):
+        numbers[12:] = camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300)
+    else:
+        numbers[12:] = camera.scale, camera.scale, camera.cx, camera.cy, 0.0
+    return numbers
+
+
+@lru_cache(maxsize=8)
+def _simplified(
+    kind: type[SoftwareRenderer], mesh: Mesh, faces: int, two_sided: bool
+) -> SoftwareRenderer:
+    return kind(simplify(mesh, faces), two_sided)

@@ -1,0 +1,529 @@
+"""From files to a scene, and back to the record that is saved: photos, models, and a start that a
+file gives, or that is found on the photo.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from importlib.metadata import version
+from pathlib import Path
+
+from poseviewer.errors import PoseFileError, SettingsError, printable
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.masks import load_mask, mask_beside
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo import load_calibrated_photo, matched
+from poseviewer.files.photo_sets import (
+    LoadedViews,
+    SetChoice,
+    load_views,
+    open_mask,
+    open_view,
+    with_names,
+)
+from poseviewer.files.pose import PoseRecord, check_against, load_pose, recorded_size
+from poseviewer.files.scene_file import (
+    InViewRecord,
+    ModelFile,
+    ObjectRecord,
+    Result,
+    SceneRecord,
+    ViewRecord,
+    load_scene,
+    mask_text,
+    place_of,
+    scene_of_set,
+    view_record,
+)
+from poseviewer.files.structs import (
+    ChartParameters,
+    RecordedVerdict,
+    covariance_from,
+    uncertainty_of,
+)
+from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
+from poseviewer.files.writing import sha256_of
+from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
+from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.fit.verdict import Features, Verdict
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.view import View, scale_by_sight
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
+
+
+@dataclass(frozen=True, slots=True)
+class StartCamera:
+    """What is known of the camera where no pose file says it."""
+
+    parallel: bool = False
+    focal_px: float | None = None
+    """None: EXIF's; without that, the pairs' where they tell it, else a view of 50 degrees."""
+    free_focal: bool = False
+    """Find it from the pairs even where it is known."""
+
+    def of(self, photo: Photo) -> Camera:
+        """The camera: its principal point is the photo's middle."""
+        camera = photo.default_camera()
+        if self.parallel:
+            return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+        if self.focal_px is not None:
+            camera = replace(camera, fx=self.focal_px, fy=self.focal_px)
+        return camera
+
+    def knows_focal(self, photo: Photo) -> bool:
+        """Whether a focal length was given, or stands in the photo."""
+        return self.focal_px is not None or photo.focal_length_35mm is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A start pose, and what is to be said about it."""
+
+    pose: Pose
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartInputs:
+    """What a start is found for."""
+
+    photo: Photo
+    mesh: Mesh
+    keypoints: VehicleKeypoints | None
+    mask: Mask | None = None
+    """How much each pixel of the photo counts; None: all do."""
+
+    def scene(self, start: Pose, settings: FitSettings) -> Scene:
+        """The scene from a start pose, without the names of files."""
+        view = View(self.photo.name, self.photo, start.camera, mask=self.mask)
+        return scene_at(view, LoadedModel(self.mesh, "", "", self.keypoints), start, settings)
+
+
+FindStart = Callable[[StartInputs], Start]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartInViews:
+    """A pose in one of several views."""
+
+    index: int
+    """Number of the view."""
+    pose: Pose
+    scale: float
+    """Lengths of the model's unit in one of the world's."""
+    free_scale: bool
+    """Whether the scale is a guess, and is to be searched for."""
+    notes: tuple[str, ...] = ()
+    masks: Mapping[int, Mask] = field(default_factory=dict)
+    """What counts of photos, by the views' numbers, as far as the pose file says it."""
+
+
+def load_model(path: str | Path) -> LoadedModel:
+    """A model, its key points and its symmetry."""
+    mesh, name = load_mesh(path), printable(Path(path).name)
+    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    return LoadedModel(mesh, name, sha256_of(path), keypoints, symmetry, Path(path))
+
+
+def open_photo(
+    photo: str | Path,
+    model: str | Path | LoadedModel,
+    start: str | Path | Pose | FindStart,
+    settings: FitSettings | None = None,
+    calibration: Calibration | None = None,
+    mask: str | Path | Mask | None = None,
+) -> Scene:
+    """The scene of a model (a file, or one that is loaded) in a photo, checked against one another;
+    the photo undistorted, where a calibration or the pose file says by which lens it was taken.
+
+    ``start``: a pose file, a pose, or what finds one on the photo. Without a ``mask`` that of the
+    pose file is used; of the model, the parts that the settings or the pose file leave out are not.
+
+    Raises:
+        PoseViewerError: one of them cannot be used; no start is found, or one for a photo of
+            another size.
+    """
+    settings = settings or FitSettings()
+    opened = load_calibrated_photo(photo, calibration)
+    loaded = model_without(model, settings.without or ())
+    if isinstance(start, str | Path):
+        record = load_pose(start, opened.width, opened.height)
+        opened, record, of_camera = matched(opened, record)
+        checks = check_against(record, opened.sha256, loaded.sha256)
+        loaded, of_parts = _as_recorded(loaded, record.without)
+        if mask is None:
+            mask, of_mask = mask_beside(start, record, opened.width, opened.height)
+            of_parts = (*of_parts, *of_mask)
+        found = Start(record.pose, (*record.warnings, *checks, *of_camera, *of_parts))
+    if mask is not None and not isinstance(mask, Mask):
+        mask = load_mask(mask, opened.width, opened.height)
+    if isinstance(start, Pose):
+        found = Start(start, ())
+    elif not isinstance(start, str | Path):
+        found = start(StartInputs(opened, loaded.mesh, loaded.keypoints, mask))
+    camera = found.pose.camera
+    if (camera.width, camera.height) != (opened.width, opened.height):
+        raise SettingsError(
+            f"a start for photos of {camera.width}x{camera.height} px, and {opened.name} has "
+            f"{opened.width}x{opened.height}; use pose.scaled, if it is the same photo made "
+            "smaller or larger."
+        )
+    view = View(opened.name, opened, camera, mask=mask, path=Path(photo))
+    scene = scene_at(view, loaded, found.pose, settings)
+    notes = (*notes_of(opened), *notes_of(loaded), *found.notes)
+    return replace(scene, name=opened.name, notes=notes)
+
+
+def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = None) -> Scene:
+    """The scene of a file. ``settings``: of all objects, in place of those that the file says;
+    parts ``without`` are left out beside the file's own, each as ``ID:PART``: what the last search
+    said is not said of an object that has lost some.
+
+    Raises:
+        PoseViewerError: a file cannot be used; it has no objects; a photo or a mask has another
+            size than the scene says; the models are in different units; there is no such object or
+            part.
+    """
+    name = scene.views[0].path.name if isinstance(scene, SceneRecord) else Path(scene).name
+    record = scene if isinstance(scene, SceneRecord) else load_scene(scene)
+    if not record.objects:
+        raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
+    left_out = _parts_of_objects(record, settings.without or () if settings else ())
+    views, notes, models, objects = [], [*record.warnings], dict[str, LoadedModel](), []
+    for own in record.views:
+        view, of_view = open_view(own)
+        views.append(view)
+        notes += [*of_view, *notes_of(view.photo)]
+    for one in record.objects:
+        if one.model.file not in models:
+            models[one.model.file] = load_model(one.path)
+            notes += notes_of(models[one.model.file])
+    _require_one_unit(record, models)
+    for index, one in enumerate(record.objects):
+        model = model_without(models[one.model.file], left_out[one.id])
+        model, of_parts = _as_recorded(model, one.without)
+        known = PoseRecord(record.pose(index), model=record.pose_record(index).model)
+        notes += [*check_against(known, "", model.sha256), *of_parts]
+        is_whole = set(model.mesh.left_out) <= set(one.without)
+        made = SceneObject(
+            one.id,
+            model,
+            one.place.similarity,
+            settings or settings_from_json(one.settings or {}),
+            one.name,
+            tuple(_in_view(*pair) for pair in zip(one.in_views, record.views, strict=False)),
+            one.hidden,
+            one.locked,
+            one.is_placed,
+            _search_result(record, index) if is_whole else None,
+            one.notes,
+        )
+        objects.append(made)
+    return Scene(
+        with_names(views),
+        tuple(objects),
+        name,
+        record.unit,
+        record.free_scale,
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def open_views(
+    views: str | Path | LoadedViews,
+    model: str | Path | LoadedModel,
+    start: str | Path | Pose,
+    settings: FitSettings | None = None,
+    view: str | None = None,
+    scale: float | None = None,
+    choice: SetChoice | None = None,
+) -> Scene:
+    """The scene of a model in several views, from its pose in one, which comes first; ``view`` and
+    ``scale`` as of ``start_in_views``.
+    """
+    settings = settings or FitSettings()
+    loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
+    own = model_without(model, settings.without or ())
+    found = start_in_views(loaded, own, start, view, scale)
+    order = (found.index, *(i for i in range(len(loaded.views)) if i != found.index))
+    masked = tuple(
+        replace(loaded.views[i], mask=found.masks.get(i, loaded.views[i].mask)) for i in order
+    )
+    place = masked[0].world_from_model(found.pose, 1.0 / found.scale)
+    notes = [note for one in masked for note in notes_of(one.photo)]
+    notes = tuple(dict.fromkeys([*notes, *notes_of(own), *found.notes]))
+    one = SceneObject("1", own, place, settings)
+    return Scene(masked, (one,), loaded.name, loaded.unit, found.free_scale, notes)
+
+
+def start_in_views(
+    views: LoadedViews,
+    model: LoadedModel,
+    start: str | Path | Pose,
+    view: str | None = None,
+    scale: float | None = None,
+) -> StartInViews:
+    """A start pose, in the photo ``view``, else in that which the pose file names; ``scale``: in
+    place of the views' own.
+
+    Raises:
+        PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
+            which of them it is; nothing tells the scale.
+    """
+    if isinstance(start, Pose):
+        record = PoseRecord(start)
+    else:
+        record = load_pose(start, *recorded_size(Path(start)))
+    index, notes, masks, recorded = _view_of(views, record, view), (), {}, None
+    photo = views.views[index].photo
+    if not isinstance(start, Pose):
+        record = load_pose(start, photo.width, photo.height)
+        notes = (*record.warnings, *check_against(record, photo.sha256, model.sha256))
+        if (of_set := scene_of_set(Path(start), record)) is not None:
+            recorded = 1.0 / of_set.objects[0].place.scale
+            masks = _masks_of(of_set, views)
+    if not isinstance(record.pose.camera, Perspective):
+        raise SettingsError(
+            f"{photo.name}: a start under parallel projection, and the set's cameras are "
+            "perspective; start from a perspective pose."
+        )
+    if record.undistortion is not None and photo.undistortion is None:
+        raise SettingsError(
+            f"{photo.name}: the start was found on the photo undistorted by a lens that the set "
+            "does not have; give the set that lens, or start from a pose by the set's camera."
+        )
+    _, record, of_camera = matched(photo, record)
+    known = scale or known_scale(views, model.mesh)
+    found = known or recorded
+    if found is None:
+        found = scale_of_sight(views.views, index, model.mesh, record.pose, views.name)
+    return StartInViews(index, record.pose, found, known is None, (*notes, *of_camera), masks)
+
+
+def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
+    """Lengths of the model's unit in one of the world's, by what both say; None: they do not."""
+    unit = views.unit
+    if views.scale is not None or unit is None:
+        return views.scale
+    if mesh.unit is None or mesh.unit == unit:
+        return 1.0
+    return METRES[unit] / METRES[mesh.unit] if {unit, mesh.unit} <= set(METRES) else None
+
+
+def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
+    """The scale by which what view ``index`` sees of the model, at a pose there, is where the
+    others look.
+    """
+    centre = pose.camera_from_model.apply(mesh.centre)
+    found = None
+    if centre[2] > 0.0:
+        found = scale_by_sight(views, index, centre / centre[2], float(centre[2]))
+    if found is None:
+        raise SettingsError(
+            f"{name}: its scale is not known, and its cameras do not look at one place, which "
+            "would tell it about; give --scale, lengths of the model's unit in one of the set's."
+        )
+    return found
+
+
+def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> SceneRecord:
+    """All that a scene file says. ``canonical``: of a symmetric model, the pose that stands for
+    its equal ones.
+    """
+    views = scene.views if with_masks else [replace(view, mask=None) for view in scene.views]
+    return SceneRecord(
+        views=tuple(map(view_record, views)),
+        objects=tuple(
+            _object_record(scene, index, with_masks, canonical)
+            for index in range(len(scene.objects))
+        ),
+        unit=scene.unit,
+        free_scale=scene.free_scale,
+        software={"name": "poseviewer", "version": version("poseviewer")},
+    )
+
+
+def pose_record(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
+    """All that a pose file says of an object in a view."""
+    return record_of(scene, with_masks=False).pose_record(index, view)
+
+
+def recorded_verdict(verdict: Verdict) -> RecordedVerdict:
+    """A verdict as files say it."""
+    features = {} if verdict.features is None else asdict(verdict.features)
+    views = tuple(map(recorded_verdict, verdict.views))
+    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, features, views)
+
+
+def model_without(model: str | Path | LoadedModel, without: Sequence[str]) -> LoadedModel:
+    """The model without these parts, and without those that it is without already."""
+    model = model if isinstance(model, LoadedModel) else load_model(model)
+    return replace(model, mesh=model.mesh.without([*model.mesh.left_out, *without]))
+
+
+def notes_of(file: Photo | LoadedModel) -> tuple[str, ...]:
+    """What the user should know about how a file was read."""
+    notes = file.notes if isinstance(file, Photo) else file.mesh.notes
+    return tuple(f"{file.name}: {note}" for note in notes)
+
+
+def _as_recorded(model: LoadedModel, without: Sequence[str]) -> tuple[LoadedModel, tuple[str, ...]]:
+    """The model without the parts that its pose leaves out; and sentences on what it has not."""
+    known = [name for name in without if name in model.mesh.whole.part_names]
+    notes = (
+        f"The pose file leaves out the part {name!r}, which {model.name} has not."
+        for name in without
+        if name not in known
+    )
+    return model_without(model, known), tuple(notes)
+
+
+def _parts_of_objects(scene: SceneRecord, without: Sequence[str]) -> dict[str, list[str]]:
+    """The parts that are said of each object of a scene, by the objects' ids."""
+    found: dict[str, list[str]] = {one.id: [] for one in scene.objects}
+    for text in without:
+        owner = max((one for one in found if text.startswith(f"{one}:")), key=len, default=None)
+        if owner is None:
+            raise SettingsError(
+                f"the part {text!r} of a scene: say of which object, as ID:PART; the objects are "
+                f"{', '.join(found)}."
+            )
+        found[owner].append(text[len(owner) + 1 :])
+    return found
+
+
+def _require_one_unit(scene: SceneRecord, models: Mapping[str, LoadedModel]) -> None:
+    """Refuse models in different units: which is in front could not be told from their poses."""
+    known: dict[str, str] = {}
+    for one in scene.objects:
+        unit = one.model.unit or models[one.model.file].mesh.unit
+        if unit is not None:
+            known.setdefault(unit, one.label)
+    if len(known) > 1:
+        (first, its), (second, other) = list(known.items())[:2]
+        raise PoseFileError(
+            f"{its} is in {first} and {other} in {second}; the models of a scene have to be in one "
+            "unit, scale one of the files."
+        )
+
+
+def _in_view(own: InViewRecord, view: ViewRecord) -> InView:
+    size = view.photo.width, view.photo.height
+    mask = None if own.mask is None else open_mask(own.mask, *size)
+    region = None if own.region is None else Rectangle(*own.region)
+    return InView(mask, region, own.is_compared)
+
+
+def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
+    found = record.objects[index].result
+    if found is None:
+        return None
+    view = min(found.view, len(record.views) - 1)
+    covariance = covariance_from(found.uncertainty, record.pose(index, view))
+    verdict = None if found.verdict is None else _verdict(found.verdict, covariance)
+    chart = found.chart or ChartParameters("", (), ())
+    seen = tuple(math.nan if share is None else share for share in found.seen)
+    return SearchResult(
+        verdict,
+        math.nan if found.loss is None else found.loss,
+        math.nan if found.unexplained is None else found.unexplained,
+        chart.parameters,
+        chart.name,
+        chart.names,
+        found.settings or {},
+        seen,
+        notes=found.notes,
+        view=view,
+    )
+
+
+def _verdict(said: RecordedVerdict, covariance: PoseCovariance | None = None) -> Verdict:
+    names = {one.name for one in fields(Features)}
+    features = Features(**said.features) if names == set(said.features) else None
+    views = tuple(_verdict(one) for one in said.views)
+    return Verdict(said.word, said.probability, said.reasons, features, covariance, views)
+
+
+def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) -> ObjectRecord:
+    one = scene.objects[index]
+    model, place, result = one.model, one.world_from_model, one.result
+    at = 0 if result is None else result.view
+    pose = scene.pose(index, at)
+    equal = model.symmetry.canonical(pose) if canonical else pose
+    if equal is not pose:
+        place = scene.views[at].world_from_model(equal, place.scale)
+    in_views = []
+    for number, own in enumerate(one.in_views or [InView()] * len(scene.views)):
+        mask, hidden = own.mask, result.hidden[number] if result and result.hidden else None
+        if hidden is not None:
+            mask = Mask.of(~hidden if mask is None else mask.weights * ~hidden)
+        text = mask_text(mask) if with_masks else None
+        region = None if own.region is None else tuple(map(float, own.region))
+        in_views.append(InViewRecord(text, region, own.is_compared))
+    has_own = any(own != InViewRecord() for own in in_views)
+    return ObjectRecord(
+        id=one.id,
+        name=one.name,
+        model=ModelFile(str(model.path or model.name), model.sha256, model.mesh.unit),
+        place=place_of(place),
+        settings=settings_as_json(one.settings),
+        in_views=tuple(in_views) if has_own else (),
+        locked=one.locked,
+        hidden=one.hidden,
+        is_placed=one.is_placed,
+        without=model.mesh.left_out,
+        turns=SymmetryTurns.of(model.symmetry),
+        result=None if result is None else _recorded_result(result, pose, equal),
+        notes=one.notes,
+    )
+
+
+def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
+    verdict = result.verdict
+    sure = None if verdict is None or verdict.covariance is None else verdict.covariance
+    chart = ChartParameters(result.chart, result.names, result.parameters)
+    return Result(
+        loss=_known(result.loss),
+        unexplained=_known(result.unexplained),
+        seen=tuple(map(_known, result.seen)),
+        verdict=None if verdict is None else recorded_verdict(verdict),
+        view=result.view,
+        uncertainty=None if sure is None else uncertainty_of(sure.about(equal)),
+        chart=chart if equal is pose and result.names else None,
+        settings=dict(result.settings),
+        notes=result.notes,
+    )
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
+    names = [one.name for one in views.views]
+    wanted = view or (record.photo.file if record.photo else None)
+    found = [i for i, name in enumerate(names) if wanted in (name, Path(name).name)]
+    if len(found) == 1:
+        return found[0]
+    problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    raise PoseFileError(
+        f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
+        f"{', '.join(names[:8])}{more}."
+    )
+
+
+def _masks_of(of_set: SceneRecord, views: LoadedViews) -> dict[int, Mask]:
+    """The masks that a pose file of earlier versions names, by the views' numbers."""
+    known = {one.path.name: one.mask for one in of_set.views if one.mask is not None}
+    pairs = [(i, v.photo, known.get(Path(v.name).name)) for i, v in enumerate(views.views)]
+    return {i: load_mask(mask, photo.width, photo.height) for i, photo, mask in pairs if mask}

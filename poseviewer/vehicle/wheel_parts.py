@@ -1,0 +1,208 @@
+"""Find a vehicle's wheels among the named parts of a model."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
+
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.normals import face_normals_and_areas
+from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
+
+WHEEL_WORDS = (
+    r"wheels?|tires?|tyres?|rims?|hubcaps?|rad|raeder|rader|reifen|felgen?|vorderrad|hinterrad"
+    r"|(front|rear|back|left|right|[lrfb]{1,2})wheel|wheel(front|rear|back|left|right|[lrfb]{1,2})"
+)
+NOT_A_WHEEL_WORDS = (
+    r"steer\w*|spare|arch\w*|hous\w*|well\w*|wheelarch\w*|wheelhous\w*|wheelwell\w*|fender"
+    r"|lenkrad|ersatz|reserverad|kasten|radkasten"
+)
+FRONT_WORDS = r"f[lr]|[lr]f|v[lr]|front\w*|vorn\w*|vorder\w*"
+REAR_WORDS = r"[rb]l|[lrb]r|h[lr]|rear\w*|back\w*|hint\w*"
+FRONT_BODY_WORDS = (
+    r"head(light|lamp)s?|bonnet|hood|gr[iy]lle?|radiator|windscreen|windshield|engine|front\w*"
+    r"|scheinwerfer|motorhaube|kuhlergrill"
+)
+REAR_BODY_WORDS = (
+    r"tail(light|lamp|gate)s?|trunk|boot|exhaust|muffler|tailpipe|rear\w*|heck\w*|rucklicht\w*"
+    r"|auspuff|kofferraum"
+)
+MISLEADING_BODY_WORDS = r"mirrors?|view|spiegel\w*|seats?|doors?"
+"""A rear-view mirror is in front; seats and doors lie in the middle."""
+ROOF_SHARE = 0.25
+"""The uppermost share of the height is the roof."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """Four wheels in the vehicle's own directions; signs of ``along`` and ``up`` still open."""
+
+    axes: FloatArray
+    """(3, 3) rows: unit directions along, across, up."""
+    centres: FloatArray
+    """(4, 3) middle of each wheel's box along these directions."""
+    half_widths: FloatArray
+    """(4,) half the extent across."""
+    label: NDArray[np.int32]
+    """(W,) which wheel each wheel vertex belongs to."""
+
+
+def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
+    """The key points of a vehicle whose wheels are named parts, else None.
+
+    The parts must fall into four clumps on a rectangle. The front is told by lamps, bonnet and boot
+    beyond the axles, else by the wheels' names, else by the roof, which stands behind the middle of
+    the wheelbase. A key point is the centre of the wheel's outer face.
+    """
+    wheel_parts = [i for i, name in enumerate(mesh.part_names) if is_wheel_name(name)]
+    vertex_part = np.full(len(mesh.vertices), -1)
+    vertex_part[mesh.faces] = mesh.face_part[:, None]
+    chosen = np.isin(vertex_part, wheel_parts)
+    if np.unique(mesh.vertices[chosen], axis=0).shape[0] < 16:
+        return None
+    layout = _four_wheels(mesh.vertices[chosen])
+    if layout is None:
+        return None
+    up = _up_sign(mesh, layout) * layout.axes[2]
+    front = _front_sign(mesh, layout, vertex_part[chosen], up) * layout.axes[0]
+    try:
+        return _key_points(layout, front, up)
+    except ValueError:
+        return None
+
+
+def is_wheel_name(name: str) -> bool:
+    """Whether a part of this name belongs to a road wheel."""
+    words = _words(name)
+    return _any(WHEEL_WORDS, words) and not _any(NOT_A_WHEEL_WORDS, words)
+
+
+def _words(name: str) -> list[str]:
+    """Lower-case words without accents; wheelFL, Wheel1 and wheel_fl all hold "wheel"."""
+    plain = unicodedata.normalize("NFKD", name)
+    plain = "".join(c for c in plain if not unicodedata.combining(c)).replace("ß", "ss")
+    return [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", plain)]
+
+
+def _any(pattern: str, words: Iterable[str]) -> bool:
+    return any(re.fullmatch(pattern, word) for word in words)
+
+
+def _four_wheels(points: FloatArray) -> _Layout | None:
+    """Four clumps of the points (W, 3) at the corners of a rectangle, or None."""
+    seeds = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    distance = np.full(len(points), np.inf)
+    for _ in range(3):
+        distance = np.minimum(distance, np.linalg.norm(points - points[seeds[-1]], axis=1))
+        seeds.append(int(np.argmax(distance)))
+    _, label = kmeans2(points, points[seeds], minit="matrix", iter=20)
+    if len(np.unique(label)) < 4:
+        return None
+    rough = np.stack([_middle(points[label == i]) for i in range(4)])
+    axes = _rectangle_axes(rough)
+    if axes is None:
+        return None
+    places = points @ axes.T
+    low = np.stack([places[label == i].min(axis=0) for i in range(4)])
+    high = np.stack([places[label == i].max(axis=0) for i in range(4)])
+    centres, size = (low + high) / 2.0, high - low
+    spacing = np.ptp(centres, axis=0)[:2]
+    wheels_alike = np.ptp(size[:, 2]) < 0.3 * size[:, 2].max()
+    if np.any(size[:, :2] > 0.6 * spacing) or not wheels_alike:
+        return None
+    return _Layout(axes, centres, size[:, 1] / 2.0, label)
+
+
+def _middle(points: FloatArray) -> FloatArray:
+    return (points.min(axis=0) + points.max(axis=0)) / 2.0
+
+
+def _rectangle_axes(corners: FloatArray) -> FloatArray | None:
+    """Directions (3, 3) along the longer sides, the shorter sides, and across both."""
+    sides = corners[1:] - corners[0]
+    short, long, diagonal = sides[np.argsort(np.linalg.norm(sides, axis=1))]
+    length = np.linalg.norm(long)
+    if np.linalg.norm(short + long - diagonal) > 0.15 * length:
+        return None
+    along = (long + diagonal - short) / np.linalg.norm(long + diagonal - short)
+    across = short - along * (along @ short)
+    if np.linalg.norm(across) < 0.2 * length or np.linalg.norm(short) > 0.95 * length:
+        return None
+    across = across / np.linalg.norm(across)
+    return np.stack([along, across, np.cross(along, across)])
+
+
+def _up_sign(mesh: Mesh, layout: _Layout) -> float:
+    """Most of a vehicle stands above its wheels' centres."""
+    heights = mesh.vertices @ layout.axes[2]
+    middle = layout.centres[:, 2].mean()
+    return 1.0 if heights.max() - middle > middle - heights.min() else -1.0
+
+
+def _front_sign(mesh: Mesh, layout: _Layout, part_of_point: NDArray, up: FloatArray) -> float:
+    for vote in (
+        _vote_of_body(mesh, layout),
+        _vote_of_wheel_names(mesh, layout, part_of_point),
+        _vote_of_roof(mesh, layout, up),
+    ):
+        if vote:
+            return float(np.sign(vote))
+    return 1.0
+
+
+def _vote_of_body(mesh: Mesh, layout: _Layout) -> float:
+    """Parts that belong to one end and lie beyond a quarter of the wheelbase from the middle."""
+    middle = layout.centres[:, 0].mean()
+    reach = 0.25 * np.ptp(layout.centres[:, 0])
+    vote = 0.0
+    for name in mesh.part_names:
+        words = _words(name)
+        if is_wheel_name(name) or _any(MISLEADING_BODY_WORDS, words):
+            continue
+        sign = _any(FRONT_BODY_WORDS, words) - _any(REAR_BODY_WORDS, words)
+        if sign:
+            place = _middle(mesh.part_vertices(name)) @ layout.axes[0] - middle
+            vote += sign * np.sign(place) * (abs(place) > reach)
+    return vote
+
+
+def _vote_of_wheel_names(mesh: Mesh, layout: _Layout, part_of_point: NDArray) -> float:
+    vote = 0.0
+    middle = layout.centres[:, 0].mean()
+    for wheel in range(4):
+        side = np.sign(layout.centres[wheel, 0] - middle)
+        for part in np.unique(part_of_point[layout.label == wheel]):
+            words = _words(mesh.part_names[part])
+            vote += side * (int(_any(FRONT_WORDS, words)) - int(_any(REAR_WORDS, words)))
+    return vote
+
+
+def _vote_of_roof(mesh: Mesh, layout: _Layout, up: FloatArray) -> float:
+    """Away from the roof: it stands behind the middle of the wheelbase (not in pick-ups)."""
+    _, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    centres = mesh.vertices[mesh.faces].mean(axis=1)
+    heights = mesh.vertices @ up
+    roof = centres @ up > heights.max() - ROOF_SHARE * np.ptp(heights)
+    if not areas[roof].sum() > 0.0:
+        return 0.0
+    place = np.average(centres[roof] @ layout.axes[0], weights=areas[roof])
+    return float(layout.centres[:, 0].mean() - place)
+
+
+def _key_points(layout: _Layout, front: FloatArray, up: FloatArray) -> VehicleKeypoints:
+    left = np.cross(up, front)
+    centres = layout.centres @ layout.axes
+    sides = []
+    for outwards in (left, -left):
+        on_side = np.flatnonzero((centres - centres.mean(axis=0)) @ outwards > 0.0)
+        rear, ahead = on_side[np.argsort(centres[on_side] @ front)]
+        faces = centres + layout.half_widths[:, None] * outwards
+        sides.append(SideKeypoints(faces[rear], faces[ahead], outwards))
+    return VehicleKeypoints(left=sides[0], right=sides[1])

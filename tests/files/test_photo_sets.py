@@ -1,0 +1,193 @@
+"""Sets of photos, read from four kinds of files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.files.file_set import is_scene_file
+from poseviewer.files.photo_sets import SetChoice, load_views
+from poseviewer.files.scene_file import SceneRecord, ViewRecord, save_scene
+from tests.view_sets import (
+    CAMERA,
+    CAMERAS_FROM_SET,
+    NAMES,
+    make_views,
+    write_bop,
+    write_colmap,
+    write_frames,
+    write_views,
+)
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    write_views(tmp_path)
+    return tmp_path
+
+
+def edited(folder: Path, change) -> Path:
+    data = json.loads((folder / "set.json").read_text())
+    change(data)
+    (folder / "other.json").write_text(json.dumps(data))
+    return folder / "other.json"
+
+
+def require_same_cameras(found, names=NAMES) -> None:
+    assert [view.name for view in found.views] == list(names)
+    first = found.views[0].camera_from_world
+    for view, truth in zip(found.views, make_views().views, strict=True):
+        moved = view.camera_from_world @ first.inverse()
+        true = truth.camera_from_world @ CAMERAS_FROM_SET[0].inverse()
+        np.testing.assert_allclose(moved.rotation, true.rotation, atol=1e-9)
+        np.testing.assert_allclose(moved.translation, true.translation, atol=1e-9)
+        assert (view.camera.fx, view.camera.cx) == pytest.approx((CAMERA.fx, CAMERA.cx))
+
+
+def test_our_own_file_is_read(folder):
+    found = load_views(folder / "set.json")
+    require_same_cameras(found)
+    assert found.scale == 1.0
+    assert load_views(edited(folder, lambda data: data.update(unit="mm"))).scale is None
+    assert load_views(edited(folder, lambda data: data.update(scale=None))).scale is None
+
+
+def test_a_scene_without_objects_is_a_set(folder):
+    views = tuple(
+        ViewRecord.of(folder / name, CAMERA, place=place)
+        for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True)
+    )
+    save_scene(folder / "rig.json", SceneRecord(views=views, free_scale=True))
+    assert not is_scene_file(folder / "rig.json")
+    found = load_views(folder / "rig.json", SetChoice(("a", "c")))
+    assert [view.name for view in found.views] == ["a.png", "c.png"]
+    assert found.scale is None
+    require_same_cameras(load_views(folder / "rig.json"))
+
+
+def test_a_colmap_project_is_read_and_its_scale_is_not_known(folder):
+    write_colmap(folder / "sparse" / "0")
+    found = load_views(folder)
+    require_same_cameras(found)
+    assert found.scale is None
+    require_same_cameras(load_views(folder / "sparse" / "0"))
+
+
+def test_frames_of_nerfstudio_and_of_nerf_are_read(folder):
+    shared = {"fl_x": 600.0, "fl_y": 600.0, "cx": 160.5, "cy": 120.5, "w": 320, "h": 240}
+    require_same_cameras(load_views(write_frames(folder, **shared)))
+    angle = 2.0 * np.arctan(0.5 * 320 / 600.0)
+    found = load_views(write_frames(folder, camera_angle_x=angle))
+    assert found.views[1].photo.default_camera().fx == pytest.approx(600.0)
+    assert found.views[1].camera.cx == 160.0
+
+
+def test_a_bop_scene_is_read_by_its_world_or_by_an_object(folder):
+    scene = write_bop(folder, with_world=True)
+    names = [f"{number:06d}.png" for number in range(3)]
+    found = load_views(scene)
+    require_same_cameras(found, names)
+    assert found.unit == "mm"
+    shutil.rmtree(scene)
+    scene = write_bop(folder, with_world=False)
+    require_same_cameras(load_views(scene, SetChoice(rig_object=5)), names)
+    with pytest.raises(PoseFileError, match="--rig-object"):
+        load_views(scene)
+
+
+def test_some_photos_can_be_chosen(folder):
+    found = load_views(folder / "set.json", SetChoice(("a", "c.png")))
+    assert [view.name for view in found.views] == ["a.png", "c.png"]
+
+
+def test_every_photo_has_its_own_lens(folder):
+    models = ("opencv", "opencv-fisheye", None)
+
+    def mix(data):
+        for view, model in zip(data["views"], models, strict=True):
+            if model is not None:
+                view["distortion"] = {"model": model, "coefficients": [-0.1, 0.02, 0.0, 0.0]}
+
+    views = load_views(edited(folder, mix)).views
+    known = [view.photo.undistortion for view in views]
+    assert [one and one.lens.model for one in known] == ["opencv", "fisheye", None]
+    for view, one in zip(views, known, strict=True):
+        assert view.camera == (CAMERA if one is None else one.camera)
+
+
+def one(data):
+    del data["views"][1:]
+
+
+def twice(data):
+    data["views"][1]["photo"] = "a.png"
+
+
+def no_camera(data):
+    del data["views"][1]["camera"]
+
+
+def scaled(data):
+    data["scale"] = -1
+
+
+def other_format(data):
+    data["format"] = "x"
+
+
+def unread_lens(data):
+    data["views"][2]["distortion"] = {"model": "opencv", "coefficients": [0.1, 0.2]}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (one, "1 photo; a set has two or more"),
+        (twice, "a.png and a.png are one photo twice"),
+        (no_camera, "camera is missing"),
+        (scaled, "scale is -1"),
+        (other_format, "format is 'x'"),
+        (unread_lens, r"views\[2\]: 2 distortion coefficients"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(folder, change, said):
+    with pytest.raises(PoseViewerError, match=said) as error:
+        load_views(edited(folder, change))
+    assert "\n" not in str(error.value)
+
+
+def test_names_that_no_file_can_have_are_those_of_photos_that_are_not_there(folder):
+    long = "x" * 100_000
+    frames = write_frames(folder, camera_angle_x=0.5)
+    data = json.loads(frames.read_text())
+    data["frames"][1]["file_path"] = long
+    frames.write_text(json.dumps(data))
+    for of_set in (frames, write_colmap(folder / "model", (NAMES[0], long[:10_000], NAMES[2]))):
+        with pytest.raises(PoseViewerError):
+            load_views(of_set)
+
+
+def test_colmap_photos_that_are_not_there_are_said(folder):
+    model = write_colmap(folder / "sparse" / "0")
+    (folder / "b.png").unlink()
+    with pytest.raises(PoseFileError, match=r"1 of the 3 photos .* such as b\.png.*--photo-folder"):
+        load_views(model)
+    kept = load_views(model, SetChoice(("a", "c")))
+    assert len(kept.views) == 2
+    with pytest.raises(PoseFileError, match="no photo z"):
+        load_views(model, SetChoice(("a", "z")))
+
+
+def test_photos_are_chosen_by_their_names_in_folders(folder):
+    for name in NAMES:
+        (folder / name[0]).mkdir()
+        (folder / name).rename(folder / name[0] / "photo.png")
+    names = [f"{name[0]}/photo.png" for name in NAMES]
+    model = write_colmap(folder / "sparse" / "0", names)
+    found = load_views(model, SetChoice(tuple(names[:2])))
+    assert [view.name for view in found.views] == names[:2]

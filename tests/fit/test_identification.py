@@ -1,0 +1,92 @@
+"""Which model is it: the right one first, judged on pixels that all share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.cli import main as cli
+from poseviewer.errors import SettingsError
+from poseviewer.fit.identification import identify, shared_settings
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.loading import open_photo
+
+BRIEFLY = FitSettings(limits=Limits(evaluations=150))
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory):
+    """Two models that the scene's photo does not show."""
+    folder = tmp_path_factory.mktemp("others")
+    trimesh.creation.box((1.6, 1.0, 1.2)).export(str(folder / "box.ply"))
+    trimesh.creation.cone(0.8, 1.8).export(str(folder / "cone.ply"))
+    return [folder / "box.ply", folder / "cone.ply"]
+
+
+def open_all(scene, models):
+    return [open_photo(scene.photo, model, scene.start) for model in models]
+
+
+def test_the_model_of_the_photo_is_first(scene, others):
+    for models in ([scene.model, *others], [*others, scene.model]):
+        ranked = identify(open_all(scene, models), BRIEFLY)
+        losses = [fit.loss for _, fit in ranked]
+        assert losses == sorted(losses)
+        assert [ranked[0][0], len(ranked)] == [scene.model.name, 3]
+        assert ranked[1][1].unexplained - ranked[0][1].unexplained > 0.1
+        assert all(fit.loss <= fit.start_loss for _, fit in ranked)
+
+
+def test_all_models_are_judged_on_the_same_pixels(scene, others):
+    opened = open_all(scene, [scene.model, *others])
+    shared = shared_settings(opened, FitSettings())
+    weights = [make_problem(one.with_object(0, settings=shared))[0].photo.weights for one in opened]
+    for mine, one in zip(weights, opened, strict=True):
+        np.testing.assert_array_equal(mine, weights[0])
+        near = make_problem(one)[0].photo.weights
+        assert np.all(mine[near > 0.0] > 0.0)
+
+
+def test_a_region_cuts_the_shared_pixels(scene, others):
+    opened = open_all(scene, others)
+    shared = shared_settings(opened, FitSettings(region=Rectangle(0, 0, 80, 200)))
+    weights = make_problem(opened[0].with_object(0, settings=shared))[0].photo.weights
+    assert np.any(weights > 0.0)
+    assert not np.any(weights[:, 80:])
+    whole = shared_settings(opened, FitSettings(pixels="whole"))
+    assert np.all(make_problem(opened[0].with_object(0, settings=whole))[0].photo.weights == 1.0)
+
+
+def test_what_cannot_be_compared_is_refused(scene, others):
+    with pytest.raises(SettingsError, match="two or more"):
+        identify(open_all(scene, [scene.model]), BRIEFLY)
+    with pytest.raises(SettingsError, match="--pixels clip"):
+        identify(open_all(scene, [scene.model, *others]), FitSettings(pixels="clip"))
+
+
+def test_the_command_prints_a_table(scene, others, capsys):
+    arguments = ["identify", scene.photo, others[0], scene.model, "--start", scene.start,
+                 "--evaluations", 100, "--quiet"]  # fmt: skip
+    assert cli.main([str(argument) for argument in arguments]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    lines = printed.out.splitlines()
+    assert lines[1].split()[:2] == ["1", scene.model.name]
+    assert lines[2].split()[:2] == ["2", "box.ply"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [([], "two or more"), (["no.ply"], "no.ply: no such file"), (["--pixels", "clip"], "clip")],
+    ids=["one model", "missing model", "clip"],
+)
+def test_mistakes_are_one_sentence(scene, more, words, capsys):
+    models = [scene.model, scene.model] if "clip" in more else [scene.model]
+    arguments = ["identify", scene.photo, *models, *more, "--start", scene.start, "--quiet"]
+    assert cli.main([str(argument) for argument in arguments]) == 2
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert printed.count("\n") == 1

@@ -1,0 +1,160 @@
+"""Several objects in one photo: each is found among the others, and all of them in turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.fit import search as searching
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.progress import Status
+from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
+from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search, SearchProgress
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.visibility import hiding, visibility
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.view import View
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.meshes import make_box
+from tests.several import CAMERA, MESHES, STARTS, TRUTH, make_photo
+
+SETTINGS = FitSettings()
+VIEW = View("three.png", make_photo(), CAMERA)
+
+
+def scene_of(*placed: PlacedModel, locked: tuple[int, ...] = (), settings=SETTINGS) -> Scene:
+    objects = tuple(
+        SceneObject(
+            str(index),
+            LoadedModel(one.mesh, "m.ply", "0" * 64),
+            VIEW.world_from_model(one.pose),
+            settings,
+            locked=index in locked,
+        )
+        for index, one in enumerate(placed)
+    )
+    return Scene((VIEW,), objects)
+
+
+def searched(scene: Scene, *indices: int) -> Search:
+    renderers = {index: SoftwareRenderer(scene.objects[index].mesh) for index in indices}
+    return Search(scene, renderers, indices)
+
+
+def share_off(index: int, pose: Pose) -> float:
+    """The mean distance of the model's vertices in the photo, in shares of its size there."""
+    truth = TRUTH[index].pose.project(MESHES[index].vertices)
+    apart = np.linalg.norm(pose.project(MESHES[index].vertices) - truth, axis=1)
+    return float(apart.mean() / np.linalg.norm(np.ptp(truth, axis=0)))
+
+
+@pytest.mark.slow
+def test_what_another_hides_is_found_right_with_it_and_not_without():
+    assert 0.3 < visibility(TRUTH).shares[0] < 0.5
+    among, alone = (
+        searched(scene_of(STARTS[0], TRUTH[1], TRUTH[2], locked=locked), 0)
+        for locked in ((1, 2), ())
+    )
+    ends = [share_off(0, [*one.run()][-1].progress.pose) for one in (among, alone)]
+    assert ends[0] < 0.01 < ends[1]
+
+
+@pytest.fixture(scope="module")
+def together() -> tuple[Search, list[SearchProgress]]:
+    search = searched(scene_of(*STARTS), 0, 1, 2)
+    return search, list(search.run())
+
+
+@pytest.mark.slow
+def test_all_are_found_in_turn_the_one_seen_most_first(together):
+    search, steps = together
+    ends = [share_off(index, search.scene.pose(index)) for index in range(3)]
+    starts = [share_off(index, one.pose) for index, one in enumerate(STARTS)]
+    assert all(end < 0.3 * start for end, start in zip(ends, starts, strict=True))
+    assert max(ends) < 0.01
+    assert all(one.stands_firm for one in search.scene.objects)
+    order = [steps[0].index]
+    for step in steps:
+        if step.index != order[-1]:
+            order.append(step.index)
+    assert sorted(order[:3]) == [0, 1, 2]
+    assert order[2] == 0  # the one behind
+    assert len(order) <= 3 * MOST_ROUNDS
+
+
+def first_seen(scene: Scene, *indices: int) -> np.ndarray:
+    """Which pixels of the photo count when the search for the first of ``indices`` begins."""
+    photo = next(searched(scene, *indices).run()).problem.photo
+    return photo.weights.repeat(photo.factor, axis=0).repeat(photo.factor, axis=1) > 0.0
+
+
+def test_others_that_stay_are_in_front_at_first():
+    scene = scene_of(TRUTH[0], STARTS[1], locked=(0,))
+    behind = hiding(STARTS[1], (TRUTH[0],))
+    assert behind.others.any()
+    assert not np.any(behind.hidden & behind.drawn)
+    seen = first_seen(scene, 1)
+    assert not np.any(seen & behind.others)
+    assert np.any(seen & behind.drawn)
+
+
+def test_what_does_not_stand_firm_hides_nothing():
+    counted = []
+    for locked in ((1,), ()):
+        scene = scene_of(STARTS[0], TRUTH[1], locked=locked)
+        counted.append(np.count_nonzero(make_problem(scene)[0].photo.weights))
+    assert counted[0] < counted[1]
+
+
+def test_what_stands_before_a_wall_is_compared_with_it():
+    place = STARTS[1].pose.camera_from_model
+    far = replace(place, translation=3.0 * place.translation)
+    wall = PlacedModel(make_box((40.0, 40.0, 0.1)), replace(STARTS[1].pose, camera_from_model=far))
+    own = hiding(STARTS[1], (wall,))
+    assert np.all(own.others[own.drawn])
+    assert np.any(first_seen(scene_of(STARTS[1], wall, locked=(1,)), 0) & own.drawn)
+
+
+@pytest.mark.slow
+def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch):
+    # At the start the ball is as near as the box: most of that is not in front of it.
+    place = STARTS[0].pose.camera_from_model
+    near = replace(place, translation=0.76 * place.translation)
+    start = replace(STARTS[0].pose, camera_from_model=near)
+    asked = []
+
+    def trust(progress, *_: object) -> Verdict:
+        asked.append(progress.pose)
+        return Verdict("found", 1.0, (), None)
+
+    monkeypatch.setattr(searching, "judge_end", trust)
+    scene = scene_of(PlacedModel(MESHES[0], start), TRUTH[1], locked=(1,))
+    *_, end = searched(scene, 0).run()
+    pose = end.progress.pose
+    first, last = (hiding(PlacedModel(MESHES[0], one), (TRUTH[1],)) for one in (start, pose))
+    changed = np.count_nonzero((first.hidden ^ last.hidden) & last.drawn)
+    assert changed > CHANGED * np.count_nonzero(last.drawn)
+    assert asked == [pose]
+    assert share_off(0, pose) < 0.05  # a verdict that trusts anything ends the search
+    few = replace(SETTINGS, limits=Limits(end.progress.evaluations - 300))
+    *_, end = searched(scene.with_object(0, settings=few), 0).run()
+    assert end.progress.status is Status.EVALUATIONS_SPENT
+    assert end.progress.evaluations <= few.limits.evaluations + 2
+    assert end.progress.verdict is not None
+
+
+def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(monkeypatch):
+    lost = Verdict("lost", 0.1, (), None)
+    monkeypatch.setattr(searching, "judge_end", lambda *_: lost)
+    few = replace(SETTINGS, keep_start=True, limits=Limits(20))
+    wall = PlacedModel(make_box((9.0, 9.0, 0.2)), TRUTH[1].pose)
+    assert list(searched(scene_of(STARTS[0], wall, locked=(1,), settings=few), 0).run()) == []
+    search = searched(scene_of(STARTS[0], wall, STARTS[2], settings=few), 0, 1, 2)
+    *_, end = search.run()
+    assert [end.placings[index].progress.status for index in range(3)] == [Status.KEPT] * 3
+    assert not any(one.stands_firm for one in search.scene.objects)
+    kept = search.scene.pose(0).project(MESHES[0].vertices)
+    np.testing.assert_allclose(kept, STARTS[0].pose.project(MESHES[0].vertices), atol=1e-9)

@@ -1,0 +1,162 @@
+"""One pose in several views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import SettingsError
+from poseviewer.fit.covariance import joint_covariance
+from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
+from poseviewer.fit.scene import InView, LoadedModel, Scene
+from poseviewer.fit.search import Search
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.slices import landscape
+from poseviewer.fit.stages import fit_pose
+from poseviewer.geometry.pose_covariance import region_reach
+from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.loading import open_views
+from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
+
+MODEL = LoadedModel(MESH, "m.ply", "0" * 64)
+AT = np.array([0.02, 0.01, -0.03, 0.02, 0.0, 0.01])
+
+
+def make_scene(unit: float = 1.0, scale: float | None = 1.0) -> Scene:
+    return open_views(make_views(unit, scale), MODEL, START, FitSettings(), "a.png", None, None)
+
+
+@pytest.fixture(scope="module")
+def problem() -> FitProblem:
+    return make_problem(make_scene())[0]
+
+
+@pytest.fixture(scope="module")
+def renderer() -> SoftwareRenderer:
+    return SoftwareRenderer(MESH)
+
+
+def test_the_loss_is_the_mean_over_the_views(problem, renderer):
+    losses = [pose_loss(alone, renderer, AT) for alone in problem.alone]
+    assert len(set(losses)) == 3
+    assert pose_loss(problem, renderer, AT) == pytest.approx(np.mean(losses), rel=1e-12)
+
+
+def test_a_view_alone_is_compared_as_without_the_others(problem, renderer):
+    scene = make_scene()
+    views = tuple(InView(is_compared=number == 0) for number in range(3))
+    settings = FitSettings(chart="free-body")
+    alone, notes = make_problem(scene.with_object(0, in_views=views, settings=settings))
+    assert not notes
+    expected = pose_loss(alone, renderer, AT)
+    assert pose_loss(problem.alone[0], renderer, AT) == pytest.approx(expected, rel=1e-9)
+    # Small as they are: the search of several is refined.
+    assert alone.views[0].fine_photo is None
+    assert all(view.fine_photo is not None for view in problem.views)
+
+
+@pytest.mark.slow
+def test_views_of_several_sides_tell_the_depth(renderer):
+    search = Search(make_scene(), {0: renderer})
+    *_, end = search.run()
+    at, true = (p.camera_from_model.apply(MESH.centre) for p in (end.progress.pose, TRUTH[0]))
+    assert np.abs(at - true).max() < 0.002 * DISTANCE
+    for number, truth in enumerate(TRUTH):
+        moved, true = (p.project(MESH.vertices) for p in (search.scene.pose(0, number), truth))
+        assert np.abs(moved - true).max() < 1.0
+    verdict = end.progress.verdict
+    assert verdict is not None
+    assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
+    joint, single = verdict.covariance, verdict.views[0].covariance
+    assert joint is not None
+    assert single is not None
+    assert joint.depth < 0.3 * single.depth  # type: ignore[operator]
+
+
+@pytest.mark.slow
+def test_an_unknown_scale_is_found_with_the_pose(renderer):
+    scene = make_scene(2.5, None)
+    assert scene.free_scale
+    search = Search(scene, {0: renderer})
+    *_, now = search.run()
+    end, problem = now.progress, now.problem
+    at, true = (p.camera_from_model.apply(MESH.centre) for p in (end.pose, TRUTH[0]))
+    assert np.abs(at - true).max() < 0.003 * DISTANCE
+    scale = 1.0 / search.scene.objects[0].world_from_model.scale
+    assert scale == pytest.approx(2.5, rel=0.003)
+    # The size is as sure as the distance, which is that of what the views look at.
+    assert end.verdict is not None
+    joint = end.verdict.covariance
+    assert joint is not None
+    assert joint.depth is not None
+    assert joint.size_percent == pytest.approx(100.0 * joint.depth / DISTANCE, rel=0.3)
+    assert np.isfinite(joint.in_chart(problem.chart)).all()
+    # As each view has it, pose and size are one distribution: that of what is seen there.
+    for view, pose in zip(problem.views, TRUTH, strict=True):
+        assert isinstance(view.chart, ViewChart)
+        seen = view.chart.to_pose(end.parameters)
+        also = joint_covariance(problem, MESH, end.parameters, end.verdict.views, seen, view.chart)
+        assert also is not None
+        assert also.size_percent == pytest.approx(joint.size_percent)
+        off = also.deviation(pose) / also.scales
+        off[6] = scale / 2.5 - 1.0
+        units = np.outer(also.scales, also.scales)
+        assert off @ np.linalg.solve(also.matrix / units, off) < region_reach(7) ** 2
+
+
+def test_threads_change_nothing(problem, renderer):
+    few = replace(problem, limits=replace(problem.limits, evaluations=120))
+    ends = [[*fit_pose(few, renderer, threads)][-1] for threads in (1, 3)]
+    assert ends[0].loss == ends[1].loss
+    np.testing.assert_array_equal(ends[0].parameters, ends[1].parameters)
+
+
+def test_a_grey_photo_makes_all_of_them_grey():
+    scene = make_scene()
+    first, second, third = scene.views
+    pixels = second.photo.pixels.mean(-1, keepdims=True).astype("u1")
+    grey = replace(second, photo=replace(second.photo, pixels=pixels))
+    mixed, _ = make_problem(replace(scene, views=(first, grey, third)))
+    assert [view.photo.channels.shape[2] for view in mixed.views] == [1, 1, 1]
+
+
+def test_views_of_different_sizes_have_their_own_pyramids(renderer):
+    scene = make_scene()
+    first, second, third = scene.views
+    pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
+    camera = second.camera.scaled(2.0)
+    large = replace(second, photo=replace(second.photo, pixels=pixels), camera=camera)
+    mixed, _ = make_problem(replace(scene, views=(first, large, third)))
+    *_, last = landscape(mixed, renderer, np.zeros(6), half_width=0.1, size=3, pairs=[(0, 5)])
+    assert last.complete
+    assert mixed.views[1].photo.factor > mixed.views[0].photo.factor
+
+
+def test_a_landscape_is_of_all_views(problem, renderer):
+    *_, last = landscape(problem, renderer, np.zeros(6), half_width=0.1, size=3, pairs=[(0, 5)])
+    at = np.zeros(6)
+    at[5] = 0.1
+    assert last.losses[2, 1] == pose_loss(problem, renderer, at)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"free_focal": True}, "--free-focal"), ({"pixels": "clip"}, "--pixels clip")],
+)
+def test_what_does_not_go_with_several_views_is_said(changes, said):
+    scene = make_scene().with_object(0, settings=FitSettings(**changes))
+    with pytest.raises(SettingsError, match=said):
+        make_problem(scene)
+
+
+def test_a_view_that_does_not_see_the_object_is_left_out_and_said():
+    scene = make_scene()
+    away = scene.views[1].camera_from_world
+    away = replace(away, translation=away.translation + np.array([90.0, 0.0, 0.0]))
+    views = (scene.views[0], replace(scene.views[1], camera_from_world=away), scene.views[2])
+    problem, notes = make_problem(replace(scene, views=views))
+    assert [view.index for view in problem.views] == [0, 2]
+    assert notes == ("b.png does not see the model where it starts, and is left out.",)

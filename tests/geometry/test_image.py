@@ -1,0 +1,23 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.image import Photo
+
+PHOTO = Photo(np.zeros((480, 640, 3), np.uint8), "p.png", "0" * 64)
+ASSUMED = PHOTO.default_camera()
+
+
+def test_a_focal_length_that_nobody_gave_is_called_a_guess():
+    assert "is assumed (a view of 50 degrees)" in PHOTO.focal_note(ASSUMED)
+
+
+def test_a_focal_length_that_is_known_is_not():
+    calibrated = Perspective(812.0, 811.0, 320.0, 240.0, 640, 480)
+    assert PHOTO.focal_note(calibrated) == ""
+    assert PHOTO.focal_note(Parallel(9.0, 320.0, 240.0, 640, 480)) == ""
+    for known in (replace(PHOTO, camera=calibrated), replace(PHOTO, focal_length_35mm=28.0)):
+        assert known.focal_note(known.default_camera()) == ""

@@ -1,0 +1,31 @@
+"""Scenes of one object in one view, as tests of fits want them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from poseviewer.fit.scene import LoadedModel, Scene, scene_at
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.view import View
+
+
+def scene_of(
+    photo: Photo,
+    mesh: Mesh,
+    start: Pose,
+    settings: FitSettings | None = None,
+    mask: Mask | None = None,
+    keypoints: Any = None,
+) -> Scene:
+    """A mesh at a start in a photo."""
+    view = View(photo.name, photo, start.camera, mask=mask)
+    return scene_at(view, LoadedModel(mesh, "m.ply", "0" * 64, keypoints), start, settings)
+
+
+def by(scene: Scene, **settings: Any) -> Scene:
+    """The scene whose object is fitted by settings."""
+    return scene.with_object(0, settings=FitSettings(**settings))

@@ -1,0 +1,200 @@
+"""The GPU's moments are the software renderer's; and what is done where it cannot be used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import RendererUnavailableError
+from poseviewer.fit.loss import registration_loss
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.gpu import device as device_of
+from poseviewer.render.gpu import gpu_renderer as gpu_renderer
+from poseviewer.render.gpu.gpu_renderer import GpuRenderer
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import smaller
+from poseviewer.render.renderers import make_renderer
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.render.structure import make_structure
+from poseviewer.render.types import Moments, PhotoAttributes
+from tests.gpu import gpu_unavailable_reason, require_gpu
+from tests.meshes import make_box, make_bumpy, make_painted, make_soup, make_sphere
+
+WIDTH, HEIGHT = 96, 72
+POSES = 100
+AGREEMENT = 1e-4
+MESHES = {
+    "box": make_box(),
+    "bumpy": make_bumpy(3),
+    "soup": make_soup(0),
+    "all kinds of reflectance": make_painted(),
+    "tiny triangles": make_sphere(4, radius=0.5),
+}
+LOSSES = {
+    "clipped, grey": (1, {"clipped": True}),
+    "clipped": (3, {"clipped": True}),
+    "region, grey": (1, {"clipped": False}),
+    "region": (3, {"clipped": False}),
+    "classes and edges": (3, {"clipped": False}),
+    "coloured, not on the GPU": (3, {"clipped": True, "colour_reflectance": True}),
+}
+
+
+@pytest.fixture(autouse=True)
+def _gpu(monkeypatch):
+    require_gpu(monkeypatch)
+
+
+def make_photo(loss: str, random: np.random.Generator) -> PhotoAttributes:
+    """Patches of noise, of which a fifth does not count; part of it lies outside the region."""
+    n, settings = LOSSES[loss]
+    patches = random.uniform(size=(HEIGHT // 8, WIDTH // 8, n)).repeat(8, axis=0).repeat(8, axis=1)
+    channels = (0.8 * patches + 0.2 * random.uniform(size=(HEIGHT, WIDTH, n))).astype(np.float32)
+    weights = random.uniform(size=(HEIGHT, WIDTH)) * (random.uniform(size=(HEIGHT, WIDTH)) > 0.2)
+    weights[:, :10] = 0.0
+    weights = weights.astype(np.float32)
+    structure = make_structure(channels, weights) if "classes" in loss else None
+    return PhotoAttributes(channels, weights, structure=structure, **settings)
+
+
+def make_pose(random: np.random.Generator, parallel: bool) -> Pose:
+    """The model somewhere in, or partly out of, the picture; sometimes around the camera."""
+    transform = RigidTransform.from_rotation_vector(
+        random.normal(size=3) * 2.0, [*random.uniform(-0.7, 0.7, 2), random.uniform(0.3, 6.0)]
+    )
+    cx, cy = random.uniform(0.2, 0.8, 2) * (WIDTH, HEIGHT)
+    if parallel:
+        return Pose(Parallel(random.uniform(6.0, 45.0), cx, cy, WIDTH, HEIGHT), transform)
+    fx, fy = random.uniform(50.0, 150.0, 2)
+    return Pose(Perspective(fx, fy, cx, cy, WIDTH, HEIGHT), transform)
+
+
+def disagreement(one: Moments, other: Moments) -> float:
+    """The greatest difference, as a share of the attributes' root mean squares."""
+    if one.weight == 0.0:
+        return abs(other.weight)
+    scale = np.sqrt(one.covariance.diagonal() + one.mean**2).clip(1e-6)
+    return max(
+        abs(one.weight / other.weight - 1.0),
+        float(np.max(np.abs(one.mean - other.mean) / scale)),
+        float(np.max(np.abs(one.covariance - other.covariance) / np.outer(scale, scale))),
+        abs((one.edge_cosine or 0.0) - (other.edge_cosine or 0.0)),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
+@pytest.mark.parametrize("name", MESHES)
+def test_gpu_matches_software(name, two_sided):
+    random = np.random.default_rng(7)
+    software = SoftwareRenderer(MESHES[name], two_sided)
+    on_gpu, seen = GpuRenderer(MESHES[name], two_sided), 0
+    for loss in LOSSES:
+        photo = make_photo(loss, random)
+        poses = [make_pose(random, k % 2 == 0) for k in range(POSES // len(LOSSES) + 1)]
+        for pose, found in zip(poses, on_gpu.moments_at(poses, photo), strict=True):
+            wanted = software.moments(pose, photo)
+            seen += wanted.pixels > 100
+            assert found.pixels == wanted.pixels
+            assert found.photo_channels == wanted.photo_channels
+            assert disagreement(wanted, found) < AGREEMENT
+            assert registration_loss(found) == pytest.approx(registration_loss(wanted), abs=1e-3)
+    assert seen > 0.5 * POSES
+    assert on_gpu.together is not None
+
+
+def make_poses(count: int, seed: int = 3) -> list[Pose]:
+    random = np.random.default_rng(seed)
+    return [make_pose(random, parallel=True) for _ in range(count)]
+
+
+def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
+    """As descents and losses over several photos do; also where some end sooner."""
+    sizes: list[int] = []
+    judge = GpuRenderer.moments_at
+
+    def counted(self, poses, photo):
+        sizes.append(len(poses))
+        return judge(self, poses, photo)
+
+    monkeypatch.setattr(GpuRenderer, "moments_at", counted)
+    photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
+
+    def chain(renderer, item):
+        return [renderer.moments(pose, photo).weight for pose in item]
+
+    items = [make_poses(1 + i % 3, seed=i) for i in range(6)]
+    with RendererPool(GpuRenderer(MESHES["box"]), 2) as pool:
+        found = list(pool.map(chain, items))
+    assert sizes == [6, 4, 2]
+    software = SoftwareRenderer(MESHES["box"])
+    for weights, item in zip(found, items, strict=True):
+        wanted = [software.moments(pose, photo).weight for pose in item]
+        assert weights == pytest.approx(wanted, rel=1e-6)
+
+
+def test_threads_share_the_gpu():
+    """The app's searches, maps and proposals have a thread each."""
+    random = np.random.default_rng(5)
+    photos, poses = [make_photo("region", random) for _ in range(3)], make_poses(4)
+    renderer, software = GpuRenderer(MESHES["box"]), SoftwareRenderer(MESHES["box"])
+
+    def judge(photo):
+        own = renderer.clone()
+        return [own.moments_at(poses, photo) for _ in range(5)]
+
+    with ThreadPoolExecutor(3) as threads:
+        found = list(threads.map(judge, photos))
+    for photo, rounds in zip(photos, found, strict=True):
+        for moments in rounds:
+            for pose, one in zip(poses, moments, strict=True):
+                assert disagreement(software.moments(pose, photo), one) < AGREEMENT
+
+
+def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
+    device = device_of.Device(device_of.find_adapter(software=True))
+    monkeypatch.setattr(gpu_renderer, "gpu_device", lambda: device)
+    renderer, photo = GpuRenderer(MESHES["box"]), make_photo("region", np.random.default_rng(1))
+    poses = make_poses(4)
+    before = renderer.moments_at(poses, photo)
+    device._device.destroy()
+    with RendererPool(renderer) as pool:
+        after = pool.moments_of(poses, photo)
+    for one, other in zip(before, after, strict=True):
+        assert disagreement(one, other) < AGREEMENT
+    renderer.moments_at(poses, photo)
+    assert len(caplog.records) == 1
+    assert "goes on without it" in caplog.text
+    # From now on as if there were none: a thread for each processor, and no model sent to it.
+    assert renderer.clone().together is None
+    with RendererPool(renderer, 2) as pool:
+        assert pool.threads == 2
+
+
+def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
+    monkeypatch.delenv(device_of.ADAPTER_VARIABLE)
+    if gpu_unavailable_reason() is None:
+        pytest.skip("a real GPU is here")
+    with pytest.raises(RendererUnavailableError, match="--renderer software") as refused:
+        make_renderer(MESHES["box"], "gpu")
+    assert str(refused.value).count(".") <= 3
+
+
+WITHOUT_WGPU = """
+import sys
+sys.modules["wgpu"] = None
+from tests.gpu import gpu_unavailable_reason
+print(gpu_unavailable_reason())
+"""
+
+
+def test_without_wgpu_it_is_said_what_to_install():
+    found = subprocess.run(
+        [sys.executable, "-c", WITHOUT_WGPU], capture_output=True, text=True, check=True
+    )
+    assert "pip install 'poseviewer[gpu]'" in found.stdout

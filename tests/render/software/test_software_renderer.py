@@ -1,0 +1,268 @@
+"""The rasteriser against analytic pictures, exact coverage, and the plain path to the moments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poseviewer.fit.loss import lighting_loss
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.moments import moments_of_images
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.render.types import PhotoAttributes
+from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
+
+SEEDS = st.integers(0, 2**32 - 1)
+MESHES = {
+    "box": make_box(),
+    "bumpy": make_bumpy(3),
+    "soup": make_soup(0),
+    "all kinds of reflectance": make_painted(),
+    "tiny triangles": make_sphere(5, radius=0.3),
+}
+RENDERERS = {name: SoftwareRenderer(mesh) for name, mesh in MESHES.items()}
+
+
+def make_photo(channels, weights=None, **settings) -> PhotoAttributes:
+    """Attributes of float64 test data; weights 1 unless given."""
+    channels = np.asarray(channels, np.float32)
+    weights = np.ones(channels.shape[:2]) if weights is None else weights
+    return PhotoAttributes(channels, np.asarray(weights, np.float32), **settings)
+
+
+def random_pose(random, parallel: bool, width=96, height=72) -> Pose:
+    """The model somewhere in, or partly out of, the picture; sometimes around the camera."""
+    transform = RigidTransform.from_rotation_vector(
+        random.normal(size=3) * 2.0, [*random.uniform(-1.0, 1.0, 2), random.uniform(0.2, 6.0)]
+    )
+    cx, cy = random.uniform(0.2, 0.8, 2) * (width, height)
+    if parallel:
+        return Pose(Parallel(random.uniform(5.0, 60.0), cx, cy, width, height), transform)
+    fx, fy = random.uniform(50.0, 150.0, 2)
+    return Pose(Perspective(fx, fy, cx, cy, width, height), transform)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=25)
+def test_fast_path_to_moments_matches_the_plain_one(name, parallel, seed):
+    random = np.random.default_rng(seed)
+    pose = random_pose(random, parallel)
+    n = random.choice([1, 3])
+    weights = random.uniform(size=(72, 96)) * (random.uniform(size=(72, 96)) > 0.2)
+    channels = random.uniform(size=(72, 96, n))
+    photo = make_photo(channels, weights, clipped=bool(random.integers(2)))
+    renderer = RENDERERS[name]
+    plain = moments_of_images(renderer.render(pose), photo)
+    fast = renderer.moments(pose, photo)
+    assert fast.pixels == plain.pixels
+    assert fast.weight == pytest.approx(plain.weight, rel=1e-5)
+    assert fast.mean == pytest.approx(plain.mean, rel=1e-4, abs=1e-5)
+    assert fast.covariance == pytest.approx(plain.covariance, rel=1e-4, abs=1e-5)
+    assert lighting_loss(fast) == pytest.approx(lighting_loss(plain), abs=1e-4)
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+@pytest.mark.parametrize("n", [1, 3])
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=20)
+def test_any_lighting_of_the_same_pose_costs_nothing(clipped, n, seed):
+    from poseviewer.render.moments import model_attributes
+
+    random = np.random.default_rng(seed)
+    pose = random_pose(random, parallel=bool(random.integers(2)))
+    renderer = RENDERERS["bumpy"]
+    blank = make_photo(np.zeros((72, 96, n)), clipped=clipped)
+    attributes = model_attributes(renderer.render(pose), blank)
+    lit = attributes @ random.normal(size=(attributes.shape[2], n)) + random.normal(size=n)
+    moments = renderer.moments(pose, make_photo(lit, clipped=clipped))
+    # What varies less than this is lost in the photo's float32.
+    deviation = np.sqrt(max(np.linalg.eigvalsh(moments.covariance[:n, :n])[0], 0.0))
+    if moments.pixels > 100 and deviation > 1e-3 * np.abs(lit).max():
+        assert lighting_loss(moments) < 1e-4
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_sphere_is_a_disc_with_its_own_normals(parallel):
+    if parallel:
+        camera = Parallel(50.0, 80.3, 60.7, 160, 120)
+    else:
+        camera = Perspective(200.0, 200.0, 80.3, 60.7, 160, 120)
+    pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.0, 0.0, 4.0])))
+    image = SoftwareRenderer(make_sphere(6)).render(pose)
+    v, u = np.mgrid[0.5:120, 0.5:160]
+    x, y = (u - 80.3) / (50.0 if parallel else 200.0), (v - 60.7) / (50.0 if parallel else 200.0)
+    if parallel:
+        hit = 1.0 - x * x - y * y
+        depth = 4.0 - np.sqrt(np.maximum(hit, 0.0))
+    else:
+        square = 1.0 + x * x + y * y
+        hit = 16.0 - 15.0 * square
+        depth = (4.0 - np.sqrt(np.maximum(hit, 0.0))) / square
+    assert np.mean(image.mask != (hit > 0.0)) < 1e-3
+    inside = image.mask & (hit > 0.05)
+    point = np.stack([x, y, np.ones_like(x)], -1) * depth[..., None]
+    if parallel:
+        point = np.stack([x, y, depth], -1)
+    normal = point - np.array([0.0, 0.0, 4.0])
+    cosine = np.sum(image.normals[inside] * normal[inside], axis=-1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 0.2
+
+
+@pytest.mark.parametrize("scale", [1, 4])  # faces over 64 px are drawn in another way
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=40)
+def test_shared_edges_are_drawn_once(scale, seed):
+    """A square cut into a fan of triangles: every pixel inside belongs to exactly one of them."""
+    random = np.random.default_rng(seed)
+    width, height = 64 * scale, 48 * scale
+    square = np.array([[0, 0], [width, 0], [width, height], [0, height]], float)
+    middle = np.round(scale * random.uniform(1, 40, 2) * 2.0) / 2.0  # often on a pixel centre
+    vertices = np.column_stack([np.vstack([square, middle]), np.zeros(5)])
+    faces = np.array([[0, 4, 1], [1, 4, 2], [2, 4, 3], [3, 4, 0]])
+    pose = Pose(Parallel(1.0, 0.0, 0.0, width, height), RigidTransform.identity())
+    counts = np.zeros((height, width), int)
+    for face in faces:
+        counts += SoftwareRenderer(make_mesh(vertices, face[None])).render(pose).mask
+    assert np.all(counts == 1)
+
+
+def test_the_rule_is_top_left():
+    """An edge through pixel centres: the pixels above or left of the shape are not its own."""
+    vertices = np.array([[0.5, 0.5, 0], [4.5, 0.5, 0], [4.5, 3.5, 0], [0.5, 3.5, 0]])
+    mesh = make_mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
+    pose = Pose(Parallel(1.0, 0.0, 0.0, 8, 6), RigidTransform.identity())
+    expected = np.zeros((6, 8), bool)
+    expected[0:3, 0:4] = True
+    assert np.array_equal(SoftwareRenderer(mesh).render(pose).mask, expected)
+
+
+def test_faces_behind_the_camera_are_clipped_not_mirrored():
+    """A floor that runs from behind the camera to far ahead fills just the lower half."""
+    floor = np.array([[-50, 1, -50], [50, 1, -50], [50, 1, 5000], [-50, 1, 5000]], float)
+    mesh = make_mesh(floor, np.array([[0, 2, 1], [0, 3, 2]]))
+    pose = Pose(Perspective(100.0, 100.0, 32.0, 24.0, 64, 48), RigidTransform.identity())
+    mask = SoftwareRenderer(mesh).render(pose).mask
+    assert not mask[:24].any()
+    near = 1e-3 * mesh.diameter
+    lowest = int(24 + 100.0 * 1.0 / near)
+    assert mask[25 : min(lowest, 48) - 1].all()
+
+
+def test_reflectance_is_perspective_correct():
+    """A receding strip whose colour is its own depth, along the middle row."""
+    strip = np.array([[-1, -0.1, 2], [1, -0.1, 10], [1, 0.1, 10], [-1, 0.1, 2]], float)
+    colours = np.repeat(strip[:, 2:] / 10.0, 3, axis=1)
+    mesh = make_mesh(strip, np.array([[0, 1, 2], [0, 2, 3]]), colours=colours)
+    pose = Pose(Perspective(100.0, 100.0, 64.0, 8.0, 128, 16), RigidTransform.identity())
+    image = SoftwareRenderer(mesh).render(pose)
+    columns = np.flatnonzero(image.mask[8])
+    slope = (columns + 0.5 - 64.0) / 100.0  # x / z, with x = -1 + (z - 2) / 4
+    expected = 1.5 / (0.25 - slope) / 10.0
+    assert len(columns) > 50
+    assert image.reflectance[8, columns, 0] == pytest.approx(expected, abs=1e-5)
+
+
+def test_textures_are_sampled_at_their_texels():
+    texture = np.random.default_rng(0).integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    vertices = np.array([[0, 0, 0], [8, 0, 0], [8, 6, 0], [0, 6, 0]], float)
+    mesh = make_mesh(
+        vertices,
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        colours=np.ones((4, 3)),
+        uvs=np.array([[0, 1], [1, 1], [1, 0], [0, 0]], float),
+        face_texture=np.zeros(2),
+        textures=(texture,),
+    )
+    pose = Pose(Parallel(1.0, 0.0, 0.0, 8, 6), RigidTransform.identity())
+    image = SoftwareRenderer(mesh).render(pose)
+    assert image.reflectance == pytest.approx(texture / 255.0, abs=1e-6)
+
+
+def test_one_sided_leaves_out_what_is_seen_from_behind():
+    mesh = make_sphere(3)
+    pose = Pose(Parallel(20.0, 32.0, 24.0, 64, 48), RigidTransform.identity())
+    both, front = SoftwareRenderer(mesh), SoftwareRenderer(mesh, two_sided=False)
+    assert np.array_equal(both.render(pose).face_ids, front.render(pose).face_ids)
+    inside_out = make_mesh(mesh.vertices, mesh.faces[:, ::-1], -mesh.normals)
+    far = SoftwareRenderer(inside_out, two_sided=False).render(pose)
+    assert np.all(mesh.vertices[mesh.faces[far.face_ids[far.mask]]].mean(axis=1)[:, 2] > 0.0)
+    seen = SoftwareRenderer(inside_out).render(pose)
+    assert np.array_equal(seen.mask, both.render(pose).mask)
+    assert seen.normals == pytest.approx(both.render(pose).normals, abs=1e-5)
+
+
+@pytest.mark.parametrize("place", [[500.0, 0.0, 4.0], [0.0, 0.0, -4.0], [0.0, 1e7, 4.0]])
+def test_a_model_outside_the_picture_shows_nothing(place):
+    pose = Pose(
+        Perspective(100.0, 100.0, 32.0, 24.0, 64, 48), RigidTransform(np.eye(3), np.array(place))
+    )
+    renderer = SoftwareRenderer(make_box())
+    assert not renderer.render(pose).mask.any()
+    photo = make_photo(np.random.default_rng(0).uniform(size=(48, 64, 3)))
+    assert lighting_loss(renderer.moments(pose, photo)) == 3.0
+
+
+def make_nested() -> Mesh:
+    """A bumpy shape with another one inside."""
+    shape, count = make_bumpy(4), len(make_bumpy(4).vertices)
+    corners = ("normals", "colours", "uvs")
+    faces = ("face_texture", "face_part")
+    return replace(
+        shape,
+        vertices=np.concatenate([shape.vertices, 0.7 * shape.vertices]),
+        faces=np.concatenate([shape.faces, shape.faces + count]),
+        **{name: np.concatenate([getattr(shape, name)] * 2) for name in (*corners, *faces)},
+    )
+
+
+NESTED = SoftwareRenderer(make_nested())
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@given(seed=SEEDS)
+@settings(deadline=None, max_examples=25)
+def test_near_a_pose_nothing_of_what_it_hides_is_missed(parallel, seed):
+    random = np.random.default_rng(seed)
+    pose = random_pose(random, parallel)
+    culled = NESTED.culled(pose)
+    across, down = random.uniform(-0.7, 0.7, 2)
+    camera = pose.camera
+    moved = replace(camera, cx=camera.cx + across, cy=camera.cy + down)
+    for near in (pose, replace(pose, camera=moved)):
+        assert np.array_equal(culled.render(near).face_ids, NESTED.render(near).face_ids)
+
+
+def test_what_a_pose_hides_is_left_out():
+    camera = Parallel(20.0, 48.0, 36.0, 96, 72)
+    front, behind = (
+        Pose(camera, RigidTransform.from_rotation_vector([0.0, turn, 0.0], [0.0, 0.0, 0.0]))
+        for turn in (0.0, np.pi)
+    )
+    whole, left = NESTED.render(behind), NESTED.culled(front).render(behind)
+    assert np.count_nonzero(whole.mask) > 1000
+    kept = whole.mask & (left.face_ids == whole.face_ids)
+    assert np.count_nonzero(kept) < 0.2 * np.count_nonzero(whole.mask)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_picture_does_not_depend_on_the_size_of_earlier_ones(name):
+    """Nor on that of buffers whose rows have as many whole blocks."""
+    pose = Pose(
+        Perspective(90.0, 90.0, 40.0, 20.0, 65, 40),
+        RigidTransform.from_rotation_vector([0.3, 0.5, 0.2], [0.0, 0.0, 2.5]),
+    )
+    used = RENDERERS[name].clone()
+    for width in (65, 72, 66, 80):
+        wider = replace(pose, camera=replace(pose.camera, width=width))
+        expected, seen = RENDERERS[name].clone().render(wider), used.render(wider)
+        assert np.array_equal(seen.face_ids, expected.face_ids)
+        assert np.array_equal(seen.normals, expected.normals)
+        assert np.array_equal(seen.reflectance, expected.reflectance)

@@ -1,0 +1,179 @@
+"""Scenes from files, and back to the records that are saved."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_file import load_scene, save_scene
+from poseviewer.fit.scene import InView, SearchResult
+from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.verdict import Features, Verdict
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.starts.loading import (
+    load_model,
+    open_photo,
+    open_scene,
+    open_views,
+    pose_record,
+    record_of,
+    start_in_views,
+)
+from tests.several import IDS, make_three
+from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return make_three(tmp_path)
+
+
+def searched(scene, index: int = 0):
+    """The scene with the end of a search, and all else that an object can have."""
+    one, pose = scene.objects[index], scene.pose(index)
+    sure = PoseCovariance(pose, one.model.mesh.centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    alone = Verdict("doubtful", 0.5, ("Less is seen.",), None)
+    features = Features(1.5, 2.0, 0.75, 0.5)
+    verdict = Verdict("found", 0.9, ("It is seen.",), features, sure, (alone,))
+    hidden = np.zeros((240, 320), bool)
+    hidden[:, :40] = True
+    result = SearchResult(
+        verdict, 0.25, 0.5, (1.0, 2.0), "free-body", ("x", "y"), {"seed": 3}, (0.5,), (hidden,),
+        notes=("The focal length is assumed.",),
+    )  # fmt: skip
+    return scene.with_object(
+        index,
+        result=result,
+        settings=FitSettings(seed=3, limits=Limits(7)),
+        in_views=(InView(Mask.of(np.tri(240, 320)), Rectangle(1.0, 2.0, 30.0, 40.0), False),),
+        locked=True,
+        name="the first",
+    )
+
+
+def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
+    scene = searched(open_scene(path))
+    save_scene(tmp_path / "again.json", record_of(scene))
+    again = open_scene(tmp_path / "again.json")
+    one, before = again.objects[0], scene.objects[0]
+    assert [own.id for own in again.objects] == list(IDS)
+    assert np.array_equal(
+        one.world_from_model.rigid.rotation, again.pose(0).camera_from_model.rotation
+    )
+    for index in range(3):
+        place, wanted = again.pose(index).camera_from_model, scene.pose(index).camera_from_model
+        assert np.array_equal(place.rotation, wanted.rotation)
+        assert np.array_equal(place.translation, wanted.translation)
+    assert (one.settings, one.locked, one.name) == (before.settings, True, "the first")
+    own, mask = again.in_view(0), scene.mask(0)
+    assert (own.region, own.is_compared) == ((1.0, 2.0, 30.0, 40.0), False)
+    assert own.mask is not None
+    assert mask is not None
+    assert np.array_equal(own.mask.weights, mask.weights)
+    assert one.result is not None
+    assert before.result is not None
+    for name in ("verdict", "loss", "unexplained", "parameters", "chart", "names", "seen", "notes"):
+        assert getattr(one.result, name) == getattr(before.result, name), name
+    verdict, wanted = one.result.verdict, before.result.verdict
+    assert verdict is not None
+    assert wanted is not None
+    assert verdict.views == wanted.views
+    assert verdict.covariance is not None
+    assert wanted.covariance is not None
+    assert np.array_equal(verdict.covariance.matrix, wanted.covariance.matrix)
+    assert again.objects[1].result is None
+
+
+def test_a_model_that_has_lost_a_part_has_no_result(path):
+    scene = open_scene(record_of(searched(open_scene(path))))
+    assert scene.objects[0].result is not None
+    with pytest.raises(PoseViewerError, match="no part 'mirror'"):
+        open_scene(path, FitSettings(without=("ball:mirror",)))
+    with pytest.raises(PoseViewerError, match="say of which object, as ID:PART"):
+        open_scene(path, FitSettings(without=("mirror",)))
+
+
+def test_equal_poses_are_saved_as_one(path):
+    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    scene = searched(open_scene(path))
+    scene = scene.with_object(0, model=replace(scene.objects[0].model, whole_symmetry=symmetry))
+    turned = [
+        scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ motion))
+        for pose in (scene.pose(0),)
+        for motion in symmetry.transforms()
+    ]
+    records = [record_of(one).objects[0] for one in turned]
+    first, second = (one.place.similarity.rigid for one in records)
+    np.testing.assert_allclose(first.rotation, second.rotation, atol=1e-12)
+    np.testing.assert_allclose(first.translation, second.translation, atol=1e-12)
+    kept = [record_of(one, canonical=False).pose(0).camera_from_model for one in turned]
+    for one, place in zip(turned, kept, strict=True):
+        assert np.array_equal(place.rotation, one.pose(0).camera_from_model.rotation)
+
+
+def test_a_pose_record_is_that_of_a_pose_file(path):
+    scene = searched(open_scene(path))
+    record = pose_record(scene)
+    assert record.photo is not None
+    assert record.model is not None
+    assert (record.photo.file, record.model.file) == ("three.png", "ball.ply")
+    assert (record.loss, record.unexplained, record.seen) == (0.25, 0.5, 0.5)
+    assert record.chart is not None
+    assert record.chart.parameters == (1.0, 2.0)
+    assert pose_record(scene, 1).loss is None
+
+
+def test_views_begin_with_the_one_of_the_start(tmp_path):
+    views, model, start = write_views(tmp_path)
+    scene = open_views(views, model, start)
+    assert [one.name for one in scene.views] == list(NAMES)
+    assert not scene.free_scale
+    data = json.loads(start.read_text())
+    data["photo"]["file"] = "c.png"
+    start.write_text(json.dumps(data))
+    scene = open_views(views, model, start)
+    assert [one.name for one in scene.views] == ["c.png", "a.png", "b.png"]
+    place, wanted = scene.pose(0).camera_from_model, load_pose(start, 320, 240).pose
+    np.testing.assert_allclose(place.rotation, wanted.camera_from_model.rotation, atol=1e-12)
+    with pytest.raises(PoseViewerError, match=r"no photo z\.png; .* one of a\.png, b\.png"):
+        open_views(views, model, start, view="z.png")
+
+
+def test_an_unknown_scale_is_told_by_where_the_cameras_look(tmp_path):
+    _, model, _ = write_views(tmp_path)
+    found = start_in_views(make_views(2.5, None), load_model(model), TRUTH[0], "a.png")
+    assert found.free_scale
+    assert found.scale == pytest.approx(2.5, rel=0.05)
+    known = start_in_views(make_views(2.5, None), load_model(model), TRUTH[0], "a.png", 2.5)
+    assert (known.scale, known.free_scale) == (2.5, False)
+
+
+def test_a_set_that_was_fitted_is_opened_again(tmp_path):
+    views, model, start = write_views(tmp_path)
+    scene = open_views(views, model, start, scale=2.0)
+    save_scene(tmp_path / "found.scene.json", record_of(scene))
+    again = open_scene(tmp_path / "found.scene.json")
+    assert again.objects[0].world_from_model.scale == 0.5
+    for view in range(3):
+        a, b = (one.pose(0, view).camera_from_model for one in (scene, again))
+        np.testing.assert_allclose(a.translation, b.translation, atol=1e-12)
+    depth = again.pose(0).camera_from_model.apply(again.objects[0].model.mesh.centre)[2]
+    assert math.isclose(depth, DISTANCE, rel_tol=0.1)
+    assert load_scene(tmp_path / "found.scene.json").unit is None
+
+
+def test_a_start_for_another_size_is_said(tmp_path):
+    make_three(tmp_path)
+    pose = TRUTH[0].scaled(2.0)
+    with pytest.raises(PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.scaled"):
+        open_photo(tmp_path / "three.png", tmp_path / "ball.ply", pose)
