@@ -136,8 +136,8 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     (back,) = restore(load_autosave(path))
     found = back.document
     assert found.mesh.left_out == ("right",)
-    assert found.mask is not None
-    assert np.array_equal(found.mask.weights, half_hidden().weights)
+    assert found.own.mask is not None
+    assert np.array_equal(found.own.mask.weights, half_hidden().weights)
 
 
 def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):

@@ -55,7 +55,7 @@ class HidePanel:
         own, tool = session.document, session.tool
         ended = None if session.searching else session.search
         end = session.document.object.result
-        key = (own.mask, own.mesh, tool, session.erasing, ended, end)
+        key = (own.own.mask, own.mesh, tool, session.erasing, ended, end)
         if self._shown == key:
             return
         self._shown, self._active = key, tool in h.HIDING
@@ -66,14 +66,14 @@ class HidePanel:
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))
         set_properties(self._found, visible=h.found_hidden(session) is not None)
-        set_properties(self._clear, visible=self._active and own.mask is not None)
+        set_properties(self._clear, visible=self._active and own.own.mask is not None)
         parts = parts_left_out(own.mesh)
         set_properties(self._parts, content=parts, visible=bool(parts))
 
 
 def hidden_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, found = session.document.mask, h.found_hidden(session)
+    mask, found = session.document.own.mask, h.found_hidden(session)
     lines = []
     if mask is not None:
         lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")

@@ -236,7 +236,7 @@ class QuickStartPanel:
 
     def show(self, session: Session) -> None:
         """Say what is marked and how well the pose shows it, and what is proposed."""
-        self._has_region = session.document.region is not None
+        self._has_region = session.document.own.region is not None
         set_properties(self._find, label=FIND_WHEELS if self._has_region else DRAW_REGION_FIRST)
         set_properties(self._again, visible=self._has_region)
         set_properties(self._text, content=marks_text(session))
@@ -399,7 +399,7 @@ class FitPanel:
             field.show(read(settings))
         drawing = session.tool == "region"
         set_properties(self._region, label="Drag on the photo ..." if drawing else "Draw a region")
-        set_properties(self._clear, visible=session.document.region is not None)
+        set_properties(self._clear, visible=session.document.own.region is not None)
         for index, field in enumerate(self._locks):
             if index < len(names):
                 set_properties(field.handle, label=label(names[index]))

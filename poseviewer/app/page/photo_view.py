@@ -110,7 +110,7 @@ class PhotoScene:
                 self._show_model(overlay, session)
             self._show_others(session)
             self._show_pins(session)
-            self._show_rectangle("region", self._region, session.document.region)
+            self._show_rectangle("region", self._region, session.document.own.region)
             self._show_rectangle("box", self._box, session.shown_box)
             self._show_marks(session)
         if self._shown.get("model") is not drawn:
@@ -150,7 +150,7 @@ class PhotoScene:
 
     def _show_hidden(self, session: Session) -> None:
         """Tints over what does not count: painted, stronger while it is; found by the search."""
-        mask, painting = session.document.mask, session.tool in HIDING
+        mask, painting = session.document.own.mask, session.tool in HIDING
         opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
         if session.look.hidden:
             mask = None
@@ -273,7 +273,7 @@ class PhotoScene:
             pins = pins[:0]
         if not self._is_new("pins", pins.tobytes()):
             return
-        vehicle = isinstance(document.chart, VehicleChart) and not document.pins
+        vehicle = isinstance(document.chart, VehicleChart) and not document.state.pins
         self._put(self._pins, pins, HANDLES)
         self._put(self._labels, pins if vehicle else pins[:0], HANDLES)
         linked = vehicle and len(pins) == 3

@@ -234,7 +234,7 @@ class DoublePress(Command):
             return session.with_document(without_mark(document, tool, found.mark))
         if isinstance(document.chart, VehicleChart):
             raise QuickStartError("A vehicle has its pins already: wheels and axle.")
-        pins = document.pins
+        pins = document.state.pins
         if pins:
             away = np.linalg.norm(pins_in_photo(document) - point, axis=1) * self.zoom
             nearest = int(np.argmin(away))

@@ -187,24 +187,9 @@ class Document:
         return self.scene.in_view(self.active, self.at)
 
     @property
-    def mask(self) -> Mask | None:
-        """What counts of the view for the active object, but for what a search found in front."""
-        return self.own.mask
-
-    @property
-    def region(self) -> Rectangle | None:
-        """Where the active object is compared with the view; None: everywhere."""
-        return self.own.region
-
-    @property
     def marks(self) -> Marks:
         """What is marked in the view for the active object."""
         return self.state.marks.get(self.at, Marks())
-
-    @property
-    def pins(self) -> tuple[FloatArray, ...]:
-        """The active object's pins."""
-        return self.state.pins
 
     @property
     def number(self) -> int:
@@ -224,7 +209,7 @@ class Document:
 
     def with_active(self, index: int) -> Document:
         """The document with another object active."""
-        return self if index == self.active else replace(self, active=index)
+        return self if index == self.active else replace(self, active=index)._in_front
 
     def with_view(self, index: int) -> Document:
         """The document with another view large."""
@@ -378,9 +363,15 @@ class Document:
             (*all_of[:index], *all_of[index + 1 :]) for all_of in (self.scene.objects, self.states)
         )
         active = self.active - 1 if self.active > index else min(self.active, len(objects) - 1)
-        return replace(
-            self, scene=replace(self.scene, objects=objects), states=states, active=active
-        )
+        scene = replace(self.scene, objects=objects)
+        return replace(self, scene=scene, states=states, active=active)._in_front
+
+    @property
+    def _in_front(self) -> Document:
+        """The document with another view large where the active object is behind this camera."""
+        if self.pose.camera_from_model.apply(self.mesh.centre)[2] > 0.0:
+            return self
+        return self.with_view(reference_view(self.scene, self.active, self.at))
 
     def shows_same(self, other: Document) -> bool:
         """Whether both have the same photo large, and the same object active, of the same model."""

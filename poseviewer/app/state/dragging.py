@@ -86,10 +86,10 @@ class PinDrag:
     def apply(self, document: Document, point: FloatArray) -> Document:
         """The pose that shows the pin at the pointer."""
         pose, pixel = self.held.pose, point + self.offset
-        if not self.held.pins and isinstance(chart := self.held.chart, VehicleChart):
+        if not self.held.state.pins and isinstance(chart := self.held.chart, VehicleChart):
             parameters = with_vehicle_pin(chart, chart.from_pose(pose), self.pin, pixel)
             return document.at_pose(chart.to_pose(parameters))
-        points = np.array(self.held.pins)
+        points = np.array(self.held.state.pins)
         pixels = pose.project(points)
         pixels[self.pin] = pixel
         return document.at_pose(pinned(self.held.mesh, pose, points, pixels))
@@ -157,8 +157,8 @@ def _depth_at(one: PlacedModel, point: FloatArray) -> float:
 
 def pins_in_photo(document: Document) -> FloatArray:
     """(k, 2): where the pins are, in px: a vehicle's three, or those on the surface."""
-    if document.pins:
-        return document.pose.project(np.array(document.pins))
+    if document.state.pins:
+        return document.pose.project(np.array(document.state.pins))
     chart = document.chart
     if isinstance(chart, VehicleChart):
         return vehicle_pins(chart, chart.from_pose(document.pose))

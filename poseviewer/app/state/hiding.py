@@ -96,7 +96,7 @@ class Unhide(Command):
     """All pixels count again."""
 
     def __call__(self, session: Session) -> Session:
-        if session.document.mask is None:
+        if session.document.own.mask is None:
             return session
         return session.with_document(session.document.with_mask(None))
 
@@ -150,7 +150,7 @@ class TakeFound(Command):
         if result is not None:  # the same pixels were compared
             hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
             document = document.with_object(result=replace(result, hidden=hidden))
-        mask = product((document.mask, Mask.of(~found)))
+        mask = product((document.own.mask, Mask.of(~found)))
         return session.with_document(document.with_own(mask=mask))
 
 
@@ -169,7 +169,7 @@ def found_hidden(session: Session) -> NDArray[np.bool_] | None:
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
-    photo, mask = session.document.photo, session.document.mask
+    photo, mask = session.document.photo, session.document.own.mask
     before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
     weights = np.where(where, np.float32(erase), before)
     if not np.array_equal(weights, before):

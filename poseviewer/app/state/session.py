@@ -229,10 +229,12 @@ class ProposedStarts:
     @property
     def query(self) -> StartQuery:
         """What they are looked for, with the camera at hand."""
-        own = self.document
-        box, settings = own.marks.box or own.region, replace(own.settings, region=own.region)
-        model = own.model.mesh, own.model.keypoints
-        return StartQuery(own.photo, *model, own.pose.camera, box, settings, own.mask)
+        document, own = self.document, self.document.own
+        model, camera = document.model, document.pose.camera
+        box, settings = document.marks.box or own.region, document.settings
+        settings = replace(settings, region=own.region)
+        known = document.photo, model.mesh, model.keypoints, camera
+        return StartQuery(*known, box, settings, own.mask)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

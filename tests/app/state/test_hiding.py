@@ -32,7 +32,7 @@ def brush(*points: tuple[float, float], radius: float = 5.0, erase: bool = False
 
 
 def counts(session: Session) -> np.ndarray:
-    mask = session.document.mask
+    mask = session.document.own.mask
     return np.ones((HEIGHT, WIDTH)) if mask is None else mask.weights
 
 
@@ -65,7 +65,7 @@ def test_what_is_erased_counts_again():
     assert counts(part)[30, 40] == 1.0
     assert counts(part)[30, 48] == 0.0
     everything = after(part, brush((40.0, 30.0), radius=20.0, erase=True))
-    assert everything.document.mask is None
+    assert everything.document.own.mask is None
 
 
 def test_a_stroke_that_changes_nothing_is_no_step():
@@ -82,10 +82,10 @@ def test_strokes_are_undone_and_redone():
     two = after(one, brush((90.0, 70.0)))
     back = after(two, c.Undo())
     assert np.array_equal(counts(back), counts(one))
-    assert after(back, c.Undo()).document.mask is None
+    assert after(back, c.Undo()).document.own.mask is None
     assert np.array_equal(counts(after(back, c.Redo())), counts(two))
     cleared = after(two, h.Unhide())
-    assert cleared.document.mask is None
+    assert cleared.document.own.mask is None
     assert np.array_equal(counts(after(cleared, c.Undo())), counts(two))
 
 
@@ -193,8 +193,8 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     assert np.array_equal(counts(taken) == 0.0, found)
     assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
-    assert corrected.document.mask is None
-    assert after(taken, c.Undo()).document.mask is None
+    assert corrected.document.own.mask is None
+    assert after(taken, c.Undo()).document.own.mask is None
 
 
 def test_without_a_search_nothing_is_found():

@@ -40,7 +40,7 @@ def test_a_box_is_drawn_once_and_undone():
     assert drawn.proposals is not None  # they are looked for at once
     assert drawn.proposals.running
     assert drawn.proposals.query.rectangle == (20, 15, 70, 105)
-    assert drawn.document.region is None
+    assert drawn.document.own.region is None
     seen = drawn.document.pose.project(drawn.document.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
     assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)

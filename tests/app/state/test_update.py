@@ -143,7 +143,10 @@ def test_surface_pins_are_set_dragged_and_taken_away(camera):
     wanted = [places[0], (x + 15.0, y - 2.0), places[2]]
     assert pins_in_photo(dragged.document) == pytest.approx(np.array(wanted), abs=0.05)
     fewer = after(dragged, c.DoublePress(x + 15.0, y - 2.0, zoom=5.0))
-    assert fewer.document.pins == (dragged.document.pins[0], dragged.document.pins[2])
+    assert fewer.document.state.pins == (
+        dragged.document.state.pins[0],
+        dragged.document.state.pins[2],
+    )
 
 
 def test_pins_are_refused_beside_the_model_and_on_vehicles():
@@ -155,12 +158,12 @@ def test_pins_are_refused_beside_the_model_and_on_vehicles():
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
     session = after(make_session(), c.SetTool("region"))
     drawn = after(session, c.Press(150.2, 20.7), c.DragTo(300.0, 5.5), c.DragTo(170.0, 60.1))
-    assert drawn.document.region == (150, 20, 10, 41)
+    assert drawn.document.own.region == (150, 20, 10, 41)
     done = after(drawn, c.Release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
     none = after(done, c.SetTool("region"), c.Press(20.0, 20.0), c.DragTo(20.5, 60.0), c.Release())
-    assert none.document.region is None
+    assert none.document.own.region is None
 
 
 @pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])

@@ -85,7 +85,7 @@ def test_a_pin_of_one_photo_holds_the_model_in_another(session: Session):
     u, v = TRUTH[1].project(MESH.centre) + np.array([25.0, 0.0])
     pinned = after(session, c.DoublePress(x, y), LookAt(1), c.DoublePress(u, v))
     dragged = after(pinned, c.Press(u, v), c.DragTo(u, v + 15.0), c.Release())
-    poses, (pin, moved) = poses_of(dragged), dragged.document.pins
+    poses, (pin, moved) = poses_of(dragged), dragged.document.state.pins
     np.testing.assert_allclose(poses[1].project(pin), TRUTH[1].project(pin), atol=0.5)
     np.testing.assert_allclose(poses[1].project(moved), [u, v + 15.0], atol=0.5)
     turned = poses[0].project(MESH.vertices) - TRUTH[0].project(MESH.vertices)
@@ -94,14 +94,14 @@ def test_a_pin_of_one_photo_holds_the_model_in_another(session: Session):
 
 def test_masks_marks_and_regions_belong_to_their_photo(session: Session):
     painted = after(session, Paint(STROKE), LookAt(1))
-    assert painted.document.mask is None
+    assert painted.document.own.mask is None
     region = Rectangle(10, 10, 40, 40)
     held = c.SetTool("region"), c.Press(10.0, 10.0), c.DragTo(50.0, 50.0), c.Release()
     drawn = after(painted, *held, LookAt(0))
-    assert drawn.document.region is None
-    assert drawn.document.mask is not None
+    assert drawn.document.own.region is None
+    assert drawn.document.own.mask is not None
     assert drawn.document.object.in_views[1].region == region
-    assert after(drawn, LookAt(1)).document.region == region
+    assert after(drawn, LookAt(1)).document.own.region == region
     # Undo leads to where it was done.
     undone = after(drawn, c.Undo(), c.Undo())
     assert all(own.mask is None and own.region is None for own in undone.document.object.in_views)
@@ -165,7 +165,7 @@ def test_several_objects_in_several_photos(session: Session):
     assert_poses_are(there, TRUTH)
     assert [own.mask is None for own in there.document.object.in_views] == [True, True, False]
     back = after(there, PickObject(1))
-    assert (back.document.mask, back.document.at) == (None, 2)
+    assert (back.document.own.mask, back.document.at) == (None, 2)
     asked = after(back, LookAt(0), c.SearchAll()).search
     assert asked is not None
     assert asked.indices == (0,)
@@ -188,6 +188,9 @@ def test_a_photo_behind_whose_camera_the_model_is_does_not_become_large(session:
     scene = replace(scene, views=(scene.views[0], away, scene.views[2]))
     session = replace(session, document=replace(session.document, scene=scene))
     assert "does not show the model" in refused(session, LookAt(1))
+    # Nor does it stay large where an object is picked that is.
+    added = after(session, AddObject(), c.Press(100.0, 80.0), c.Release())
+    assert replace(added.document, at=1).with_active(0).at == 0
 
 
 def is_seen_at(session: Session, point) -> bool:
