@@ -19,7 +19,7 @@ from poseviewer.files.masks import mask_beside
 from poseviewer.files.photo import load_calibrated_photo, load_photo, matched, same_undistortion
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import check_against, load_pose
-from poseviewer.files.scene_file import ObjectRecord, ViewRecord
+from poseviewer.files.scene_file import ObjectRecord, ViewRecord, load_scene
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.scene import InView
 from poseviewer.fit.settings import FitSettings, Method
@@ -90,15 +90,18 @@ def open_set(
     return Opened(Document.of(scene), scene.notes)
 
 
-def open_file_set(now: Document, files: FileSet, models: Sequence[Path]) -> Opened:
+def open_file_set(
+    now: Document, files: FileSet, models: Sequence[Path], inside: Path | None = None
+) -> Opened:
     """Files that came together, on what is at hand; ``models``: where the models lie with all that
-    they name. The first becomes the model, the others are further objects.
+    they name. The first becomes the model, the others are further objects. ``inside``: a folder in
+    which all files of a scene have to lie.
 
     Raises:
         QuickStartError: several photos without a model.
     """
     if files.scene is not None:
-        return open_scene(files.scene)
+        return open_scene(files.scene, inside=inside)
     if files.views is not None:
         model = models[0] if models else now.model.path
         if model is None:
@@ -133,11 +136,12 @@ def with_models(opened: Opened, paths: Sequence[Path]) -> Opened:
     return opened
 
 
-def open_scene(path: Path, without: Sequence[str] = ()) -> Opened:
+def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Opened:
     """All objects of a scene file, the first one active; ``without`` further parts of them, each
     named as ``ID:PART``.
     """
-    scene = loading.open_scene(path, FitSettings(without=tuple(without)) if without else None)
+    settings = FitSettings(without=tuple(without)) if without else None
+    scene = replace(loading.open_scene(load_scene(path, inside), settings), name=path.name)
     return Opened(Document.of(scene), scene.notes)
 
 

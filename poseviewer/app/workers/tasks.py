@@ -87,7 +87,7 @@ class Tasks:
             files = sort_set(files_below(root), upload.kind, at_hand)
             models = [gathered(self._uploads, model, in_use=in_use) for model in files.models]
             if not upload.adds:
-                yield open_file_set(now.document, files, models)
+                yield open_file_set(now.document, files, models, root)
                 return
             if not models:
                 raise FileSetError(f"{display_name(upload.name)}: holds no model; choose one.")

@@ -22,8 +22,10 @@ from poseviewer.app.workers.opening import (
     open_files,
     open_photo,
     open_pose,
+    open_scene,
     restore,
 )
+from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
@@ -34,6 +36,7 @@ from poseviewer.fit.verdict import Verdict
 from poseviewer.starts.loading import load_model, pose_record
 from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene
+from tests.several import make_three
 from tests.textured import write_obj
 
 
@@ -180,3 +183,15 @@ def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> N
     )
     paths = [one.model.path for one in opened.document.scene.objects]
     assert paths == models
+
+
+def test_files_outside_of_a_dropped_folder_are_refused(tmp_path: Path) -> None:
+    before = open_scene(make_three(tmp_path)).document
+    inner = tmp_path / "dropped"
+    inner.mkdir()
+    data = json.loads((tmp_path / "three.scene.json").read_text())
+    data["views"][0]["photo"]["file"] = "../three.png"
+    (inner / "s.scene.json").write_text(json.dumps(data))
+    files = FileSet(scene=inner / "s.scene.json")
+    with pytest.raises(PoseFileError, match="outside of the folder that was dropped"):
+        open_file_set(before, files, [], inside=inner)
