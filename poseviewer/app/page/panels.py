@@ -416,7 +416,7 @@ class JudgePanel:
             self._verdict = gui.add_markdown("", visible=False)
             self._look = field(
                 gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-                lambda name: c.ChangeView(look=name, hidden=False),
+                lambda name: c.ChangeView(name=name, hidden=False),
             )
             self._opacity = field(
                 gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),

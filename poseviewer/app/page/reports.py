@@ -170,7 +170,7 @@ def _key(content: Mapping[str, Any], session: Session, client: int) -> Request |
     if content.get("repeat"):
         return None
     if code in LOOKS and not ctrl:
-        return c.ChangeView(look=LOOKS[code], hidden=False)
+        return c.ChangeView(name=LOOKS[code], hidden=False)
     if code in REVIEW:
         return None if ctrl else REVIEW[code]
     match code:

@@ -562,7 +562,7 @@ class TakeProposal(Command):
         asked = session.proposals
         if asked is None or not asked.poses:
             return session
-        document = session.document.started_from(asked.poses[asked.index])
+        document = session.document.at_pose(asked.poses[asked.index]).started
         same_step = asked.shown is session.document
         return replace(session.with_document(document, same_step), proposals=None)
 
@@ -780,14 +780,12 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 class ChangeView(DragCommand):
     """How the model is shown; None leaves as it is."""
 
-    look: str | None = None
+    name: str | None = None
     opacity: float | None = None
     hidden: bool | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("opacity", "hidden")
-        given = {"name": self.look, **{name: getattr(self, name) for name in names}}
-        changes = {name: value for name, value in given.items() if value is not None}
+        changes = self.given("name", "opacity", "hidden")
         return replace(session, look=replace(session.look, **changes))
 
 
@@ -800,9 +798,7 @@ class ChangeLandscape(DragCommand):
     whose: Whose | None = None
 
     def __call__(self, session: Session) -> Session:
-        names = ("half_width", "large", "whose")
-        given = {name: getattr(self, name) for name in names}
-        changes = {name: value for name, value in given.items() if value is not None}
+        changes = self.given("half_width", "large", "whose")
         if self.large is not None and self.large == session.maps.large:
             changes["large"] = None
         return replace(session, maps=replace(session.maps, **changes))

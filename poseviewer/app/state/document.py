@@ -289,15 +289,11 @@ class Document:
         pose = self.scene.pose(self.active, problem.views[0].index)
         return numbers_of(problem.chart, pose, self.object.world_from_model.scale)
 
-    def started_from(self, pose: Pose) -> Document:
-        """The document with another start pose in the view, which is the pose as well."""
-        return (self if pose is self.pose else self.at_pose(pose)).started
-
     @property
     def started(self) -> Document:
         """The document whose active object starts where it is."""
         cameras = tuple(view.camera for view in self.scene.views)
-        placed = self if self.object.is_placed else self.with_object(is_placed=True)
+        placed = self.with_object(is_placed=True)
         return placed.with_state(start=self.object.world_from_model, cameras=cameras)
 
     @property

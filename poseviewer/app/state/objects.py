@@ -93,17 +93,17 @@ class AlterObject(Command):
         if index is None:
             return session
         one = session.document.scene.objects[index]
-        name = None if self.name is None else self.name[:LONGEST_NAME]
-        given = {"hidden": self.hidden, "locked": self.locked, "name": name}
-        changes = {key: value for key, value in given.items() if value is not None}
+        changes = self.given("hidden", "locked")
+        if self.name is not None:
+            changes["name"] = self.name[:LONGEST_NAME]
         if all(getattr(one, key) == value for key, value in changes.items()):
             return session
         # One step back leads to before the whole of a name, not to its first letter.
         what = f"name {self.number}"
         typed_on = session.typed == (what, session.document) and not session.history.future
         document = session.document.with_object(index, **changes)
-        altered = session.with_document(document, same_step=typed_on and name is not None)
-        return altered if name is None else replace(altered, typed=(what, document))
+        altered = session.with_document(document, same_step=typed_on and "name" in changes)
+        return replace(altered, typed=(what, document)) if "name" in changes else altered
 
 
 class OutlinesDrawn(WorkerUpdate, eq=False):

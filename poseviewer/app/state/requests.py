@@ -20,6 +20,11 @@ class Request:
     def __init_subclass__(cls, eq: bool = True) -> None:
         dataclass(frozen=True, eq=eq)(cls)
 
+    def given(self, *names: str) -> dict[str, Any]:
+        """The fields of these names that are not None."""
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
+
 
 class Upload(Request, eq=False):
     """Files that a page sent together."""

@@ -236,7 +236,7 @@ def open_pose(now: Document, path: Path) -> Opened:
         document = document.with_mask(mask)
     known = [name for name in record.without if name in model.mesh.whole.part_names]
     document = document.with_mesh(model.mesh.without(known)) if known else document
-    document = document.started_from(record.pose)
+    document = document.at_pose(record.pose).started
     return Opened(document, (*record.warnings, *checks, *notes, *of_mask))
 
 

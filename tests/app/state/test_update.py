@@ -282,7 +282,7 @@ def test_start_reset_and_poses_set():
     started = after(there, c.MakeStart(), c.Nudge("roll", 5.0), c.ResetToStart())
     assert started.document.pose is there.document.pose
     pose = moved_document(session.document, 0.2).pose
-    opened = c.Open(session.document.started_from(pose))
+    opened = c.Open(session.document.at_pose(pose).started)
     loaded = after(session, opened, c.Nudge("roll", 1.0), c.ResetToStart())
     assert_same_pose(loaded.document.pose, pose)
 
