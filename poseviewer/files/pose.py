@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +41,11 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
+AS_IN_FILE = (
+    *("photo", "model", "loss", "unexplained", "settings", "software", "verdict", "mask"),
+    *("without", "seen", "notes", "chart"),
+)
+"""Fields that ``PoseFile`` and ``PoseRecord`` share."""
 
 
 class PoseFile(Struct, frozen=True, kw_only=True):
@@ -154,23 +158,12 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         )
     return PoseRecord(
         pose,
-        said.photo,
-        said.model,
-        said.chart,
-        said.loss,
-        said.settings,
-        said.software,
-        undistortion_from(reading, said.distortion, width, height),
-        said.verdict,
-        said.notes,
-        said.unexplained,
-        said.mask,
-        said.without,
-        said.seen,
-        covariance_from(said.uncertainty, pose),
-        symmetry_from(reading, said.symmetry),
-        said.set,
-        tuple(reading.warnings),
+        undistortion=undistortion_from(reading, said.distortion, width, height),
+        covariance=covariance_from(said.uncertainty, pose),
+        symmetry=symmetry_from(reading, said.symmetry),
+        in_set=said.set,
+        warnings=tuple(reading.warnings),
+        **{name: getattr(said, name) for name in AS_IN_FILE},
     )
 
 
@@ -194,35 +187,18 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
     """What a pose file says, as JSON has it."""
     pose, lens = record.symmetry.canonical(record.pose), record.undistortion
     sure = record.covariance
-    chart = record.chart if pose is record.pose else None
-    data: dict[str, Any] = {
+    data = {
         "format": FORMAT,
         "version": VERSION,
-        "photo": msgspec.to_builtins(record.photo),
-        "model": msgspec.to_builtins(record.model),
         **camera_as_json(pose.camera),
         "camera_from_model": transform_as_json(pose.camera_from_model),
-        "loss": None if record.loss is None else float(record.loss),
-        "unexplained": None if record.unexplained is None else float(record.unexplained),
-        "settings": None if record.settings is None else dict(record.settings),
-        "software": None if record.software is None else dict(record.software),
-        "verdict": verdict_as_json(record.verdict),
-        "uncertainty": sure and msgspec.to_builtins(uncertainty_of(sure.about(pose))),
-        "mask": record.mask,
-        "without": list(record.without) or None,
-        "seen": None if record.seen is None else float(record.seen),
-        "notes": list(record.notes) or None,
+        **{name: getattr(record, name) for name in AS_IN_FILE},
+        "uncertainty": sure and uncertainty_of(sure.about(pose)),
         "distortion": None if lens is None else distortion_as_json(lens),
-        "symmetry": msgspec.to_builtins(SymmetryTurns.of(record.symmetry)),
-        "set": None if record.in_set is None else dict(record.in_set),
-        "chart": msgspec.to_builtins(chart, enc_hook=float),
+        "symmetry": SymmetryTurns.of(record.symmetry),
+        "set": record.in_set,
+        "chart": record.chart if pose is record.pose else None,
     }
-    return {key: value for key, value in data.items() if value is not None}
-
-
-def verdict_as_json(verdict: RecordedVerdict | None) -> dict[str, Any] | None:
-    """The verdict as files say it, with the evidence that is finite."""
-    if verdict is None:
-        return None
-    known = {k: float(value) for k, value in verdict.features.items() if math.isfinite(value)}
-    return msgspec.to_builtins(msgspec.structs.replace(verdict, features=known), enc_hook=float)
+    data = {key: value for key, value in data.items() if value not in (None, ())}
+    kept = {"settings": dict(data.pop("settings"))} if "settings" in data else {}
+    return msgspec.to_builtins(data, enc_hook=float) | kept  # settings are checked when written

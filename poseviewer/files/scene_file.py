@@ -63,6 +63,8 @@ INLINE = "data:image/png;base64,"
 """Start of a mask that stands in the file itself."""
 OF_VIEW = ("projection", "camera", "distortion", "photo")
 """What version 1 said once for the poses of all objects."""
+AS_IN_POSE = ("loss", "unexplained", "verdict", "chart", "settings", "notes")
+"""Fields that results share with pose files."""
 NOWHERE = {"rotation": np.eye(3).tolist(), "translation": [0.0, 0.0, 0.0]}
 SAME = 1e-9
 """Relative: files round cameras in their last digit."""
@@ -226,17 +228,10 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     ) -> ObjectRecord:
         """The object of a scene of one view that a pose file says."""
         known, camera = record.model or ModelReference(), view.camera
-        sure = None if record.covariance is None else uncertainty_of(record.covariance)
-        settings = None if record.settings is None else dict(record.settings)
         result = Result(
-            loss=record.loss,
-            unexplained=record.unexplained,
             seen=() if record.seen is None else (record.seen,),
-            verdict=record.verdict,
-            uncertainty=sure,
-            chart=record.chart,
-            settings=settings,
-            notes=record.notes,
+            uncertainty=record.covariance and uncertainty_of(record.covariance),
+            **{name: getattr(record, name) for name in AS_IN_POSE},
         )
         return cls(
             id=object_id,
@@ -317,18 +312,14 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         one, own, pose = self.objects[index], self.views[view], self.pose(index, view)
         result = one.result or Result(settings=one.settings)
         is_own = result.view == view
+        said = {name: getattr(result, name) for name in AS_IN_POSE}
         return PoseRecord(
             pose,
             own.reference,
             ModelReference(printable(one.path.name), one.model.sha256, one.model.unit),
-            result.chart if is_own else None,
-            result.loss,
-            result.settings,
-            self.software,
-            own.undistortion,
-            result.verdict,
-            result.notes,
-            result.unexplained,
+            **{**said, "chart": result.chart if is_own else None},
+            software=self.software,
+            undistortion=own.undistortion,
             without=one.without,
             seen=result.seen[view] if view < len(result.seen) else None,
             covariance=covariance_from(result.uncertainty, pose) if is_own else None,
