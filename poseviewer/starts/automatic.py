@@ -23,7 +23,6 @@ from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead
@@ -97,34 +96,26 @@ class ViewOptions:
 class StartQuery:
     """What a start is looked for."""
 
-    photo: Photo
-    mesh: Mesh
-    keypoints: VehicleKeypoints | None
+    inputs: StartInputs
     camera: Camera
     rectangle: Rectangle | None = None
     """About the object; None: it is still to be drawn."""
     settings: FitSettings = field(default_factory=FitSettings)
-    mask: Mask | None = None
-    """How much each pixel of the photo counts; None: all do."""
     options: ViewOptions = field(default_factory=ViewOptions)
-
-    @property
-    def inputs(self) -> StartInputs:
-        """The same without camera and rectangle."""
-        return StartInputs(self.photo, self.mesh, self.keypoints, self.mask)
 
     @property
     def points(self) -> FloatArray:
         """(k, 3): vertices that say where the model's outline is, in its frame."""
-        return outermost_points(self.mesh)
+        return outermost_points(self.inputs.mesh)
 
     def views(self, rectangle: Rectangle, count: int | None = None) -> ViewPoses:
         """Poses that fill a rectangle: ``count``, or all. A vehicle's are those on level ground."""
-        if self.keypoints is None:
+        keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
+        if keypoints is None:
             rotations = even_rotations(count or self.options.views)
         else:
-            rotations = ground_views(self.keypoints)[:count]
-        return poses_filling(rectangle, rotations, self.points, self.mesh.centre, self.camera)
+            rotations = ground_views(keypoints)[:count]
+        return poses_filling(rectangle, rotations, self.points, centre, self.camera)
 
     def photo_about(self, rectangle: Rectangle) -> PhotoAttributes:
         """The photo as the default method compares it, about a rectangle in its region."""
@@ -172,8 +163,8 @@ def propose(
             "A start is looked for in a rectangle about the object, and there is none; draw it "
             "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
         )
-    renderer = make_renderer(query.mesh) if renderer is None else renderer
-    rectangle = _checked(query.rectangle, query.photo)
+    renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
+    rectangle = _checked(query.rectangle, query.inputs.photo)
     search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin)
     found = _with_wheels(search, search.best_views(query.views(rectangle)))
     if not found:
@@ -232,7 +223,7 @@ class _ViewSearch:
     def _descend(self, this: Round, starts: Sequence[Proposal]) -> list[Proposal]:
         """Where short descents from the starts end."""
         level = self._level(this.side_px)
-        mesh, weight = self.query.mesh, self.query.options.rectangle_weight
+        mesh, weight = self.query.inputs.mesh, self.query.options.rectangle_weight
         worst = worst_registration_loss(level.photo)
 
         def descend(own: Renderer, start: Proposal) -> Proposal:
@@ -282,14 +273,14 @@ def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
     """Proposals by a vehicle's two wheels, and those ``views`` that put them there; without wheels
     all ``views``. Others can have less loss where the paint is not the model's.
     """
-    query = search.query
-    if query.keypoints is None:
+    query, keypoints = search.query, search.query.inputs.keypoints
+    if keypoints is None:
         return views
     try:
         found = likely_wheels(query.inputs, search.rectangle, query.camera)
     except QuickStartError:  # no two are seen, as from in front
         return views
-    agreeing = [v.pose for v in views if _shows(v.pose, query.keypoints, found[0].wheels)]
+    agreeing = [v.pose for v in views if _shows(v.pose, keypoints, found[0].wheels)]
     return search.ranked([*agreeing, *(one.fit.pose for one in found[:WHEEL_POSES])])
 
 
@@ -345,16 +336,9 @@ class AutoStart:
 
     def find(self, inputs: StartInputs) -> Start:
         """The best of the proposals."""
-        photo, rectangle = inputs.photo, self.rectangle or self.settings.region
-        query = StartQuery(
-            photo,
-            inputs.mesh,
-            inputs.keypoints,
-            self.camera.of(photo),
-            None if rectangle is None else Rectangle(*rectangle),
-            self.settings,
-            inputs.mask,
-        )
+        rectangle = self.rectangle or self.settings.region
+        rectangle = None if rectangle is None else Rectangle(*rectangle)
+        query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, self.settings)
         renderer = make_renderer(inputs.mesh)
         return best_start(query, propose(query, renderer), renderer, self.watch)
 

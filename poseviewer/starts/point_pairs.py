@@ -71,15 +71,15 @@ def _with_focal(
 ) -> tuple[PairFit, ...]:
     assert isinstance(camera, Perspective)  # asked for under perspective alone
     try:
-        found = focal_from_pairs(pairs.points, pairs.pixels, camera)
+        fit, doubt = focal_from_pairs(pairs.points, pairs.pixels, camera)
     except QuickStartError:
         if required:
             raise
         return ()
-    seen = found.fit.pose.camera
+    seen = fit.pose.camera
     assert isinstance(seen, Perspective)
-    notes.append(f"focal length from the pairs: {seen.fx:.0f} px, to {found.doubt:.0%}.")
-    return (found.fit,)
+    notes.append(f"focal length from the pairs: {seen.fx:.0f} px, to {doubt:.0%}.")
+    return (fit,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,17 +210,11 @@ def _answers(
     return [(answer[:3], answer[3:]) for answer in answers if np.isfinite(answer).all()]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FocalFit:
-    """A pose with a camera whose focal length was found."""
-
-    fit: PairFit
-    doubt: float
-    """Standard deviation of the focal length, as a share of it, as the pairs' errors make it."""
-
-
-def focal_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Perspective) -> FocalFit:
-    """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2).
+def focal_from_pairs(
+    points: ArrayLike, pixels: ArrayLike, camera: Perspective
+) -> tuple[PairFit, float]:
+    """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2); and the focal
+    length's standard deviation, as a share of it, as the pairs' errors make it.
 
     Raises ``QuickStartError``: too few pairs, or all about equally far: the focal length is open.
     """
@@ -239,7 +233,7 @@ def focal_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Perspective) 
             f"The point pairs leave the focal length open (by {min(doubt, 9.99):.0%}): add pairs "
             "nearer and farther away, or give the focal length."
         )
-    return FocalFit(found, doubt)
+    return found, doubt
 
 
 def _at(

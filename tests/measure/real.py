@@ -42,6 +42,7 @@ from poseviewer.geometry.transform import rotation_angle
 from poseviewer.geometry.view import View
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import StartQuery, best_start, outermost_points, propose
+from poseviewer.starts.loading import StartInputs
 from tests.meshes import box_of
 
 DATA = Path(os.environ.get("POSEVIEWER_DATA") or Path(__file__).parents[3] / "shared" / "data")
@@ -106,7 +107,7 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
         model, renderer = open_model(case.mesh)
         photo, camera = open_photo(case.photo), case.truth.camera
         box = careless_box(case.name, model.mesh, case.truth)
-        query = StartQuery(photo, model.mesh, model.keypoints, camera, box)
+        query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
         began = time.perf_counter()
         proposals = propose(query, renderer)
         seconds = time.perf_counter() - began

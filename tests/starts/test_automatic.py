@@ -22,7 +22,7 @@ from poseviewer.starts.automatic import (
     outermost_points,
     propose,
 )
-from poseviewer.starts.loading import load_model
+from poseviewer.starts.loading import StartInputs, load_model
 from poseviewer.vehicle.chart import visible_side
 from tests.measure.real import careless_box, is_right
 from tests.meshes import box_of
@@ -33,7 +33,8 @@ SIZE = (160, 120)
 
 def wanted(scene: Scene, box, **more) -> StartQuery:
     camera = load_pose(scene.truth, *SIZE).pose.camera
-    return StartQuery(load_photo(scene.photo), load_mesh(scene.model), None, camera, box, **more)
+    inputs = StartInputs(load_photo(scene.photo), load_mesh(scene.model), None)
+    return StartQuery(inputs, camera, box, **more)
 
 
 def box_about(scene: Scene) -> Rectangle:
@@ -45,14 +46,14 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     asked = wanted(scene, box_about(scene))
     found = propose(asked).found
     truth = load_pose(scene.truth, *SIZE).pose
-    assert any(is_right(pose_error(asked.mesh, one.pose, truth)) for one in found)
+    assert any(is_right(pose_error(asked.inputs.mesh, one.pose, truth)) for one in found)
     assert 1 <= len(found) <= 5
     assert [one.loss for one in found] == sorted(one.loss for one in found)
-    corners = outermost_points(asked.mesh)
+    corners = outermost_points(asked.inputs.mesh)
     box = box_of(truth, corners)
     for index, one in enumerate(found):
         for other in found[:index]:
-            away = pose_error(asked.mesh, one.pose, other.pose)
+            away = pose_error(asked.inputs.mesh, one.pose, other.pose)
             assert away.reprojection_px > 0.05 * (box.width + box.height) / 2
 
 
@@ -63,7 +64,9 @@ def test_a_car_stands_where_its_wheels_are_seen(projection: str):
     photo, model = load_photo(case.photo), load_model(case.model)
     truth = load_pose(case.truth, photo.width, photo.height).pose
     box = careless_box(projection, model.mesh, truth)
-    found = propose(StartQuery(photo, model.mesh, model.keypoints, truth.camera, box)).found
+    found = propose(
+        StartQuery(StartInputs(photo, model.mesh, model.keypoints), truth.camera, box)
+    ).found
     assert pose_error(model.mesh, found[0].pose, truth).percent < 3.0
     assert model.keypoints is not None
     side = visible_side(model.keypoints, truth)
@@ -81,7 +84,9 @@ def test_a_repainted_car_is_not_turned_round(shared_data: Path):
     (case,) = load_cases(shared_data, "bmw-6")
     photo, model = load_photo(case.photo), load_model(case.mesh)
     box = careless_box(case.name, model.mesh, case.truth)
-    found = propose(StartQuery(photo, model.mesh, model.keypoints, case.truth.camera, box)).found
+    found = propose(
+        StartQuery(StartInputs(photo, model.mesh, model.keypoints), case.truth.camera, box)
+    ).found
     assert is_right(pose_error(model.mesh, found[0].pose, case.truth))
 
 

@@ -147,7 +147,7 @@ def _pose_of_pairs(document: Document) -> Pose | None:
         return None
     free = document.settings.free_focal and len(points) >= FEWEST_FOR_FOCAL
     if free and isinstance(pose.camera, Perspective):
-        return focal_from_pairs(points, pixels, pose.camera).fit.pose
+        return focal_from_pairs(points, pixels, pose.camera)[0].pose
     fits = poses_from_pairs(points, pixels, pose.camera)
     return likeliest(fits, points, document.mesh, pose).pose
 

@@ -31,6 +31,7 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import StartQuery
+from poseviewer.starts.loading import StartInputs
 
 Whose = Literal["chosen", "default", "paper", "both"]
 
@@ -230,11 +231,10 @@ class ProposedStarts:
     def query(self) -> StartQuery:
         """What they are looked for, with the camera at hand."""
         document, own = self.document, self.document.own
-        model, camera = document.model, document.pose.camera
-        box, settings = document.marks.box or own.region, document.settings
-        settings = replace(settings, region=own.region)
-        known = document.photo, model.mesh, model.keypoints, camera
-        return StartQuery(*known, box, settings, own.mask)
+        settings = replace(document.settings, region=own.region)
+        inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, own.mask)
+        box = document.marks.box or own.region
+        return StartQuery(inputs, document.pose.camera, box, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -144,5 +144,5 @@ def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[MethodEnd
 def propose_starts(asked: ProposedStarts) -> Iterator[tuple[Pose, ...]]:
     """The proposed start poses, once, the likeliest first."""
     query = asked.query
-    found = propose(query, renderer_of(query.mesh).clone(), lower_priority).found
+    found = propose(query, renderer_of(query.inputs.mesh).clone(), lower_priority).found
     yield tuple(one.pose for one in found)
