@@ -219,16 +219,6 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", f"wanted a list of {length} numbers")
         return [self.number(item, f"{what}[{i}]") for i, item in enumerate(value)]
 
-    def matrix(
-        self, value: Any, what: str, rows: tuple[int, ...] = (3,), columns: int = 3
-    ) -> FloatArray:
-        """(r, columns): the value, a list of r (one of ``rows``) lists of finite numbers."""
-        if not isinstance(value, list) or len(value) not in rows:
-            wanted = f"wanted {rows[-1]} rows of {columns} numbers"
-            raise self.error(f"{what} is {kind_of(value)}", wanted)
-        numbers = [self.numbers(row, f"{what}[{i}]", columns) for i, row in enumerate(value)]
-        return np.array(numbers)
-
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
         """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
         value, shape = (value.get("data"), value) if isinstance(value, dict) else (value, {})

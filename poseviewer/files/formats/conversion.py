@@ -8,7 +8,6 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import Reading, checked_camera, checked_rotation
+from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of
 from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.writing import make_folder, write_whole
@@ -193,15 +192,12 @@ def as_4x4(transform: RigidTransform) -> FloatArray:
 
 def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last)."""
-    matrix = reading.matrix(rows, what, (3, 4), 4)
+    if not isinstance(rows, list) or len(rows) not in (3, 4):
+        raise reading.error(f"{what} is {kind_of(rows)}", "wanted 4 rows of 4 numbers")
+    matrix = np.array([reading.numbers(row, f"{what}[{i}]", 4) for i, row in enumerate(rows)])
     if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
         raise reading.error(f"the last row of {what} is {rows[3]}", "wanted 0 0 0 1 (row-major)")
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
-
-
-def json_text(data: Mapping[str, Any]) -> str:
-    """JSON to be read by people as well."""
-    return json.dumps(data, indent=2) + "\n"
 
 
 def perspective_of(record: PoseRecord, tool: str) -> Perspective:

@@ -14,6 +14,7 @@ s3 s4 tx ty.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from dataclasses import astuple
@@ -32,7 +33,6 @@ from poseviewer.files.formats.conversion import (
     Written,
     as_4x4,
     from_4x4,
-    json_text,
     make_record,
     photo_name,
     seen_as_taken,
@@ -152,7 +152,7 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> 
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = as_4x4(world_from_camera).tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    return write_new(request, {out: json_text({**shared, "frames": frames})})
+    return write_new(request, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:
