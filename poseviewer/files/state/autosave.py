@@ -44,8 +44,6 @@ from poseviewer.geometry.view import world_from_pose
 FORMAT, VERSION = "poseviewer-autosave", 2
 LARGEST_FILE = 500_000_000
 """Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
-EXACT_TOLERANCE = 1e-6
-"""By how much the exact numbers of version 1 may differ from the pose file's, which are rounded."""
 
 logger = logging.getLogger(__name__)
 
@@ -313,11 +311,7 @@ def _pose(reading: Reading, said: _Pose) -> PoseRecord:
     """A pose of version 1, which had beside a pose file's content the numbers that this rounds."""
     exact = said.exact
     record = record_from_json(reading, said.file, exact.width, exact.height)
-    camera, place = record.pose.camera, record.pose.camera_from_model
-    rounded = np.array([camera.cx, camera.cy, *place.rotation.ravel()])
-    rotation = np.array(exact.rotation)
-    numbers = np.array([exact.cx, exact.cy, *rotation.ravel()])
-    if not np.allclose(rounded, numbers, rtol=EXACT_TOLERANCE, atol=EXACT_TOLERANCE):
-        raise reading.error("it says two different poses", "wanted one pose")
-    camera = replace(camera, cx=exact.cx, cy=exact.cy)
-    return replace(record, pose=Pose(camera, RigidTransform(rotation, place.translation)))
+    camera = replace(record.pose.camera, cx=exact.cx, cy=exact.cy)
+    translation = record.pose.camera_from_model.translation
+    place = RigidTransform(np.array(exact.rotation), translation)
+    return replace(record, pose=Pose(camera, place))
