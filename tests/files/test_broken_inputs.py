@@ -2,10 +2,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
-
 from poseviewer.errors import MeshFileError, PhotoFileError, PoseFileError
-from poseviewer.files.masks import load_mask
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -34,10 +31,3 @@ def test_every_broken_input_is_refused_in_one_line_that_names_it(
             wrong.append(f"{broken.kind} {broken.name}: {error!r}")
     assert not wrong, "\n".join(wrong)
     assert len(broken_inputs) >= 40
-
-
-def test_masks_are_refused_like_photos(broken_inputs: list[Any]) -> None:
-    for broken in broken_inputs:
-        if broken.kind == "photo":
-            with pytest.raises(PhotoFileError, match=r"^photo-"):
-                load_mask(broken.path, 80, 64)

@@ -153,13 +153,3 @@ def test_how_sure_an_equal_pose_is_stays_about_the_same_point(tmp_path: Path) ->
         found = read.moved(deviation).camera_from_model
         np.testing.assert_allclose(found.rotation, moved.rotation, atol=1e-9)
         np.testing.assert_allclose(found.translation, moved.translation, atol=1e-9)
-
-
-def test_a_symmetry_in_a_pose_file_that_is_none_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "p.json"
-    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
-    save_pose(path, PoseRecord(Pose(camera, RigidTransform.identity())))
-    data = json.loads(path.read_text()) | {"symmetry": {"centre": [0, 0, 0], "turns": "z"}}
-    path.write_text(json.dumps(data))
-    with pytest.raises(PoseFileError, match=r"symmetry\.turns is 'z'; wanted a list"):
-        load_pose(path, 160, 120)
