@@ -28,7 +28,7 @@ from poseviewer.files.formats.bop import (
 from poseviewer.files.formats.reconstructions import colmap_images, frame_taken
 from poseviewer.files.masks import load_mask
 from poseviewer.files.photo import load_photo, undistorted
-from poseviewer.files.pose import PoseRecord, check_against
+from poseviewer.files.pose import check_against
 from poseviewer.files.scene_file import INLINE, ViewRecord, load_scene, mask_in
 from poseviewer.files.structs import (
     MODELS,
@@ -42,7 +42,7 @@ from poseviewer.files.structs import (
     perspective_from,
     transform_from,
 )
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -155,8 +155,7 @@ def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
             f"{photo.name}: {photo.width}x{photo.height} px, and the scene is one for "
             f"{size[0]}x{size[1]} px; name the photo that it was made with."
         )
-    reference = PoseRecord(Pose(record.camera, record.place.rigid), record.reference)
-    notes = check_against(reference, photo.sha256, "")
+    notes = check_against(record.reference, photo.sha256)
     if record.undistortion is not None:
         photo = undistorted(photo, record.undistortion)
     mask = None if record.mask is None else open_mask(record.mask, *size)

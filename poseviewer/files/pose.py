@@ -167,15 +167,13 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
     )
 
 
-def check_against(record: PoseRecord, photo_sha256: str, model_sha256: str) -> tuple[str, ...]:
-    """Warnings where a pose file names another photo or model than the ones in use."""
-    found = []
-    pairs = (("photo", record.photo, photo_sha256), ("model", record.model, model_sha256))
-    for what, reference, sha256 in pairs:
-        if reference is not None and reference.sha256 and reference.sha256.lower() != sha256:
-            name = f" ({reference.file})" if reference.file else ""
-            found.append(f"The pose was made with another {what}{name}: the fingerprints differ.")
-    return tuple(found)
+def check_against(known: PhotoReference | ModelReference | None, sha256: str) -> tuple[str, ...]:
+    """A warning where a pose file names another photo or model than the one in use, or none."""
+    if known is None or not known.sha256 or known.sha256.lower() == sha256:
+        return ()
+    what = "photo" if isinstance(known, PhotoReference) else "model"
+    name = f" ({known.file})" if known.file else ""
+    return (f"The pose was made with another {what}{name}: the fingerprints differ.",)
 
 
 def save_pose(path: str | Path, record: PoseRecord) -> None:

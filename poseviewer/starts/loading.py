@@ -158,7 +158,8 @@ def open_photo(
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = matched(opened, record)
-        checks = check_against(record, opened.sha256, loaded.sha256)
+        checks = check_against(record.photo, opened.sha256)
+        checks += check_against(record.model, loaded.sha256)
         loaded, of_parts = _as_recorded(loaded, record.without)
         if mask is None:
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
@@ -211,8 +212,8 @@ def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = N
     for index, one in enumerate(record.objects):
         model = model_without(models[one.model.file], left_out[one.id])
         model, of_parts = _as_recorded(model, one.without)
-        known = PoseRecord(record.pose(index), model=record.pose_record(index).model)
-        notes += [*check_against(known, "", model.sha256), *of_parts]
+        known = record.pose_record(index).model
+        notes += [*check_against(known, model.sha256), *of_parts]
         is_whole = set(model.mesh.left_out) <= set(one.without)
         made = SceneObject(
             one.id,
@@ -287,7 +288,8 @@ def start_in_views(
     photo = views.views[index].photo
     if not isinstance(start, Pose):
         record = load_pose(start, photo.width, photo.height)
-        notes = (*record.warnings, *check_against(record, photo.sha256, model.sha256))
+        notes = (*record.warnings, *check_against(record.photo, photo.sha256))
+        notes += check_against(record.model, model.sha256)
         if (of_set := scene_of_set(Path(start), record)) is not None:
             recorded = 1.0 / of_set.objects[0].place.scale
             masks = _masks_of(of_set, views)

@@ -222,7 +222,7 @@ def open_pose(now: Document, path: Path) -> Opened:
         return _pose_in_set(now, path)
     photo, model = now.photo, now.model
     read = load_pose(path, photo.width, photo.height)
-    checks = check_against(read, photo.sha256, model.sha256)
+    checks = check_against(read.photo, photo.sha256) + check_against(read.model, model.sha256)
     other = read.undistortion and not same_undistortion(read.undistortion, photo.undistortion)
     if other and now.view.path is not None:
         photo = replace(load_photo(now.view.path), name=photo.name)
