@@ -180,11 +180,8 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     _, request = write_files(tmp_path)
     record = perspective_record(unit="cm")
     write_gltf(record, tmp_path / "scene.glb", request)
-    plane = next(
-        geometry
-        for name, geometry in scene_of(tmp_path / "scene.glb").geometry.items()
-        if name.startswith("photo")
-    )
+    scene = trimesh.load_scene(tmp_path / "scene.glb", process=False)
+    plane = next(one for name, one in scene.geometry.items() if name.startswith("photo"))
     seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
     corners = [[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]]
     np.testing.assert_allclose(seen, corners, atol=0.01)
@@ -192,10 +189,6 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
     shown = np.asarray(plane.visual.material.baseColorTexture)
     assert shown[40, 130, :2].tolist() == [130, 40]
-
-
-def scene_of(path: Path):
-    return trimesh.load_scene(path, process=False)
 
 
 def test_nerfstudio_looks_through_the_same_pixels(tmp_path):
