@@ -102,9 +102,9 @@ def _convert_scene(options: Namespace) -> int:
         )
     for warning in scene.warnings:
         say(f"note: {warning}")
-    files, count = (options.out,), len(scene.views)
+    files, count, first = (options.out,), len(scene.views), scene.views[0].path.name
     if count > 1 and options.out_format != SCENE:
-        say(f"note: the first of {count} photos is written; --object ID writes an object in all.")
+        say(f"note: {first}, the first of {count} photos, is written; --object ID writes all.")
     if scene.views[0].undistortion is not None and options.out_format != SCENE:
         raise PoseFileError(
             "The scene is one in an undistorted photo; undo the lens first (poseviewer undistort), "
@@ -114,11 +114,6 @@ def _convert_scene(options: Namespace) -> int:
         refuse_existing(request, options.out)
         save_scene(options.out, scene)
         return _tell(files, options)
-    if len(scene.views) > 1:
-        first = scene.views[0].path.name
-        say(
-            f"note: several objects in {len(scene.views)} photos: that in {first} alone is written."
-        )
     if options.out_format == "bop":
         image, written = write_bop_image(scene, options.out, request)
         files = written.files
