@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from poseviewer.files.formats.bop import BopObject, save_bop_images
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
-from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose, transform_as_json
+from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose
+from poseviewer.files.structs import Transform
 from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -92,7 +94,7 @@ def write_two(folder: Path) -> tuple[Path, Path, Path]:
         save_image(folder / NAMES[index], lit)
         camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
         view = {"photo": NAMES[index], "camera": camera}
-        entries.append({**view, "camera_from_set": transform_as_json(place)})
+        entries.append({**view, "camera_from_set": msgspec.to_builtins(Transform.of(place))})
     data = {"format": "poseviewer-views", "version": 1, "scale": 1.0, "views": entries}
     (folder / "set.json").write_text(json.dumps(data))
     save_model(folder / "ball.ply", MESH)
@@ -122,7 +124,7 @@ def write_views(folder: Path) -> tuple[Path, Path, Path]:
         save_image(folder / NAMES[index], make_pixels(index, LIGHTS[index]))
         camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
         view = {"photo": NAMES[index], "camera": camera}
-        entries.append({**view, "camera_from_set": transform_as_json(place)})
+        entries.append({**view, "camera_from_set": msgspec.to_builtins(Transform.of(place))})
     data = {"format": "poseviewer-views", "version": 1, "views": entries}
     (folder / "set.json").write_text(json.dumps(data))
     save_model(folder / "m.ply", MESH)

@@ -44,7 +44,6 @@ from poseviewer.files.structs import (
     covariance_from,
     decoded,
     distortion_as_json,
-    transform_as_json,
     transform_from,
     uncertainty_of,
     undistortion_from,
@@ -65,7 +64,6 @@ OF_VIEW = ("projection", "camera", "distortion", "photo")
 """What version 1 said once for the poses of all objects."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "chart", "settings", "notes")
 """Fields that results share with pose files."""
-NOWHERE = {"rotation": np.eye(3).tolist(), "translation": [0.0, 0.0, 0.0]}
 SAME = 1e-9
 """Relative: files round cameras in their last digit."""
 MADE = Reading(Path(KIND))
@@ -115,7 +113,9 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     projection: Projection
     numbers: CameraNumbers = msgspec.field(name="camera")
     distortion: Distortion | None = None
-    place: Transform = msgspec.field(name="camera_from_world", default=Transform(**NOWHERE))
+    place: Transform = msgspec.field(
+        name="camera_from_world", default=Transform.of(RigidTransform.identity())
+    )
     mask: str | None = None
 
     @classmethod
@@ -135,7 +135,7 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
             **camera_as_json(camera),
             "photo": {"file": str(photo), "width": camera.width, "height": camera.height},
             "distortion": None if undistortion is None else distortion_as_json(undistortion),
-            "camera_from_world": NOWHERE if place is None else transform_as_json(place),
+            "camera_from_world": Transform.of(place or RigidTransform.identity()),
             "mask": mask_text(mask),
         }
         made = msgspec.convert(data, cls)

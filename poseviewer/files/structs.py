@@ -271,11 +271,6 @@ def _words(info: Any) -> str:
     return "true or false" if isinstance(info, inspect.BoolType) else "a text"
 
 
-def transform_as_json(transform: RigidTransform) -> dict[str, Any]:
-    """A rigid transform as files say it."""
-    return msgspec.to_builtins(Transform.of(transform))
-
-
 def transform_from(reading: Reading, said: Transform) -> RigidTransform:
     """The rigid transform that a file says; raises the reading's error."""
     rigid = said.rigid
