@@ -57,29 +57,17 @@ def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera)
     camera, points, pixels = known.of(inputs.photo), pairs.points, pairs.pixels
     notes: list[str] = []
     fits: tuple[PairFit, ...] = ()
-    unknown = not known.parallel and (known.free_focal or not known.knows_focal(inputs.photo))
-    if unknown and (len(points) >= FEWEST_FOR_FOCAL or known.free_focal):
-        fits = _with_focal(camera, pairs, notes, required=known.free_focal)
+    is_open = not known.knows_focal(inputs.photo) and len(points) >= FEWEST_FOR_FOCAL
+    if isinstance(camera, Perspective) and (known.free_focal or is_open):
+        with suppress(*(() if known.free_focal else (QuickStartError,))):
+            fit, doubt = focal_from_pairs(points, pixels, camera)
+            found, fits = fit.pose.camera, (fit,)
+            assert isinstance(found, Perspective)  # as it was asked for
+            notes.append(f"focal length from the pairs: {found.fx:.0f} px, to {doubt:.0%}.")
     fit = likeliest(fits or poses_from_pairs(points, pixels, camera), points, inputs.mesh)
     errors = ", ".join(f"{error:.1f}" for error in fit.errors_px)
     notes.append(f"start from {len(points)} point pairs, off by {errors} px.")
     return Start(fit.pose, tuple(notes))
-
-
-def _with_focal(
-    camera: Camera, pairs: PointPairs, notes: list[str], required: bool
-) -> tuple[PairFit, ...]:
-    assert isinstance(camera, Perspective)  # asked for under perspective alone
-    try:
-        fit, doubt = focal_from_pairs(pairs.points, pairs.pixels, camera)
-    except QuickStartError:
-        if required:
-            raise
-        return ()
-    seen = fit.pose.camera
-    assert isinstance(seen, Perspective)
-    notes.append(f"focal length from the pairs: {seen.fx:.0f} px, to {doubt:.0%}.")
-    return (fit,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
