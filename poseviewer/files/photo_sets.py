@@ -232,16 +232,11 @@ def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> lis
         name = reading.text(own.get("file_path"), "file_path") or ""
         if not _is_chosen(name, choice.photos):
             continue
-        path = _of_frame(reading.path, name)
+        tried = [reading.path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
+        path = next((path for path in tried if is_there(path)), tried[0])
         place = frame_taken(reading, {"fl_x": 1.0, "cx": 0.0, "cy": 0.0, **own}, 1, 1)[1]
         found.append(_Shot(path, place, own))
     return found
-
-
-def _of_frame(path: Path, name: str) -> Path:
-    """The photo that a ``transforms.json`` calls so, there or not."""
-    tried = [path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
-    return next((path for path in tried if is_there(path)), tried[0])
 
 
 def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
