@@ -196,6 +196,6 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "set": record.in_set,
         "chart": record.chart if pose is record.pose else None,
     }
-    data = {key: value for key, value in data.items() if value not in (None, ())}
+    data = {k: value for k, value in data.items() if value or not isinstance(value, tuple | None)}
     kept = {"settings": dict(data.pop("settings"))} if "settings" in data else {}
     return msgspec.to_builtins(data, enc_hook=float) | kept  # settings are checked when written
