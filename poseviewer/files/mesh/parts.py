@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +138,8 @@ def load_textures(
     side = texture_side(sizes.values(), notes)
     found: dict[Path, NDArray[np.uint8]] = {}
     for path in sizes:
-        with noted(path.name, notes), Image.open(path) as image:
+        # Of a file, Pillow would read as many bytes as a damaged chunk says, and ask memory for them.
+        with noted(path.name, notes), Image.open(BytesIO(path.read_bytes())) as image:
             found[path] = texture_from_image(image, side)
     return {name: found[path] for name, path in paths.items() if path in found}
 
