@@ -138,7 +138,7 @@ def load_textures(
     side = texture_side(sizes.values(), notes)
     found: dict[Path, NDArray[np.uint8]] = {}
     for path in sizes:
-        # Of a file, Pillow would read as many bytes as a damaged chunk says, and ask memory for them.
+        # From a file, Pillow reads as many bytes as a damaged chunk says it has.
         with noted(path.name, notes), Image.open(BytesIO(path.read_bytes())) as image:
             found[path] = texture_from_image(image, side)
     return {name: found[path] for name, path in paths.items() if path in found}
