@@ -47,7 +47,7 @@ def refuse_with_paper(options: Namespace) -> None:
 
 
 def settings_of(options: Namespace) -> FitSettings:
-    """How a fit is made."""
+    """Options of a fit."""
     refuse_with_paper(options)
     return made(
         FitSettings,
@@ -71,7 +71,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
 
 
 def choice_of(options: Namespace) -> SetChoice:
-    """What of the set of photos is wanted."""
+    """Choice among the set's photos."""
     from poseviewer.files.photo_sets import SetChoice
 
     return SetChoice(options.photos or (), options.photo_folder, options.rig_object)
@@ -92,7 +92,8 @@ def named_files(options: Namespace) -> FileSet:
             raise SettingsError("--views SET wants MODEL alone: the set says the photos")
         return FileSet(models=(ModelFiles(photo),), pose=options.pose, views=views)
     refuse(options, OF_VIEWS, "without --views; leave it out, or name a set of photos")
-    if photo is not None and is_scene_file(photo):
+    is_json = model is None and photo is not None and photo.suffix.lower() == ".json"
+    if photo is not None and (is_json or is_scene_file(photo)):
         refuse_beside(options, photo.name, (*STARTS, *OF_A_PHOTO))
         if model is not None:
             raise SettingsError(f"{photo}: a scene file says its models; leave out MODEL")
@@ -166,7 +167,7 @@ def _open_photo(options: Namespace, settings: FitSettings) -> Scene:
 
 
 def _find(options: Namespace, camera: StartCamera) -> Callable[[StartInputs], Start]:
-    """What finds a start from marks on the photo."""
+    """Return a function that finds a start from marks on the photo."""
     from poseviewer.files.marks import load_pairs, wheels_from_text
     from poseviewer.starts.point_pairs import start_from_pairs
     from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels

@@ -103,8 +103,6 @@ def _convert_scene(options: Namespace) -> int:
     for warning in scene.warnings:
         say(f"note: {warning}")
     files, count, first = (options.out,), len(scene.views), scene.views[0].path.name
-    if count > 1 and options.out_format != SCENE:
-        say(f"note: {first}, the first of {count} photos, is written; --object ID writes all.")
     if scene.views[0].undistortion is not None and options.out_format != SCENE:
         raise PoseFileError(
             "The scene is one in an undistorted photo; undo the lens first (poseviewer undistort), "
@@ -132,6 +130,8 @@ def _convert_scene(options: Namespace) -> int:
             f"{options.out_format} files hold one pose; choose an object of the scene with "
             f"--object ID, or convert all to bop, {', '.join(OF_SCENES)}."
         )
+    if count > 1:
+        say(f"note: {first}, the first of {count} photos, is written; --object ID writes all.")
     return _tell(files, options)
 
 

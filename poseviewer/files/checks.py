@@ -168,13 +168,13 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
-    def require_format(self, data: dict[str, Any], name: str) -> None:
-        """Nothing where the object is of our format of that name, or does not say of which."""
+    def require_format(self, data: dict[str, Any], name: str, newest: int = VERSION) -> None:
+        """Raise unless ``format`` is absent or equals ``name``, in a version up to the newest."""
         if data.get("format", name) != name:
             raise self.error(f"format is {kind_of(data['format'])}", f"wanted {name!r}")
         version = data.get("version", VERSION)
-        if version is True or version != VERSION:
-            wanted = f"this poseviewer reads version {VERSION}, try a newer one"
+        if version is True or version not in range(VERSION, newest + 1):
+            wanted = f"this poseviewer reads versions up to {newest}, try a newer one"
             raise self.error(f"version is {kind_of(version)}", wanted)
 
     def require_unit(self, data: dict[str, Any], unit: str | None) -> None:

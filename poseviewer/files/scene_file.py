@@ -61,7 +61,7 @@ KIND = "scene file"
 INLINE = "data:image/png;base64,"
 """Start of a mask that stands in the file itself."""
 OF_VIEW = ("projection", "camera", "distortion", "photo")
-"""What version 1 said once for the poses of all objects."""
+"""Fields that version 1 had once for the poses of all objects."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "chart", "settings", "notes")
 """Fields that results share with pose files."""
 SAME = 1e-9
@@ -154,7 +154,7 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def undistortion(self) -> Undistortion | None:
-        """How the undistorted photo is made of the one as taken; None: it is the one as taken."""
+        """Undistortion of the photo as taken; None: there is none."""
         return undistortion_from(MADE, self.distortion, self.photo.width, self.photo.height)
 
     @property
@@ -172,7 +172,7 @@ def view_record(view: View) -> ViewRecord:
 
 
 class InViewRecord(Struct, frozen=True, omit_defaults=True):
-    """What an object has of its own in a view: a mask besides the view's, a region (left, top,
+    """An object's own part in a view: a mask besides the view's, a region (left, top,
     width, height, px) in which pixels count, and whether a search reads the view.
     """
 
@@ -182,7 +182,7 @@ class InViewRecord(Struct, frozen=True, omit_defaults=True):
 
 
 class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What the last search said of an object. view: index of the view that chart and uncertainty
+    """Result of the last search for an object. view: index of the view that chart and uncertainty
     are of; seen: for each view, the share of the model's pixels that count, null where it was not
     compared; settings: those of the search. The rest is as in pose files.
     """
@@ -255,7 +255,7 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def label(self) -> str:
-        """What it is called: its name, or else its id."""
+        """The object's name, or else its id."""
         return self.name or self.id
 
 
@@ -360,8 +360,8 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         data = reading.load_object()
         if data.get("format") != SCENE:
             raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {SCENE!r}")
+        reading.require_format(data, SCENE, newest=2)
         if data.get("version") != 2:
-            reading.require_format(data, SCENE)
             data = _upgraded(reading, data, find)
         found = with_files(scene_from_json(reading, data), find)
         return structs.replace(found, warnings=tuple(dict.fromkeys(reading.warnings)))
@@ -498,7 +498,7 @@ def save_scene(path: str | Path, scene: SceneRecord) -> None:
 
 
 def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
-    """What lies in a scene file at ``path`` and, beside it, the masks that the scene has itself.
+    """Content of a scene file at ``path`` and, beside it, the masks that the scene has itself.
 
     Raises:
         PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite.
@@ -526,7 +526,7 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
 
 
 def scene_as_json(scene: SceneRecord) -> dict[str, Any]:
-    """What a scene file says, as JSON has it."""
+    """The scene file's JSON."""
     data = msgspec.to_builtins(structs.replace(scene, warnings=()), enc_hook=float)
     return {"format": SCENE, "version": scene.version, **data}
 

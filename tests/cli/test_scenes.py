@@ -92,6 +92,7 @@ def test_the_landscape_is_that_of_one_object_among_the_others(path, tmp_path):
             "--pose with three.scene.json, which says it itself",
         ),
         (("fit", "S", "--object", "who", "--out", "o.json"), "no object 'who' in"),
+        (("fit", "half.json", "--out", "o.json"), "half.json: no such file"),
         (("fit", "S", "--out", "o.json", "--mask", "m.png"), "--mask with three.scene.json"),
         (("fit", "S", "--out", "o.json", "--free-focal"), "share one camera"),
         (("fit", "--pose", "S", "--out", "o.json"), "PHOTO and MODEL are wanted"),
