@@ -72,18 +72,15 @@ def joint_covariance(
     mesh: Mesh,
     parameters: FloatArray,
     views: Sequence[Verdict],
-    seen: Pose | None = None,
-    chart: ViewChart | None = None,
 ) -> PoseCovariance | None:
-    """Covariance of a pose in the first of several photos, by adding the inverses of ``views``.
-
-    None where no photo has one. ``seen`` and ``chart``: the pose in another photo of the set.
+    """Covariance of a pose in the first of several photos, by adding the inverses of ``views``;
+    None where no photo has one.
     """
     total, own = np.zeros((7, 7)), None
     for view, verdict in zip(problem.views, views, strict=True):
         if verdict.covariance is None or not isinstance(view.chart, ViewChart):
             continue
-        from_first = _from_first(view.chart, parameters)[:6]
+        from_first = _from_first(view.chart, parameters)
         total += from_first.T @ _inverse(verdict.covariance) @ from_first
         own = own or PoseCovariance(
             problem.chart.to_pose(parameters), verdict.covariance.centre, np.zeros((6, 6))
@@ -95,17 +92,14 @@ def joint_covariance(
     inverse = np.asarray(np.linalg.pinv(total * units, PINV), float)
     # Where the scale is known, or one photo alone has a covariance, nothing is said of the size.
     size = 7 if (inverse @ total * units)[6, 6] > 1.0 - PINV**0.5 else 6
-    joint = inverse * units
-    if seen is not None and chart is not None:
-        turn = _from_first(chart, parameters)
-        joint, own = turn @ joint @ turn.T, replace(own, pose=seen)
-    return replace(own, seventh=SIZE).with_matrix(joint[:size, :size], mesh)
+    joint = (inverse * units)[:size, :size]
+    return replace(own, seventh=SIZE).with_matrix(joint, mesh)
 
 
 def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
-    """(7, 7): deviations in a view (turns, shifts, log size) from those in the first one."""
+    """(6, 7): turns and shifts in a view from turns, shifts and log size in the first one."""
     turn = chart.view_from_reference
-    from_first = np.eye(7)
+    from_first = np.eye(6, 7)
     from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
     if chart.free_size:
         from_first[3:6, 6] = -chart.nearness(parameters) * turn.translation

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.covariance import joint_covariance
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
@@ -16,7 +15,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.pose_covariance import region_reach
-from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_views
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
@@ -95,11 +94,11 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
     assert joint.size_percent == pytest.approx(100.0 * joint.depth / DISTANCE, rel=0.3)
     assert np.isfinite(joint.in_chart(problem.chart)).all()
     # As each view has it, pose and size are one distribution: that of what is seen there.
-    for view, pose in zip(problem.views, TRUTH, strict=True):
-        assert isinstance(view.chart, ViewChart)
-        seen = view.chart.to_pose(end.parameters)
-        also = joint_covariance(problem, MESH, end.parameters, end.verdict.views, seen, view.chart)
-        assert also is not None
+    first = search.scene.views[0].camera_from_world.inverse()
+    for number, pose in enumerate(TRUTH):
+        turn = search.scene.views[number].camera_from_world @ first
+        turn = RigidTransform(turn.rotation, scale * turn.translation)
+        also = joint.seen_from(turn, search.scene.pose(0, number), MESH)
         assert also.size_percent == pytest.approx(joint.size_percent)
         off = also.deviation(pose) / also.scales
         off[6] = scale / 2.5 - 1.0
