@@ -214,7 +214,7 @@ class Scene:
     """
 
     data: SceneData
-    """Where all is, frozen."""
+    """Views and objects, frozen."""
     renderers: Mapping[Mesh, Renderer]
     """For one thread at a time."""
     index: int | None = None
@@ -224,18 +224,18 @@ class Scene:
     notes: tuple[str, ...] = ()
     """What the user should know about how the files were read."""
     placings: Mapping[int, Placing] = field(default_factory=dict)
-    """How the last search for each object has ended, as far as there was one."""
+    """The end of the last search for each object that was searched for."""
     known_loss: float | None = None
     """The loss at the pose, where it is known without a search."""
     before: Scene | None = field(default=None, repr=False)
-    """What was searched; None: it was not."""
+    """The scene that was searched; None: it was not."""
     _problems: dict[int, tuple[FitProblem, tuple[str, ...]]] = field(
         default_factory=dict, repr=False
     )
 
     @property
     def start(self) -> Scene:
-        """Where all was before the search."""
+        """The scene before the search."""
         return self if self.before is None else self.before
 
     @property
@@ -262,7 +262,7 @@ class Scene:
         return replace(self, index=0 if len(self.objects) == 1 else None)
 
     @property
-    def one(self) -> SceneObject:
+    def object(self) -> SceneObject:
         """The object that it is about.
 
         Raises:
@@ -275,17 +275,17 @@ class Scene:
 
     @property
     def _at(self) -> int:
-        return self.data.index(self.one.id)
+        return self.data.index(self.object.id)
 
     @property
     def settings(self) -> FitSettings:
-        """What is compared and how."""
-        return self.one.settings
+        """The settings of the object's fits."""
+        return self.object.settings
 
     @property
     def mesh(self) -> Mesh:
         """The object's surface."""
-        return self.one.model.mesh
+        return self.object.model.mesh
 
     @property
     def renderer(self) -> Renderer:
@@ -299,41 +299,40 @@ class Scene:
 
     @property
     def pose(self) -> Pose:
-        """Where the object is in the view whose chart is used."""
-        progress = self.progress
-        return self.data.pose(self._at, self.view) if progress is None else progress.pose
+        """The object's pose in the view whose chart is used."""
+        return self.data.pose(self._at, self.view)
 
     @property
     def progress(self) -> FitProgress | None:
-        """How the search for the object has ended; None for a pose that was not searched for."""
+        """The end of the search for the object; None for a pose that was not searched for."""
         placing = self.placings.get(self._at)
         return None if placing is None else placing.progress
 
     @property
     def _made(self) -> tuple[FitProblem, tuple[str, ...]]:
-        if self._at not in self._problems:
-            self._problems[self._at] = make_problem(self.data, self._at, self.view)
-        return self._problems[self._at]
+        at, placing = self._at, self.placings.get(self._at)
+        if at not in self._problems and placing is not None:
+            self._problems[at] = behind(placing.problem, placing.progress.hidden), ()
+        elif at not in self._problems:
+            self._problems[at] = make_problem(self.data, at, self.view)
+        return self._problems[at]
 
     @property
     def problem(self) -> FitProblem:
-        """What is compared; without what a search took for something in front.
+        """The problem of fitting the object, without what a search took for something in front.
 
         Raises:
             PoseViewerError: the settings do not go with the photos, the model or the start.
         """
-        placing = self.placings.get(self._at)
-        if placing is None:
-            return self._made[0]
-        return behind(placing.problem, placing.progress.hidden)
+        return self._made[0]
 
     @property
     def parameters(self) -> FloatArray:
         """(d,): the pose in the problem's chart."""
         if self.progress is not None:
             return self.progress.parameters
-        scale = self.one.world_from_model.scale
-        return numbers_of(self.problem.chart, self.pose, scale)
+        problem, scale = self.problem, self.object.world_from_model.scale
+        return numbers_of(problem.chart, self.data.pose(self._at, problem.views[0].index), scale)
 
     def at(self, pose: Pose, known_loss: float | None = None) -> Scene:
         """The object at another pose in the view whose chart is used, compared with the same
@@ -353,7 +352,8 @@ class Scene:
         index = self._at if index is None else index
         renderer = self.renderers[self.objects[index].mesh]
         data = with_end(self.data, index, placing.problem, placing.progress, renderer)
-        return replace(self, data=data, placings={**self.placings, index: placing})
+        placings = {**self.placings, index: placing}
+        return replace(self, data=data, placings=placings, _problems={})
 
     def prepare(self) -> None:
         """Make the coarser models that a search begins with, so that the first search of the model
@@ -406,7 +406,10 @@ class Scene:
             raise SettingsError(
                 "no object of the scene is to be seen where it starts: bring them onto the photo."
             )
-        return replace(self, data=search.scene, placings=now.placings, before=self, _problems={})
+        pairs = zip(search.scene.objects, self.objects, strict=True)
+        objects = tuple(replace(one, settings=own.settings) for one, own in pairs)
+        data = replace(search.scene, objects=objects)
+        return replace(self, data=data, placings=now.placings, before=self, _problems={})
 
     def _limited(self, seconds: float | None, evaluations: int | None) -> Scene:
         objects = []
@@ -431,19 +434,19 @@ class Scene:
 
     @property
     def covariance(self) -> PoseCovariance | None:
-        """How sure the pose is, if it is right, in the view whose chart is used; None for a pose
+        """Covariance of the pose, if it is right, in the view whose chart is used; None for a pose
         that was not searched for, or is lost.
         """
         return None if self.verdict is None else self.verdict.covariance
 
     @property
     def status(self) -> str:
-        """How the search ended, in a sentence."""
+        """The end of the search in a sentence."""
         return "Not searched." if self.progress is None else self.progress.status.value
 
     @property
     def loss(self) -> float:
-        """What the search minimised (see ``unexplained``), the mean over the views; takes an
+        """The loss that the search minimised (see ``unexplained``), the mean over the views; an
         evaluation where it is not yet known.
         """
         if self.progress is not None:
@@ -459,7 +462,7 @@ class Scene:
 
     @property
     def parts(self) -> Unexplained:
-        """What light, classes and edges leave unexplained in the view whose chart is used; takes an
+        """The shares that light, classes and edges leave unexplained in the chart's view; takes an
         evaluation.
         """
         problem = self.problem
@@ -470,7 +473,7 @@ class Scene:
         """(height, width) of the photo: what the search took for something in front of the object,
         and beside it where its outline is hidden; None where there was nothing.
         """
-        result = self.one.result
+        result = self.object.result
         return result.hidden[self.view] if result is not None and result.hidden else None
 
     @property
@@ -481,10 +484,10 @@ class Scene:
         return float(np.mean(photo.weights[covered] > 0.0)) if covered.any() else 0.0
 
     @property
-    def alone(self) -> tuple[ViewResult, ...]:
-        """What each compared view says of the pose alone; takes an evaluation for each."""
+    def view_results(self) -> tuple[ViewResult, ...]:
+        """The result by each compared view alone; takes an evaluation for each."""
         verdicts = () if self.verdict is None else self.verdict.views
-        result, parameters, found = self.one.result, self.parameters, []
+        result, parameters, found = self.object.result, self.parameters, []
         for number, problem in enumerate(self.problem.alone):
             index = problem.views[0].index
             loss = pose_loss(problem, self.renderer, parameters)
@@ -497,10 +500,10 @@ class Scene:
 
     @property
     def end_notes(self) -> tuple[str, ...]:
-        """What the user of the pose should know: that its camera is a guess; which view goes least
+        """Notes on the pose for its user: that its camera is a guess; which view goes least
         with the others.
         """
-        return () if self.one.result is None else self.one.result.notes
+        return () if self.object.result is None else self.object.result.notes
 
     @property
     def visibility(self) -> Visibility:
@@ -519,7 +522,7 @@ class Scene:
         """The scene with the loss where an object that it is about was not searched for; takes an
         evaluation.
         """
-        if self.index is None or self.one.result is not None:
+        if self.index is None or self.object.result is not None:
             return self.data
         at, known = self._at, (self.problem, self.parameters, self.loss)
         return self.data.with_object(at, result=unsearched_result(self.data, at, *known))
@@ -636,7 +639,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewResult:
-    """What one view says of an object's pose."""
+    """The result of an object by one view alone."""
 
     view: View
     index: int

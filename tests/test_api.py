@@ -65,6 +65,9 @@ def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_pat
 
     found = poseviewer.load(scene.photo, scene.model, scene.start).fit(evaluations=200)
     assert found.loss < found.start.loss
+    moved = found.at(found.start.pose)
+    assert (moved.record.verdict, moved.loss > found.loss) == (None, True)
+    assert found.settings == found.start.settings  # the limit was that of the one search
     found.save(tmp_path / "library.json")
     assert cli.main([str(word) for word in (
         "fit", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path / "cli.json",

@@ -28,7 +28,7 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 
 STARTS = "starts"
-"""In the folder of results: the start poses of a scene's rows."""
+"""Subfolder of the results for the start poses of a scene's rows."""
 
 
 def load_scene_jobs(

@@ -33,7 +33,7 @@ FORMAT, VERSION = "poseviewer-batch", 1
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """What came of a row: the fit, or why there is none; and what a person says of it."""
+    """Result of a row: the fit, or why there is none; and a person's word on it."""
 
     status: str
     """How the search ended, in a sentence; ``Failed.``"""
@@ -95,14 +95,14 @@ class Batch:
     """The rows of a table or a BOP scene, how they are fitted, and where their results are."""
 
     folder: Path
-    """Of the results, absolute."""
+    """Folder of the results, absolute."""
     jobs: tuple[Job, ...]
-    """In the order of their rows."""
+    """Rows in the order of the table."""
     settings: FitSettings = field(default_factory=FitSettings)
     scene: str | None = None
     """The BOP scene that the rows are from, absolute; None for those of a table."""
     mask: Path | None = None
-    """What of every photo counts; not in the file."""
+    """Mask of every photo; not in the file."""
 
     @property
     def plan(self) -> Batch:

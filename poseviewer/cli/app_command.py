@@ -54,7 +54,7 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
 
 
 def _opening(options: Namespace) -> Callable[[], Opened]:
-    """What opens all that is named, or the demo."""
+    """Return a function that opens all that is named, or the demo."""
     calibration, (files, models) = calibration_of(options), _files_of(options)
     photo, pose, views, scene = files.photo, files.pose, files.views, files.scene
     if options.photo is None:

@@ -101,7 +101,7 @@ def search(scene: Scene, quiet: bool) -> Scene:
 
 
 def _print_end(scene: Scene) -> None:
-    """How the search for an object ended."""
+    """Print how the search for an object ended."""
     progress, verdict = scene.progress, scene.verdict
     assert progress is not None  # it was searched for
     say(
@@ -110,7 +110,7 @@ def _print_end(scene: Scene) -> None:
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )
     if len(scene.views) > 1:
-        for view in scene.alone:
+        for view in scene.view_results:
             word = "" if view.verdict is None else f", {view.verdict.word} by it alone"
             share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
             say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
@@ -123,7 +123,7 @@ def _print_end(scene: Scene) -> None:
                 f"{scene.seen:.0%} of it is seen, and the rest was left out"
             )
     if scene.data.free_scale:
-        scale = 1.0 / scene.one.world_from_model.scale
+        scale = 1.0 / scene.object.world_from_model.scale
         say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
     if verdict is None:
         return

@@ -72,7 +72,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
 
 
 Option = Callable[[_ActionsContainer], object]
-"""What adds an argument to a parser or a group of it."""
+"""Anything that adds an argument: a parser, or a group of it."""
 Options = Mapping[str, Sequence[Option]]
 
 
@@ -168,7 +168,7 @@ CAMERA: Options = {
     )
 }
 SCENE: Options = {**CAMERA, **VIEWS, **COMPARED}
-"""What ``case.open_scene`` asks besides ``FILES`` and a pose."""
+"""Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
 OTHERS = "serve others than this machine as well; the address then bears a token"
 SERVER = (
     option("--port PORT", "(the first free one from 8080 on)"),

@@ -48,7 +48,7 @@ AS_IN_FILE = (
 
 
 class PoseFile(Struct, frozen=True, kw_only=True):
-    """Where a known 3D model is in one photo. Camera axes are OpenCV's (x right, y down, z
+    """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z
     forward); pixel centres are at integers; lengths are in the model's unit.
 
     loss: what the search minimises; unexplained: the same on a scale from 0, all of the photo is
@@ -144,7 +144,7 @@ def recorded_size(path: Path) -> tuple[int, int]:
 
 
 def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
-    """What a pose file's JSON says, for a photo of ``width`` x ``height`` px."""
+    """Read a pose file's JSON, for a photo of ``width`` x ``height`` px."""
     reading.require_format(reading.object(data, "its content"), FORMAT)
     said = decoded(reading, data, PoseFile, raw=("mask",))
     camera = camera_from(reading, said.projection, said.camera, width, height)

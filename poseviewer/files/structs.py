@@ -156,7 +156,7 @@ class Distortion(Struct, frozen=True):
 
 
 class Uncertainty(Struct, frozen=True, kw_only=True):
-    """How sure the pose is, if it is right: a normal distribution about it. A deviation is a
+    """Normal distribution about the pose, if it is right. A deviation is a
     rotation vector (rad) and then a shift, both along the camera's axes (from the left, about the
     centre, a point in the model's frame):
     x_in_camera = exp(rotation) R (x - centre) + R centre + t + shift.
@@ -228,7 +228,7 @@ def _printed(value: Any, raw: Sequence[str]) -> Any:
 
 
 def _item(value: Any, key: str | int) -> Any:
-    """What a JSON value holds at a key; None where that is not known."""
+    """Item of a JSON value at a key; None where that is not known."""
     if isinstance(value, list):
         return value[key] if isinstance(key, int) else None
     return value.get(key) if isinstance(value, dict) else None
@@ -248,7 +248,7 @@ def _type_inside(info: Any, key: str | int) -> Any:
 
 
 def _words(info: Any) -> str:
-    """What values of a type are, for a message."""
+    """Describe a type's values for a message."""
     of_union = [one for one in getattr(info, "types", ()) if not isinstance(one, inspect.NoneType)]
     if of_union:
         return " or ".join(dict.fromkeys(map(_words, of_union)))
@@ -326,7 +326,7 @@ def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
 def undistortion_from(
     reading: Reading, said: Distortion | None, width: int, height: int
 ) -> Undistortion | None:
-    """What a file says of a photo's lens; raises the reading's error."""
+    """Read a photo's lens; raises the reading's error."""
     if said is None:
         return None
     taken, camera = (

@@ -35,7 +35,7 @@ class TurnsAbout(Struct, frozen=True):
 
 
 class SymmetryTurns(Struct, frozen=True):
-    """What maps the model onto itself: the turns about axes through a centre, in the model's frame
+    """Motions of the model onto itself: the turns about axes through a centre, in the model's frame
     and unit, and all that follow from them.
     """
 

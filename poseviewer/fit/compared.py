@@ -26,7 +26,7 @@ LEAST_COLOUR = 0.02
 """Standard deviation across the main line of a photo's colours, of 1, from which these are not
 noise: the loss would weigh the noise of a grey scene's colours as much as its light."""
 NEAR_MARGIN = 0.25
-"""How far the pixels ``near`` the start reach, as a share of the diagonal of its box."""
+"""Reach of the pixels ``near`` the start, as a share of the diagonal of its box."""
 WORKING_PIXELS = 20_000
 """Of the model's convex outline at the start: a photo that shows more is reduced. Half a pixel of
 these is less than a hundredth of the model's size."""

@@ -233,9 +233,9 @@ class Scene:
         return replace(self, objects=tuple(objects))
 
     def with_pose(self, index: int, pose: Pose, view: int = 0, scale: float | None = None) -> Scene:
-        """The scene with an object where a view shows it at a ``pose``; ``scale``: lengths of the
-        world's unit to one of the model's, by default as it is. A focal length other than the
-        view's becomes that of all views of its camera.
+        """The scene with an object where a view shows it at a ``pose``, without a result.
+        ``scale``: lengths of the world's unit to one of the model's, by default as it is. A focal
+        length other than the view's becomes that of all views of its camera.
         """
         views, own = self.views, self.views[view]
         if pose.camera != own.camera and not _is_own_scale(pose, own, len(self.objects)):
@@ -245,7 +245,7 @@ class Scene:
             )
         scale = self.objects[index].world_from_model.scale if scale is None else scale
         place = views[view].world_from_model(pose, scale)
-        return replace(self, views=views).with_object(index, world_from_model=place)
+        return replace(self, views=views).with_object(index, world_from_model=place, result=None)
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:

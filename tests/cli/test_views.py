@@ -62,7 +62,7 @@ def test_a_saved_scene_is_opened_again(files, tmp_path):
     shown = again.pose.project(MESH.vertices)
     np.testing.assert_allclose(shown, START.project(MESH.vertices), atol=1e-6)
     assert again.loss == pytest.approx(case.loss, abs=1e-6)
-    assert np.mean([view.loss for view in again.alone]) == pytest.approx(again.loss)
+    assert np.mean([view.loss for view in again.view_results]) == pytest.approx(again.loss)
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_a_photo_that_does_not_see_the_model_is_left_out_and_said(files):
     data["views"][1]["camera_from_set"]["translation"][0] += 50.0
     Path(views).write_text(json.dumps(data))
     case = poseviewer.load(views=views, model=model, start=start)
-    assert [one.view.name for one in case.alone] == ["a.png", "c.png"]
+    assert [one.view.name for one in case.view_results] == ["a.png", "c.png"]
     left_out = "b.png does not see the model where it starts, and is left out."
     assert left_out in case.notes
 

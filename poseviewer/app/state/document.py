@@ -88,7 +88,7 @@ class Marks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectState:
-    """What the app keeps of an object beside the scene."""
+    """State of an object that the app keeps beside the scene."""
 
     start: Similarity
     """World from model where ``reset`` puts it."""
@@ -143,7 +143,7 @@ class Document:
 
     @property
     def state(self) -> ObjectState:
-        """That of the active object."""
+        """State of the active object."""
         return self.states[self.active]
 
     @property
@@ -183,12 +183,12 @@ class Document:
 
     @property
     def own(self) -> InView:
-        """What the view has of the active object alone."""
+        """The view's own mask and region of the active object."""
         return self.scene.in_view(self.active, self.at)
 
     @property
     def marks(self) -> Marks:
-        """What is marked in the view for the active object."""
+        """Marks in the view for the active object."""
         return self.state.marks.get(self.at, Marks())
 
     @property
@@ -258,13 +258,13 @@ class Document:
         """
         index, view = self.active if index is None else index, self.at if view is None else view
         scene = self.scene.with_pose(index, pose, view, scale)
-        scene = scene.with_object(index, result=None, is_placed=True)
+        scene = scene.with_object(index, is_placed=True)
         if scene.views != self.scene.views:
             for other, one in enumerate(self.scene.objects):
                 if other != index:
                     camera, centre = scene.views[view].camera, one.model.mesh.centre
                     seen = with_camera(self.scene.pose(other, view), camera, centre)
-                    scene = scene.with_pose(other, seen, view).with_object(other, result=None)
+                    scene = scene.with_pose(other, seen, view)
         return replace(self, scene=scene)
 
     def at_progress(
@@ -376,7 +376,7 @@ class Document:
 
     @property
     def placement(self) -> tuple[object, ...]:
-        """What files keep of where all is; equal where nothing of it has changed."""
+        """Places that files keep; equal where none of them has changed."""
         views = ((view.photo, view.camera) for view in self.scene.views)
         objects = self.scene.objects
         return *views, *((o.model.mesh, o.world_from_model, o.in_views) for o in objects)
@@ -395,7 +395,7 @@ def is_alone(document: Document) -> bool:
 
 
 def label_of(one: SceneObject) -> str:
-    """What an object is called: by the user, or as its file."""
+    """Name of an object: the user's, or its file's."""
     return one.name.strip() or one.model.name
 
 
@@ -405,7 +405,7 @@ def stands(one: SceneObject) -> bool:
 
 
 def verdict_of(one: SceneObject) -> str:
-    """How the search for an object ended, in a word."""
+    """The end of the search for an object in a word."""
     if one.result is None:
         return "not searched" if one.is_placed else "not placed"
     return "searched" if one.result.verdict is None else one.result.verdict.word
@@ -429,7 +429,7 @@ def reference_view(scene: Scene, index: int, view: int) -> int:
 
 
 def compared(scene: Scene, index: int) -> tuple[object, ...]:
-    """What the loss of an object about its place in a scene depends on; equal where it is one."""
+    """All that the loss of an object about its place in a scene depends on; equal for one loss."""
     one, objects = scene.objects[index], enumerate(scene.objects)
     firm = ((o.model.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
     return scene.views, one.model.mesh, one.world_from_model, one.in_views, one.settings, *firm

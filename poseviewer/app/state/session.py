@@ -18,10 +18,9 @@ from poseviewer.app.state.document import Document, History, compared
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
-from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.search import Placing
+from poseviewer.fit.search import SearchProgress
 from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.fit.slices import Slice
 from poseviewer.fit.unexplained import Unexplained
@@ -42,7 +41,7 @@ class OverlayRequest:
 
     document: Document
     anchor: Scene
-    """Where the compared pixels are about: fixed while the model moves, so that losses on the way
+    """Scene about which pixels are compared: fixed while the model moves, so that losses on the way
     can be compared."""
     look: str
     opacity: float = 0.8
@@ -65,7 +64,7 @@ class OverlayRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Losses:
-    """What the photos leave unexplained where the active object is."""
+    """Unexplained shares of the photos at the active object's pose."""
 
     mean: Unexplained | None = None
     """Over the views that are compared; None where it cannot be told."""
@@ -95,7 +94,7 @@ class Overlay:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlines:
-    """What is drawn beside the active object."""
+    """Outlines beside the active object."""
 
     lines: Mapping[int, FloatArray]
     """Other objects in the large view, (N, 2, 2) by their numbers: line segments in px."""
@@ -105,15 +104,11 @@ class Outlines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SearchUpdate:
-    """A search after one more evaluation."""
+class SearchUpdate(SearchProgress):
+    """A search after one more evaluation, and the way that it came."""
 
-    index: int
-    """The object that is at its turn."""
-    placings: Mapping[int, Placing]
-    """The last search for each object that had its turn."""
     results: Mapping[int, SearchResult]
-    """What is said of the objects whose last search is over."""
+    """Results of the objects whose last search is over."""
     settings: FitSettings
     """By which the object is searched for."""
     improvements: tuple[FitProgress, ...]
@@ -124,16 +119,6 @@ class SearchUpdate:
     """Whether it is the last one."""
     ends: tuple[MethodEnd, ...] = ()
     """Of the last update of a search by several methods: where each of them has ended."""
-
-    @property
-    def problem(self) -> FitProblem:
-        """What the search under way compares."""
-        return self.placings[self.index].problem
-
-    @property
-    def progress(self) -> FitProgress:
-        """The search under way."""
-        return self.placings[self.index].progress
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,7 +192,7 @@ class Search:
     methods: tuple[FitSettings, ...]
     """By which the active object is searched for, one after the other, each from the start."""
     indices: tuple[int, ...]
-    """Of the objects that are searched for, in turn."""
+    """Objects that are searched for in turn."""
     running: bool = True
     latest: SearchUpdate | None = None
 
@@ -283,7 +268,7 @@ class Session:
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Scene | None = None
-    """Where the compared pixels are about (see ``OverlayRequest``); None: the document's."""
+    """Scene about which pixels are compared (see ``OverlayRequest``); None: the document's."""
     saved: Document | None = None
     """What stands in a file."""
     typed: tuple[str, Document] | None = None
@@ -293,7 +278,7 @@ class Session:
 
     @property
     def compared(self) -> Scene:
-        """Where the compared pixels are about."""
+        """The scene about which pixels are compared."""
         return self.anchor or self.document.scene
 
     def covariance_in(self, view: int) -> PoseCovariance | None:
@@ -370,12 +355,12 @@ class Session:
         )
 
     def with_active(self, index: int) -> Session:
-        """With another object active, which is no step; the same where it is."""
+        """Make another object active, which is no step; the same session where it is."""
         document = self.document.with_active(index)
         return self if document is self.document else self.at(self.history, document)
 
     def with_view(self, index: int) -> Session:
-        """With another view large, which is no step; what is searched goes on.
+        """Show another view large, which is no step; a search goes on.
 
         Raises:
             SettingsError: the model is behind that view's camera.

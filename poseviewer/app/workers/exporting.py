@@ -1,4 +1,4 @@
-"""What the app gives away: pose files, pictures, maps."""
+"""Exports of the app: pose files, pictures, maps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs beside the session as one generator: what is made ready, a search, proposals."""
+"""Jobs beside the session, a generator each: preparation, search, proposals."""
 
 from __future__ import annotations
 

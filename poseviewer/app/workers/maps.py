@@ -33,7 +33,7 @@ class MapJob:
     document: Document
     """Document at hand: its pose is the maps' centre."""
     anchor: Scene
-    """Where the compared pixels and the chart are about."""
+    """Scene about which pixels are compared and the chart is made."""
     search: SearchUpdate | None
     """From ``anchor``; its problem is used where its loss is mapped."""
     losses: tuple[FitSettings, ...]

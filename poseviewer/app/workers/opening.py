@@ -128,7 +128,7 @@ def open_file_set(
 
 
 def with_models(opened: Opened, paths: Sequence[Path]) -> Opened:
-    """What was opened, with further objects of the models in these files, still without poses."""
+    """Add objects of the models in these files, still without poses, to what was opened."""
     for path in paths:
         model = load_model(path)
         document, warnings = with_added(opened.document, model), opened.warnings
@@ -287,7 +287,7 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
 
 
 def _state_of(one: ObjectRecord, views: Sequence[ViewRecord], document: Document) -> ObjectState:
-    """Where an object starts."""
+    """Start of an object."""
     cameras = tuple(view.camera for view in document.scene.views)
     if one.start_cameras:
         cameras = tuple(

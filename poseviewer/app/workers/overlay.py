@@ -96,7 +96,7 @@ class OverlayDrawer:
             self._losses = replace(self._losses, mean=mean, of_views=found)
 
     def _read_all(self, own: Document, scene: Scene) -> dict[int, Unexplained]:
-        """What each view leaves unexplained of the active object where it is in a scene."""
+        """The unexplained share of each view where the active object is in a scene."""
         return {
             view.index: self._read(view.photo, own, scene.pose(own.active, view.index))
             for view in self._views

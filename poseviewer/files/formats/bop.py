@@ -250,7 +250,7 @@ def _save_scene(folder: Path, cameras: SceneFile, poses: SceneFile) -> tuple[Pat
 
 
 def load_scene_file(path: Path) -> SceneFile:
-    """What a scene's file holds by image; nothing where it is not there yet."""
+    """Content of a scene's file by image; empty where it is not there yet."""
     if not path.exists():
         return {}
     return Reading(path, largest=LARGEST_SCENE).load_object()
