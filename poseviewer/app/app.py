@@ -89,7 +89,7 @@ class App:
         self._review = review
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, review)
-        self._running = True
+        self._running, self._failed = True, False
         self._use_model()
         self._page.tell_all(opened.warnings)
         notify()  # the page is shown at once
@@ -125,9 +125,16 @@ class App:
                 # Whatever it is, the session goes on, and nothing of the user's is lost.
                 _log.exception("request %r", request)
                 self._page.show_error("Something went wrong inside; nothing was changed.")
-        self._collect()
-        self._start_jobs()
-        self._page.show(self.session, self._where())
+        try:
+            self._collect()
+            self._start_jobs()
+            self._page.show(self.session, self._where())
+            self._failed = False
+        except Exception:  # noqa: BLE001 - the loop must not end
+            if not self._failed:
+                _log.exception("step")
+                self._page.show_error("Something went wrong inside. Undo or save, and go on.")
+            self._failed = True
         trouble = self._autosaver.tick(self.session)
         if trouble:
             self._page.show_error(trouble)

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
+
+from tests.app.running_app import running_app
+from tests.scene import Scene
 
 HELD_AFTER = """
 import resource
@@ -34,3 +39,27 @@ def test_memory_of_large_blocks_goes_back_to_the_system() -> None:
     )
     assert returned < 10_000_000
     assert returned < kept
+
+
+def test_a_failure_while_showing_is_told_once_and_ends_nothing(
+    scene: Scene,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with running_app(scene, tmp_path) as running, running.page() as page:
+        show, failures = running.app._page.show, [1, 2]
+
+        def fail_twice(*shown: Any) -> None:
+            if failures:
+                raise ArithmeticError(failures.pop())
+            show(*shown)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(running.app._page, "show", fail_twice)
+            before = running.pose
+            page.key("KeyL")
+            page.wait_until(lambda: running.pose is not before)
+            page.wait_until(lambda: not failures)
+        page.wait_until(lambda: any("Undo or save" in text for _, text in page.shown.notices))
+    assert caplog.text.count("fail_twice") == 1

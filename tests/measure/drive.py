@@ -30,8 +30,10 @@ from playwright.sync_api import Browser
 from playwright.sync_api import Error as BrowserError
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose import load_pose
+from poseviewer.files.pose import load_pose, recorded_size
+from poseviewer.files.scene_file import load_scene
 from poseviewer.files.state.autosave import load_autosave
+from poseviewer.geometry.transform import RigidTransform
 from tests.app.browser import AppPage, open_browser
 from tests.app.running_app import RunningApp, running_app
 from tests.meshes import make_painted
@@ -346,24 +348,34 @@ def unlike(shown: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
-    """The pose that is saved is the one at hand; all poses and sessions can be read."""
-    pose = running.pose.camera_from_model
+    """What is saved is the pose at hand; all poses, scenes and sessions can be read."""
+    document = running.app.session.document
+    in_pose, in_scene = running.pose.camera_from_model, document.object.world_from_model.rigid
 
     def is_saved() -> bool:
         press(tab, "s")
-        saved = [json.loads(path.read_text()) for path in folder.rglob("*.pose.json")]
-        return any(
-            np.allclose(one["camera_from_model"]["rotation"], pose.rotation)
-            and np.allclose(one["camera_from_model"]["translation"], pose.translation)
-            for one in saved
-        )
+        poses = [load_json(path)["camera_from_model"] for path in folder.rglob("*.pose.json")]
+        scenes = [load_json(path)["objects"] for path in folder.rglob("*.scene.json")]
+        objects = [one["world_from_model"] for scene in scenes for one in scene]
+        return any(is_at(one, in_pose) for one in poses) or any(is_at(o, in_scene) for o in objects)
 
     tab.until(is_saved)
     for path in folder.rglob("*.pose.json"):
-        photo = json.loads(path.read_text())["photo"]
-        load_pose(path, photo["width"], photo["height"])
+        load_pose(path, *recorded_size(path))
+    for path in folder.rglob("*.scene.json"):
+        load_scene(path)
     for path in (folder / "state" / "sessions").glob("*.json"):
         load_autosave(path)
+
+
+def load_json(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text())
+
+
+def is_at(saved: dict[str, Any], place: RigidTransform) -> bool:
+    """Whether a file's transform is this one."""
+    parts = ((saved[name], getattr(place, name)) for name in ("rotation", "translation"))
+    return all(np.allclose(one, other) for one, other in parts)
 
 
 def main() -> int:

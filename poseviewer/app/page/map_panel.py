@@ -338,7 +338,7 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
     options = GridOptions(
         parameters=tuple(int(i) for i in problem.free_indices),
         centre=tuple(map(float, latest.parameters)),
-        dimmed=latest.centre is not session.document.pose
+        dimmed=latest.document.pose is not session.document.pose
         and not (session.searching or session.drag is not None),
         half_width=latest.half_width,
         whose=latest.case.settings.method_name,

@@ -187,7 +187,7 @@ class Page:
             modal = handle.gui.add_modal("Keys and mouse")
             with modal:
                 handle.gui.add_markdown(HELP)
-                handle.gui.add_button("Close").on_click(lambda _: modal.close())
+                handle.gui.add_button("Close").on_click(lambda _: modal.closed or modal.close())
 
     def greet(self, client: int, offer: AutosavedSession | None) -> None:
         """Offer a page that has just connected what an earlier session left."""

@@ -737,7 +737,8 @@ class LandscapeAdvanced(WorkerUpdate, eq=False):
     update: tuple[LandscapeUpdate, ...]
 
     def __call__(self, session: Session) -> Session:
-        return replace(session, landscapes=self.update)
+        stays = all(maps.document.shows_same(session.document) for maps in self.update)
+        return replace(session, landscapes=self.update) if stays else session
 
 
 class PickInLandscape(Command):

@@ -370,9 +370,12 @@ class Document:
         return self.with_view(reference_view(self.scene, self.active, self.at))
 
     def shows_same(self, other: Document) -> bool:
-        """Whether both have the same photo large, and the same object active, of the same model."""
-        same_object = self.mesh is other.mesh and self.number == other.number
-        return self.photo is other.photo and same_object
+        """Whether both have the same photos, the same one large, and the same object active, of
+        the same model.
+        """
+        photos = [[view.photo for view in one.scene.views] for one in (self, other)]
+        same_photos = photos[0] == photos[1] and self.at == other.at
+        return same_photos and self.mesh is other.mesh and self.number == other.number
 
     @property
     def placement(self) -> tuple[object, ...]:

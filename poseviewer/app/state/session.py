@@ -139,7 +139,8 @@ class MethodEnd:
 class LandscapeUpdate:
     """The maps about a pose, as far as they are known."""
 
-    centre: Pose
+    document: Document
+    """Its active object's pose in its active view is the centre."""
     case: api.Scene
     """About the object whose loss it is."""
     parameters: FloatArray

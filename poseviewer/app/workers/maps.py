@@ -155,7 +155,7 @@ def maps(
     Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
     one is known.
     """
-    problem, centre = case.problem, document.pose
+    problem = case.problem
     parameters = document.numbers_in(problem)
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
@@ -164,4 +164,4 @@ def maps(
         pair = piece.first, piece.second
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeUpdate(centre, case, parameters, half_width, tuple(seen.values()))
+        yield LandscapeUpdate(document, case, parameters, half_width, tuple(seen.values()))

@@ -169,6 +169,14 @@ def test_maps_of_another_photo_are_not_kept(session, landscape):
     assert same.landscapes is landscape
 
 
+def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
+    scene = session.document.scene
+    one = replace(scene.objects[0], in_views=scene.objects[0].in_views * 2)
+    both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
+    late = tuple(replace(maps, document=both) for maps in landscape)
+    assert after(session, c.LandscapeAdvanced(late)) is session
+
+
 def random_command(random, session: Session, updates, landscape, others) -> c.Command:
     """Any command, sometimes with nonsense in it."""
     x, y = random.uniform(-20.0, 180.0, 2)
