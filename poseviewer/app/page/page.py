@@ -187,7 +187,7 @@ class Page:
             modal = handle.gui.add_modal("Keys and mouse")
             with modal:
                 handle.gui.add_markdown(HELP)
-                handle.gui.add_button("Close").on_click(lambda _: modal.closed or modal.close())
+                handle.gui.add_button("Close").on_click(lambda _: close_modal(modal))
 
     def greet(self, client: int, offer: AutosavedSession | None) -> None:
         """Offer a page that has just connected what an earlier session left."""
@@ -209,8 +209,14 @@ class Page:
     def close_offer(self) -> None:
         """Take the offer off all pages."""
         for modal in self._offers:
-            modal.close()
+            close_modal(modal)
         self._offers = []
+
+
+def close_modal(modal: Any) -> None:
+    """Close a dialog that a second click may have closed already."""
+    if not modal.closed:
+        modal.close()
 
 
 def choose_theme(gui: viser.GuiApi, light: bool = False) -> None:
