@@ -1,4 +1,4 @@
-"""How sure the pose of a fit is: its covariance, from the loss about the end."""
+"""Covariance of the pose that a search ended in, from the loss about it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,23 @@ from dataclasses import replace
 import numpy as np
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.probing import Probe, compared_photo
+from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
+from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.view_chart import SIZE, ViewChart
 from poseviewer.optimise import quadratic
 from poseviewer.optimise.quadratic import QuadraticOptions
-from poseviewer.render.pyramid.levels import lighter_level
 from poseviewer.render.types import Renderer
 
 MODELS = QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
-"""Of the loss about the end, in the free-body chart: from 5 % of the model's size at its rim down
-to where the loss has risen as far as the last models of a search look; always so many rounds."""
+"""Models of the loss about the end: from 5 % of the model's size at its rim down to where the loss
+has risen as far as the last models of a search look; always so many rounds."""
 SPREAD = 0.031
 """Standard deviation at curvature, unexplained and seen share 1, by ``tests.measure.real``."""
 PINV = 1e-12
@@ -52,18 +50,15 @@ def find_covariance(
     surroundings and other colours are no noise of known size. ``seen``: the share of the model that
     is, above 0.
     """
-    is_focal_free = has_focal(problem.chart) and problem.free[-1]
-    with suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError):
-        free_focal = is_focal_free and not isinstance(pose.camera, Parallel)
-        chart = FreeBodyChart.near(mesh, pose, free_focal)
-        photo = compared_photo(problem, mesh, pose)
-        level = lighter_level(photo, renderer, pose)
-        with closing(Probe(problem, photo, mesh, renderer, pose, threads, chart, level)) as probe:
-            least, inverse = inverse_curvature(probe.losses, len(probe.motions))
-            unexplained = LossScale.of(photo).unexplained(least)
-            factor = SPREAD / (unexplained * seen**SEEN_POWER)
-            covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
-            return PoseCovariance.from_chart(mesh, pose, chart, covariance)
+    with (
+        suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError),
+        closing(Probe(problem, mesh, renderer, pose, threads, is_fine=True)) as probe,
+    ):
+        least, inverse = inverse_curvature(probe.losses, len(probe.motions))
+        unexplained = LossScale.of(probe.photo).unexplained(least)
+        factor = SPREAD / (unexplained * seen**SEEN_POWER)
+        covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
+        return PoseCovariance.from_chart(mesh, pose, probe.chart, covariance)
     return None
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import find_covariance, joint_covariance
 from poseviewer.fit.outline import outline_support
-from poseviewer.fit.probing import Descent, Probe, compared_photo
+from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.verdict import WORDS, Features, Verdict, Word
@@ -155,11 +155,11 @@ def gather_features(
     """Features of a pose, on any number of threads the same; None where the model is not in sight,
     or in part behind the camera. Raises ``PoseViewerError`` for a pose outside the chart.
     """
-    photo = compared_photo(problem, mesh, pose)
-    covered = renderer.covers(level_pose(pose, photo.factor))
-    if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST_PIXELS:
-        return None
-    with closing(Probe(problem, photo, mesh, renderer, pose, threads)) as probe:
+    with closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
+        photo = probe.photo
+        covered = renderer.covers(level_pose(pose, photo.factor))
+        if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST_PIXELS:
+            return None
         here = float(probe.losses([np.zeros(len(probe.motions))])[0])
         if not math.isfinite(here):
             return None
@@ -197,7 +197,7 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     random = np.random.default_rng(1)
     near = random.normal(size=(RETURNS, size))
     near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
-    descents = [Descent(step, RETURN_EDGE, RETURN_EVALUATIONS) for step in near]
-    own = Descent(np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
+    descents = [(step, RETURN_EDGE, RETURN_EVALUATIONS) for step in near]
+    own = (np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
     (minimum, _), *ends = probe.descend([own, *descents])
     return [probe.distance(minimum, end) for end, _ in ends]

@@ -1,19 +1,19 @@
-"""The loss around a pose, on a coarse level, by comparable small motions; and symmetric turns.
+"""Losses about a pose on a coarse level, along the motions that its search was free in; turns.
 
-A can turned about its axis keeps its outline, and so, nearly, do bottles, cups and many a machine.
-What is printed on it tells, but only a few degrees far: a search from farther away ends beside the
-right turn, with all else right.
+A can turned about its axis keeps its outline, and so, nearly, do bottles and cups. Its print tells
+the turn, but only a few degrees far: a search from farther away ends beside the right turn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
+from scipy.linalg import orth
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.compared import box_near, working_factor
@@ -25,88 +25,78 @@ from poseviewer.geometry.camera import Parallel, Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
+from poseviewer.geometry.pose_covariance import FOCAL
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, coarsest_level, structured
+from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
-FOCAL = "log_focal"
-"""Name of the focal length's number in the charts that it is probed with."""
 SMALL_STEP = 1e-4
-"""For the derivative of one chart's parameters by another's, in units of their scales."""
+"""Step of a derivative by a chart's parameter, in units of its scale."""
+LEAST_MOTION = 1e-3
+"""Share of the greatest motion below which one counts as none: differences are no more exact."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
-"""Of descents."""
 TURNS_DEG = (15.0, 30.0, 45.0)
-"""To each side: a descent finds the right turn from half of the way to the next one."""
+"""Turns to each side: a descent finds the right one from half of the way to the next."""
 FREE_SHARE = 0.9
 """A turn counts where this share of it is left of what the search was free to change."""
 TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
-"""Of the descents from turned poses."""
+"""Edge and length of descents from turned poses."""
 TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Descent:
-    """A downhill simplex with edges of this length about a step (k,), and when it ends."""
-
-    step: FloatArray
-    edge: float
-    evaluations: int
+Descent = tuple[FloatArray, float, int]
+"""Start (k,), edge and number of evaluations of a downhill simplex."""
 
 
 class Probe:
-    """The surroundings of a pose, as steps (k,) along the motions that its search was free in.
+    """Losses about a pose, at steps (k,) along the motions that its search was free in.
 
-    What is asked for together is evaluated in parallel; close it in the end.
+    Steps that are asked for together are evaluated in parallel; ``close`` ends the threads.
     """
 
     def __init__(
         self,
         problem: FitProblem,
-        photo: PhotoAttributes,
         mesh: Mesh,
         renderer: Renderer,
         pose: Pose,
         threads: int = 1,
-        chart: FreeBodyChart | None = None,
-        level: Level | None = None,
+        is_fine: bool = False,
     ) -> None:
-        """``photo``: the ``compared_photo`` of problem and pose; ``chart``: about the pose;
-        ``level``: of the photo, by default the coarsest.
+        """``is_fine``: probe the photo itself, not its coarsest level.
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        is_focal_free = any(problem.chart.names[i] == FOCAL for i in problem.free_indices)
-        has_focal = not isinstance(pose.camera, Parallel)
-        self.chart = chart or FreeBodyChart.near(mesh, pose, is_focal_free and has_focal)
+        is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
+        free_focal = is_focal_free and not isinstance(pose.camera, Parallel)
+        self.chart = FreeBodyChart.near(mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         self.motions = _without_equal(motions, self.chart, problem.symmetry)
-        """(k, d): orthonormal, of the free-body chart about the pose; none that leads along equal
-        ones."""
-        self._symmetry = problem.symmetry
-        self.level = level or coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
-        self._mesh, self._points = mesh, hull_points(mesh)
+        """(k, d): orthonormal, in the numbers of ``chart``; none leads along equal poses."""
+        self.photo = compared_photo(problem, mesh, pose)
+        if is_fine:
+            self.level = lighter_level(self.photo, renderer, pose)
+        else:
+            self.level = coarsest_level(self.photo, renderer, pose, FEWEST_OF_STRUCTURE)
+        self._symmetry, self._mesh, self._points = problem.symmetry, mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
-
-    def close(self) -> None:
-        """End the threads."""
-        self._pool.close()
+        self.close = self._pool.close
 
     def pose(self, step: FloatArray) -> Pose:
-        """The pose so far away; raises ``OutsideChartError`` where there is none."""
+        """The pose at a step; raises ``OutsideChartError`` where there is none."""
         return self.chart.to_pose(step @ self.motions)
 
     def losses(self, steps: Sequence[FloatArray] | FloatArray) -> FloatArray:
-        """(s,): infinite where a step leads to no pose."""
+        """(s,): losses at steps; infinite where a step leads to no pose."""
         return np.array(list(self._pool.map(self._loss, list(steps))))
 
     def descend(self, descents: Sequence[Descent]) -> list[tuple[FloatArray, float]]:
-        """Where each comes to, and the loss there."""
+        """The step where each descent ends, and the loss there."""
         return list(self._pool.map(self._descend, descents, at_a_time=1))
 
     def _loss(self, renderer: Renderer, step: FloatArray) -> float:
@@ -117,11 +107,14 @@ class Probe:
         return registration_loss(renderer.moments(pose, self.level.photo))
 
     def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
-        edges = descent.edge * np.eye(len(descent.step))
+        start, edge, evaluations = descent
         states = nelder_mead.minimise(
-            lambda steps: map(partial(self._loss, renderer), steps), descent.step, edges, TOLERANCES
+            lambda steps: map(partial(self._loss, renderer), steps),
+            start,
+            edge * np.eye(len(start)),
+            TOLERANCES,
         )
-        *_, last = islice(states, descent.evaluations + 1)
+        *_, last = islice(states, evaluations + 1)
         return last.best, last.value
 
     def turns(self) -> FloatArray:
@@ -135,21 +128,21 @@ class Probe:
         return steps[kept]
 
     def distance(self, one: FloatArray, other: FloatArray) -> float:
-        """Mean distance of the hull in the photo, as a share of its diagonal; of equal poses the
-        nearest counts.
+        """Mean distance of the hull in the photo, as a share of its diagonal there, at most 1; of
+        equal poses the nearest counts.
         """
         try:
             pose = self.pose(one)
             equal = self._symmetry.nearest_pose(self.pose(other), pose)
         except OutsideChartError:
             return 1.0
-        here, there = (place.project(self._points) for place in (pose, equal))
+        here, there = pose.project(self._points), equal.project(self._points)
         diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
 
     def overlap(self, one: FloatArray, other: FloatArray) -> float:
-        """Intersection over union of what two poses cover, in [0, 1]."""
+        """Intersection over union of the pixels that two poses cover, in [0, 1]."""
         level = self.level
         poses = [level_pose(self.pose(step), level.photo.factor) for step in (one, other)]
         masks = [level.renderer.covers(pose) for pose in poses]
@@ -163,15 +156,10 @@ def better_turn(
     """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
     a coarse level; None where a descent from the pose itself reaches no worse one.
     """
-    photo = compared_photo(problem, mesh, pose)
-    with (
-        suppress(PoseViewerError),
-        closing(Probe(problem, photo, mesh, renderer, pose, threads)) as probe,
-    ):
+    with suppress(PoseViewerError), closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
         starts = [np.zeros(len(probe.motions)), *probe.turns()]
-        (_, own), *ends = probe.descend(
-            [Descent(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
-        )
+        descents = [(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
+        (_, own), *ends = probe.descend(descents)
         for step, loss in sorted(ends, key=lambda end: end[1]):
             if loss > own - TURN_GAIN:
                 break
@@ -193,15 +181,24 @@ def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttribut
 
 def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
-    size = len(chart.names)
-    if len(problem.free_indices) == size:
-        return np.eye(size)
-    each = (_motion(problem, parameters, index, chart) for index in problem.free_indices)
-    motions = [motion for motion in each if motion is not None]
-    if not motions:
-        return np.eye(size)
-    basis, _ = np.linalg.qr(np.array(motions).T)
-    return basis.T
+    size, motions = len(chart.names), []
+    if not all(problem.free):
+        each = (_motion(problem, parameters, index, chart) for index in problem.free_indices)
+        motions = [motion for motion in each if motion is not None]
+    return orth(np.array(motions).T, LEAST_MOTION).T if motions else np.eye(size)
+
+
+def _motion(
+    problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
+) -> FloatArray | None:
+    """(d,): derivative by a parameter, one-sided; None where no step leads to a pose."""
+    step = SMALL_STEP * problem.chart.scales(parameters)[index]
+    for sign in (1.0, -1.0):
+        changed = parameters.copy()
+        changed[index] += sign * step
+        with suppress(OutsideChartError):
+            return chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
+    return None
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:
@@ -216,18 +213,3 @@ def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry
     along, sizes, _ = np.linalg.svd(motions @ np.array(equal).T)
     rest = along[:, np.count_nonzero(sizes > FREE_SHARE) :].T @ motions
     return rest if len(rest) else motions
-
-
-def _motion(
-    problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
-) -> FloatArray | None:
-    """(d,): derivative by a parameter, one-sided; None where no step leads to a pose."""
-    step = SMALL_STEP * problem.chart.scales(parameters)[index]
-    for sign in (1.0, -1.0):
-        changed = parameters.copy()
-        changed[index] += sign * step
-        try:
-            return chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
-        except OutsideChartError:
-            continue
-    return None

@@ -1,8 +1,9 @@
-"""A can that stands right but is turned about its axis: told from one that is right, and mended."""
+"""Poses that stand right but are turned about an axis: told from right ones, and mended."""
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from poseviewer.api import load
 from poseviewer.evaluation.synthetic import photograph, random_lighting
+from poseviewer.files.demo import demo_case
 from poseviewer.fit.judge import gather_features, judge
 from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
 from poseviewer.fit.problem import FitProblem, make_problem
@@ -19,7 +22,7 @@ from poseviewer.fit.search import Search
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.mesh import Mesh, principal_axes
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
@@ -47,8 +50,6 @@ TRUTH = Pose(
     Perspective(400.0, 400.0, 160.0, 120.0, 320, 240),
     RigidTransform.from_rotation_vector([1.25, 0.5, -0.4], [0.05, 0.02, 4.0]),
 )
-
-
 ROUND = Symmetry.from_turns(CAN.centre, [Turn(AXIS, 0), Turn(ACROSS, 2)])
 
 
@@ -76,15 +77,17 @@ def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
     return make_problem(scene_from(start, mesh))[0]
 
 
+@contextmanager
+def probing(problem: FitProblem, mesh: Mesh = CAN, pose: Pose = TRUTH) -> Iterator[Probe]:
+    probe = Probe(problem, mesh, make_renderer(mesh), pose)
+    yield probe
+    probe.close()
+
+
 @pytest.mark.slow
 def test_a_can_is_turned_about_its_axis_and_across():
-    axes = principal_axes(CAN)
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
-    assert abs(axes[2] @ AXIS) == pytest.approx(1.0, abs=1e-3)  # it is longer than it is wide
-    problem = fitted_from(TRUTH)
-    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
-        steps = probe.turns()
-        poses = [probe.pose(step) for step in steps]
+    with probing(fitted_from(TRUTH)) as probe:
+        poses = [probe.pose(step) for step in probe.turns()]
     assert len(poses) == 3 * 2 * len(TURNS_DEG)
     centre = TRUTH.camera_from_model.apply(CAN.centre)
     for pose in poses:
@@ -95,34 +98,42 @@ def test_a_can_is_turned_about_its_axis_and_across():
         assert min(apart) < 2e-3
 
 
+@pytest.mark.parametrize("lock", [(), ("mu_x",), ("width_per_focal",)])
+def test_motions_are_those_that_the_search_was_free_in(lock):
+    files = demo_case()
+    case = load(files.photo, files.model, files.start, free_focal=True, lock=lock)
+    problem, mesh, pose = case.problem, case.mesh, case.pose
+    with probing(problem, mesh, pose) as probe:
+        assert len(probe.motions) == len(problem.free_indices) == 7 - len(lock)
+        assert probe.motions.shape[1] == 7 - ("width_per_focal" in lock)
+        held = [index for index, is_free in enumerate(problem.free) if not is_free]
+        for step in 1e-4 * np.eye(len(probe.motions)):
+            moved = problem.chart.from_pose(probe.pose(step)) - problem.start
+            np.testing.assert_allclose(moved[held], 0.0, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_what_a_search_may_not_turn_is_not_turned():
     problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
-    renderer = make_renderer(CAN)
-    with closing(Probe(problem, problem.photo, CAN, renderer, TRUTH)) as probe:
+    with probing(problem) as probe:
         assert probe.turns().shape == (0, 3)
-    assert better_turn(problem, CAN, renderer, turned(TRUTH, 25.0)) is None
+    assert better_turn(problem, CAN, make_renderer(CAN), turned(TRUTH, 25.0)) is None
 
 
 @pytest.mark.slow
-def test_what_is_held_stays_to_the_last_digit():
-    start = turned(TRUTH, 25.0)
-    problem = replace(fitted_from(start), free=(False,) + (True,) * 5)
-    off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
-    parameters = better_turn(problem, CAN, make_renderer(CAN), problem.chart.to_pose(off))
-    assert parameters is not None
-    assert parameters[0] == problem.start[0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("degrees", [-38.0, 25.0])
-def test_the_right_turn_is_found(degrees):
-    start = turned(TRUTH, degrees)
-    problem, renderer = fitted_from(start), make_renderer(CAN)
+def test_the_right_turn_is_found_and_what_is_held_stays_to_the_last_digit():
+    start, renderer = turned(TRUTH, -38.0), make_renderer(CAN)
+    problem = fitted_from(start)
     parameters = better_turn(problem, CAN, renderer, start, 2)
     assert parameters is not None
     assert pose_error(CAN, problem.chart.to_pose(parameters), TRUTH).rotation_deg < 4.0
     assert better_turn(problem, CAN, renderer, TRUTH) is None
+    start = turned(TRUTH, 25.0)
+    problem = replace(fitted_from(start), free=(False,) + (True,) * 5)
+    off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
+    parameters = better_turn(problem, CAN, renderer, problem.chart.to_pose(off))
+    assert parameters is not None
+    assert parameters[0] == problem.start[0]
 
 
 @pytest.mark.slow
@@ -151,7 +162,7 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
 
 def test_turns_to_equal_poses_are_no_motions():
     problem = replace(fitted_from(TRUTH), symmetry=ROUND)
-    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
+    with probing(problem) as probe:
         assert probe.motions.shape == (5, 6)
         np.testing.assert_allclose(probe.motions @ probe.motions.T, np.eye(5), atol=1e-9)
         about = TRUTH.camera_from_model.rotation @ AXIS
@@ -162,7 +173,7 @@ def test_turns_to_equal_poses_are_no_motions():
 def test_an_equal_pose_is_not_away():
     symmetry = Symmetry.from_turns(CAN.centre, [Turn(ACROSS, 2)])
     problem = replace(fitted_from(TRUTH), symmetry=symmetry)
-    with closing(Probe(problem, problem.photo, CAN, make_renderer(CAN), TRUTH)) as probe:
+    with probing(problem) as probe:
         _, over = symmetry.transforms()
         equal = replace(TRUTH, camera_from_model=TRUTH.camera_from_model @ over)
         step, nothing = probe.chart.from_pose(equal), np.zeros(6)
@@ -175,8 +186,7 @@ def test_an_equal_pose_is_not_away():
 
 @pytest.mark.slow
 def test_equal_poses_do_not_count_as_turned():
-    """Of a can without print: by its loss alone it may be turned as one likes."""
-    plain = make_mesh(CAN.vertices, CAN.faces)
+    plain = make_mesh(CAN.vertices, CAN.faces)  # by its loss alone it may be turned as one likes
     problem, renderer = fitted_from(TRUTH, plain), make_renderer(plain)
     found = [
         judge(gather_features(of, plain, renderer, TRUTH))
