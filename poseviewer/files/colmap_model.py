@@ -4,14 +4,12 @@
 
 from __future__ import annotations
 
-import os
+import mmap
 import struct
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from poseviewer.errors import PoseViewerError
 from poseviewer.files.checks import Reading
 from poseviewer.geometry.lens import LensModel
 
@@ -37,12 +35,7 @@ https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
 POINT_BYTES = 24
 """Of an image's point: x, y, and the number of its point in space."""
 LARGEST_FILE = 100_000_000_000
-"""Bytes: the points of all images are in it; they are skipped, a record or a line at a time."""
-LONGEST_LINE = 100_000_000
-"""Bytes: those of a million points."""
-WANTED = "wanted a file of a COLMAP model"
-LONGEST_NAME = 4096
-"""Of an image, in bytes: paths are no longer."""
+"""Bytes: the points of all images are in it; they are skipped."""
 
 
 def model_file(folder: Path, stem: str) -> Path:
@@ -51,77 +44,55 @@ def model_file(folder: Path, stem: str) -> Path:
     return binary if binary.is_file() else text
 
 
-def camera_rows(reading: Reading) -> Iterator[list[str]]:
+def camera_rows(reading: Reading) -> list[list[str]]:
     """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file."""
-    if reading.path.suffix == ".bin":
-        for file in _records(reading):
-            number, model, width, height = _unpack(reading, file, "<IiQQ")
-            if not 0 <= model < len(MODELS):
-                raise reading.error(f"camera {number} is of model {model}", "wanted one of COLMAP")
+    reading = replace(reading, largest=LARGEST_FILE)
+    with reading.naming_errors(), reading.open() as file:
+        if reading.path.suffix != ".bin":
+            return [line.split() for line in map(_text, file) if line]
+        rows, records = [], _Records(file.fileno())
+        for _ in range(records.count):
+            number, model, width, height = records.take("<IIQQ")
             name, (focals, more, _) = list(MODELS.items())[model]
-            numbers = _unpack(reading, file, f"<{focals + 2 + more}d")
-            yield [str(number), name, str(width), str(height), *map(repr, numbers)]
-        return
-    yield from (line.split() for line in _lines(reading) if line)
+            numbers = records.take(f"<{focals + 2 + more}d")
+            rows.append([str(number), name, str(width), str(height), *map(repr, numbers)])
+        return rows
 
 
-def image_rows(reading: Reading) -> Iterator[list[str]]:
+def image_rows(reading: Reading) -> list[list[str]]:
     """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file."""
-    if reading.path.suffix == ".bin":
-        for file in _records(reading):
-            number, *place, camera = _unpack(reading, file, "<I7dI")
-            name = _name(reading, file)
-            (points,) = _unpack(reading, file, "<Q")
-            file.seek(points * POINT_BYTES, 1)
-            yield [str(number), *map(repr, place), str(camera), name]
-        return
-    lines = _lines(reading)
-    for line in lines:
-        if line:
-            yield line.split(maxsplit=9)
-            next(lines, None)  # its points
+    reading, rows = replace(reading, largest=LARGEST_FILE), []
+    with reading.naming_errors(), reading.open() as file:
+        if reading.path.suffix != ".bin":
+            for line in file:
+                if words := _text(line):
+                    rows.append(words.split(maxsplit=9))
+                    next(file, None)  # its points
+            return rows
+        records = _Records(file.fileno())
+        for _ in range(records.count):
+            number, *pose, camera = records.take("<I7dI")
+            name = records.data[records.at : records.data.index(b"\0", records.at)]
+            records.at += len(name) + 1
+            (points,) = records.take("<Q")
+            records.at += points * POINT_BYTES
+            rows.append([str(number), *map(repr, pose), str(camera), name.decode()])
+        return rows
 
 
-def _records(reading: Reading) -> Iterator[IO[bytes]]:
-    """The open file, once for each record that a binary file says it has."""
-    with replace(reading, largest=LARGEST_FILE).open() as file:
-        (count,) = _unpack(reading, file, "<Q")
-        for _ in range(count):  # a file that has fewer is cut short: the next read says so
-            yield file
-        if file.tell() > os.fstat(file.fileno()).st_size:  # points were skipped
-            raise _cut_short(reading)
+class _Records:
+    """Numbers of a binary file, taken one after another; struct.error where it is cut short."""
+
+    def __init__(self, handle: int) -> None:
+        self.data, self.at = mmap.mmap(handle, 0, access=mmap.ACCESS_READ), 0
+        (self.count,) = self.take("<Q")
+
+    def take(self, form: str) -> tuple[Any, ...]:
+        values = struct.unpack_from(form, self.data, self.at)
+        self.at += struct.calcsize(form)
+        return values
 
 
-def _unpack(reading: Reading, file: IO[bytes], form: str) -> tuple[Any, ...]:
-    size = struct.calcsize(form)
-    data = file.read(size)
-    if len(data) < size:
-        raise _cut_short(reading)
-    return struct.unpack(form, data)
-
-
-def _name(reading: Reading, file: IO[bytes]) -> str:
-    """Up to the next zero byte."""
-    start = file.tell()
-    data, zero, _ = file.read(LONGEST_NAME).partition(b"\0")
-    if not zero:
-        raise _cut_short(reading)
-    file.seek(start + len(data) + 1)
-    return data.decode("utf-8", "replace")
-
-
-def _lines(reading: Reading) -> Iterator[str]:
-    """The lines that are no comments, empty ones included: they stand for images without points."""
-    with replace(reading, largest=LARGEST_FILE).open() as file:
-        while line := file.readline(LONGEST_LINE):
-            if len(line) == LONGEST_LINE or b"\0" in line:
-                raise reading.error("not a text", WANTED)
-            if not line.startswith(b"#"):
-                try:
-                    yield line.decode().strip()
-                except UnicodeDecodeError:
-                    raise reading.error("not a text in UTF-8", WANTED) from None
-
-
-def _cut_short(reading: Reading) -> PoseViewerError:
-    return reading.error("is cut short", f"{WANTED}, a whole one")
+def _text(line: bytes) -> str:
+    """A line's words; "" of a comment."""
+    return "" if line.startswith(b"#") else line.decode().strip()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import astuple, replace
 from io import BytesIO
 from pathlib import Path
@@ -49,7 +47,7 @@ def load_photo(path: str | Path) -> Photo:
         if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
             pixels, focal = _decode_heic(reading, data)
         else:
-            orientation, focal = _inspect(reading, data)
+            orientation, focal = _read_exif(reading, data)
             pixels = _upright(_decode(reading, data), orientation)
         if pixels.dtype not in (np.uint8, np.uint16):
             raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
@@ -64,8 +62,8 @@ def load_photo(path: str | Path) -> Photo:
 def is_stored_turned(path: str | Path) -> bool:
     """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
     reading = _reading(path)
-    with reading.naming_errors():
-        return _inspect(reading, reading.load_bytes())[0] != 1
+    with reading.naming_errors(), quiet_libraries():
+        return _read_exif(reading, reading.load_bytes())[0] != 1
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -104,32 +102,22 @@ def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
 
 
-@contextmanager
-def _naming_picture_errors(reading: Reading) -> Iterator[None]:
-    """Turn what Pillow raises into errors that name the file; sizes are judged elsewhere."""
-    with quiet_libraries():
-        try:
-            yield
-        except UnidentifiedImageError:
-            wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
-            raise reading.error("not a picture that can be read", wanted) from None
-        except Image.DecompressionBombError:
-            found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
-            raise reading.error(found, "make it smaller first") from None
-        except (OSError, SyntaxError, ValueError, EOFError) as error:
-            found = f"the picture is damaged or cut short ({str(error)[:80]})"
-            raise reading.error(found, "copy it again") from error
-
-
-def _inspect(reading: Reading, data: bytes) -> tuple[int, float | None]:
+def _read_exif(reading: Reading, data: bytes) -> tuple[int, float | None]:
     """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file."""
-    with _naming_picture_errors(reading), Image.open(BytesIO(data), formats=FORMATS) as image:
-        _refuse_size(reading, *image.size)
-        exif = image.getexif()
-        # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
-        turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
-        focal = focal_35mm(exif, image.width, image.height)
-        image.load()  # whether it is whole: OpenCV fills up with grey
+    try:
+        with Image.open(BytesIO(data), formats=FORMATS) as image:
+            _refuse_size(reading, *image.size)
+            exif = image.getexif()
+            # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
+            turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
+            focal = focal_35mm(exif, image.width, image.height)
+            image.load()  # whether it is whole: OpenCV fills up with grey
+    except UnidentifiedImageError:
+        wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
+        raise reading.error("not a picture that can be read", wanted) from None
+    except Image.DecompressionBombError:
+        found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
+        raise reading.error(found, "make it smaller first") from None
     return turned if turned in range(1, 9) else 1, focal
 
 
@@ -160,11 +148,7 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
 
 def _decode(reading: Reading, data: bytes) -> NDArray:
     """(h, w, 1 to 4), grey or RGB, not yet turned upright."""
-    try:
-        with quiet_libraries():
-            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        picture = None
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
         found = "OpenCV cannot read this kind of picture"
         raise reading.error(found, "save it as PNG or JPEG")
@@ -180,22 +164,11 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
     except ImportError:
         wanted = "pip install 'poseviewer[heic]', or save the photo as JPEG"
         raise reading.error("HEIC photos need pillow-heif", wanted) from None
-    try:
-        picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
-        width, height = picture.size
-        _refuse_size(reading, width, height)
-        pixels = np.array(picture)
-    except PhotoFileError:
-        raise
-    except Exception as error:  # libheif raises anything on damaged files
-        words = " ".join(str(error).split())[:80]
-        found = f"the HEIC photo is damaged or cut short ({words})"
-        raise reading.error(found, "copy again") from error
-    exif = Image.Exif()
-    try:
-        exif.load(picture.info.get("exif") or b"")
-    except (SyntaxError, ValueError, OSError, KeyError):
-        exif = Image.Exif()
+    picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
+    width, height = picture.size
+    _refuse_size(reading, width, height)
+    pixels, exif = np.array(picture), Image.Exif()
+    exif.load(picture.info.get("exif") or b"")
     return pixels if pixels.ndim == 3 else pixels[..., None], focal_35mm(exif, width, height)
 
 

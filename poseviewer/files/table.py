@@ -6,7 +6,9 @@ import csv
 from dataclasses import asdict, fields
 from io import StringIO
 from pathlib import Path
-from typing import Any, Generic, TypeVar, get_type_hints
+from typing import Any, Generic, TypeVar
+
+import msgspec
 
 from poseviewer.errors import SettingsError
 from poseviewer.files.checks import Reading
@@ -23,9 +25,6 @@ class RowTable(Generic[Row]):
     def __init__(self, path: Path, row_type: type[Row]) -> None:
         """Read what is there; a last line that was cut off is dropped."""
         self._path, self._type = path, row_type
-        truth = {"True": True, "False": False}.__getitem__
-        hints = get_type_hints(row_type)
-        self._kinds = {name: truth if kind is bool else kind for name, kind in hints.items()}
         self.columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
         reading = Reading(path, error_type=SettingsError, kind="table of trials", largest=LARGEST)
         text = reading.load_text() if path.exists() and path.stat().st_size else ""
@@ -60,11 +59,8 @@ class RowTable(Generic[Row]):
                 f"{self._path}: is not a table of such trials; name another folder, or take it away"
             )
         try:
-            return [
-                self._type(**{name: self._kinds[name](text) for name, text in cells.items()})
-                for cells in reader
-            ]
-        except (ValueError, TypeError, KeyError) as error:
+            return msgspec.convert(list(reader), list[self._type], strict=False)
+        except msgspec.ValidationError as error:
             raise SettingsError(
                 f"{self._path}: holds a row that cannot be read ({error}); mend it, or name "
                 "another folder"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
 import sys
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,25 +18,23 @@ def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
     """Write beside ``path`` and then rename, so that no reader sees half a file."""
     if path.exists() and not path.is_file():  # a device would be a file from then on
         raise error(f"{path.name}: is no regular file and was not replaced; name another.")
-    temporary = None
+    temporary = path.with_name(f".{path.name[:40]}.{secrets.token_hex(4)}.part")
     try:
-        handle, name = tempfile.mkstemp(".part", f".{path.name[:40]}.", path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
+        with temporary.open("xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(_usual_mode(path))
+        if path.exists():
+            temporary.chmod(path.stat().st_mode & 0o777)
         temporary.replace(path)
-    except BaseException as problem:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-        if not isinstance(problem, OSError):
-            raise
+    except OSError as problem:
         raise error(
             f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
             "check that the folder exists and is yours to write to."
         ) from problem
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
@@ -84,15 +83,6 @@ def make_folder(
         raise error(
             f"{folder}: cannot be made ({problem.strerror}); name a folder of yours."
         ) from None
-
-
-def _usual_mode(path: Path) -> int:
-    """What the file had, else what a new file gets: mkstemp alone gives 0600."""
-    if path.exists():
-        return path.stat().st_mode & 0o777
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return 0o666 & ~mask
 
 
 def sha256_of(path: str | Path) -> str:

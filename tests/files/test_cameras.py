@@ -189,7 +189,7 @@ BROKEN = {
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
     "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
     "scene.json": ({"0": {"cam_K": [1, 2]}}, "cam_K of 0 has 2"),
-    "photo.txt": (b"\xff\xd8\xff\xe0", "not a text"),
+    "photo.txt": (b"\xff\xd8\xff\xe0", "not a readable file of cameras"),
     "cameras.txt": ("# only a head\n", "no camera"),
     "words.txt": ("hello there\n", "CAMERA_ID"),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
