@@ -21,7 +21,7 @@ from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose
 from poseviewer.files.structs import Transform
 from poseviewer.fit.scene import PlacedModel
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
@@ -41,6 +41,12 @@ LAST = [0.0, 0.0, 0.0, 1.0]
 SET_FROM_MODEL = RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [3.0, -1.0, 2.0])
 OFF = np.array([0.15, -0.15, 0.12, 0.1, -0.08, 0.06])
 """Of the start: 14 degrees, an eighth of the radius, 6 % of the distance."""
+
+
+def focal_length(camera: Camera) -> float:
+    """Of a perspective camera, px."""
+    assert isinstance(camera, Perspective)
+    return camera.fx
 
 
 def camera_from_set(turn_deg: float, tilt_deg: float, aside: float) -> RigidTransform:

@@ -18,8 +18,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import PoseCovariance
-from poseviewer.geometry.view_chart import SIZE, ViewChart
+from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
+from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.optimise import quadratic
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.render.types import Renderer
@@ -69,35 +69,43 @@ def joint_covariance(
     views: Sequence[Verdict],
 ) -> PoseCovariance | None:
     """Covariance of a pose in the first of several photos, by adding the inverses of ``views``;
-    None where no photo has one.
+    None where no photo has one. Its seventh number is the focal length of the first photo's camera
+    where that was free, else the model's size.
     """
-    total, own = np.zeros((7, 7)), None
+    count = len(problem.start)
+    total, own = np.zeros((count, count)), None
     for view, verdict in zip(problem.views, views, strict=True):
         if verdict.covariance is None or not isinstance(view.chart, ViewChart):
             continue
-        from_first = _from_first(view.chart, parameters)
+        from_first = _from_first(view.chart, parameters)[: len(verdict.covariance.matrix)]
         total += from_first.T @ _inverse(verdict.covariance) @ from_first
         own = own or PoseCovariance(
             problem.chart.to_pose(parameters), verdict.covariance.centre, np.zeros((6, 6))
         )
     if own is None:
         return None
-    scales = np.append(own.scales, 1.0)
+    scales = np.append(own.scales, np.ones(count - 6))
     units = np.outer(scales, scales)
     inverse = np.asarray(np.linalg.pinv(total * units, PINV), float)
-    # Where the scale is known, or one photo alone has a covariance, nothing is said of the size.
-    size = 7 if (inverse @ total * units)[6, 6] > 1.0 - PINV**0.5 else 6
+    # Where one photo alone has a covariance, nothing is said of the size.
+    is_told = np.diag(inverse @ total * units)[6:7] > 1.0 - PINV**0.5
+    size = 7 if is_told.any() else 6
+    seventh = "log_focal" if has_focal(problem.chart) else "log_size"
     joint = (inverse * units)[:size, :size]
-    return replace(own, seventh=SIZE).with_matrix(joint, mesh)
+    return replace(own, seventh=seventh).with_matrix(joint, mesh)
 
 
 def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
-    """(6, 7): turns and shifts in a view from turns, shifts and log size in the first one."""
+    """(7, d): turns, shifts and log focal length in a view from turns and shifts in the first one,
+    and the chart's other numbers.
+    """
     turn = chart.view_from_reference
-    from_first = np.eye(6, 7)
+    from_first = np.zeros((7, len(parameters)))
     from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
+    if chart.focals:
+        from_first[6, 6 + chart.focal] = 1.0
     if chart.free_size:
-        from_first[3:6, 6] = -chart.nearness(parameters) * turn.translation
+        from_first[3:6, -1] = -chart.nearness(parameters) * turn.translation
     return from_first
 
 

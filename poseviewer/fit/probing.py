@@ -72,7 +72,7 @@ class Probe:
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        is_focal_free = any(problem.chart.names[i] in FOCAL for i in problem.free_indices)
+        is_focal_free = any(problem.chart.names[i].startswith(FOCAL) for i in problem.free_indices)
         free_focal = is_focal_free and not isinstance(pose.camera, Parallel)
         self.chart = FreeBodyChart.near(mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)

@@ -298,9 +298,8 @@ def _view_charts(
         SettingsError: the settings do not go with several views.
         SingularChartError: the model's centre is behind the first camera.
     """
-    if settings.free_focal or settings.chart == "vehicle":
-        asked = "--free-focal" if settings.free_focal else "--chart vehicle"
-        raise SettingsError(f"{asked} with several photos, whose cameras are known; leave it out.")
+    if settings.chart == "vehicle":
+        raise SettingsError("--chart vehicle with several photos; leave it out.")
     if settings.pixels == "clip" and settings.method == "default":
         raise SettingsError(
             "--pixels clip with several photos; take near or whole, or leave it out."
@@ -308,6 +307,8 @@ def _view_charts(
     first, one = scene.views[order[0]], scene.objects[index]
     reference = FreeBodyChart.near(one.model.mesh, scene.pose(index, order[0]))
     scale, charts = 1.0 / one.world_from_model.scale, []
+    cameras = list(dict.fromkeys(scene.views[number].camera for number in order))
+    focals = len(cameras) if settings.free_focal else 0
     for number in order:
         view = scene.views[number]
         if not isinstance(view.camera, Perspective):
@@ -317,7 +318,10 @@ def _view_charts(
         turn = view.camera_from_world @ first.camera_from_world.inverse()
         turn = RigidTransform(turn.rotation, scale * turn.translation)
         turn = RigidTransform.identity() if number == order[0] else turn
-        charts.append(ViewChart(reference, view.camera, turn, scene.free_scale, scale))
+        focal = cameras.index(view.camera)
+        charts.append(
+            ViewChart(reference, view.camera, turn, scene.free_scale, scale, focals, focal)
+        )
     return charts
 
 

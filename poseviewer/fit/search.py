@@ -417,6 +417,8 @@ def with_end(
     scale = None
     if isinstance(chart, ViewChart):
         scale = 1.0 / chart.scale_at(progress.parameters)
+    for view in problem.views[1:]:  # of another camera, perhaps, whose focal length was searched
+        scene = scene.with_pose(index, view.chart.to_pose(progress.parameters), view.index, scale)
     scene = scene.with_pose(index, progress.pose, first.index, scale)
     return scene.with_object(index, result=result_of(scene, index, problem, progress, renderer))
 

@@ -256,7 +256,7 @@ def _largest(covariance: FloatArray) -> float:
 
 def has_focal(chart: Chart) -> bool:
     """Whether the focal length is a number of the chart."""
-    return chart.names[-1] in FOCAL
+    return any(name.startswith(FOCAL) for name in chart.names)
 
 
 def _derivatives(function: Callable[[FloatArray], FloatArray], scales: FloatArray) -> FloatArray:

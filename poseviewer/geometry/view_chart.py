@@ -1,15 +1,16 @@
 """The pose of a model in each view of a set, by the same numbers.
 
 A set's cameras know their poses to one another. The free-body chart of one of them, the reference,
-moves the model, and what it gives is seen from the others. Where the set's scale is not known, one
-number more makes the model larger about its centre, which stays where it is among the cameras; as
-poses are in the model's unit, it is all cameras that then come nearer.
+moves the model, and what it gives is seen from the others. Each camera of unknown focal length
+adds its logarithm, which changes all photos of that camera and no place. Where the set's scale is
+not known, one number more makes the model larger about its centre, which stays where it is among
+the cameras; as poses are in the model's unit, it is all cameras that then come nearer.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ SIZE: Literal["log_size"] = "log_size"
 
 @dataclass(frozen=True, slots=True)
 class ViewChart:
-    """Six numbers, or seven with the model's size, for the poses of a model in one view."""
+    """Six numbers, those of focal lengths, and the model's size, for its poses in one view."""
 
     reference: FreeBodyChart
     """About the start, in the view that the numbers are of."""
@@ -36,6 +37,10 @@ class ViewChart:
     free_size: bool = False
     scale: float = 1.0
     """At the start: how many lengths of the model's unit one of the set's is."""
+    focals: int = 0
+    """Number of cameras whose focal length is searched for; 0: all are known."""
+    focal: int = 0
+    """Which of them is this view's."""
 
     @property
     def name(self) -> str:
@@ -45,7 +50,9 @@ class ViewChart:
     @property
     def names(self) -> tuple[str, ...]:
         """What each number is called."""
-        return (*self.reference.names, SIZE) if self.free_size else self.reference.names
+        focals = (f"log_focal_{number}" for number in range(2, self.focals + 1))
+        focals = ("log_focal", *focals) if self.focals else ()
+        return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
 
     def scales(self, parameters: FloatArray) -> FloatArray:
         """100 % is 1, as in the free-body chart."""
@@ -57,9 +64,7 @@ class ViewChart:
         Raises ``OutsideChartError``: a size out of all proportion.
         """
         log_size = float(parameters[-1]) if self.free_size else 0.0
-        if not abs(log_size) <= LARGEST_LOGARITHM:
-            raise OutsideChartError(f"numbers {parameters} out of all proportion")
-        return math.exp(-log_size)
+        return _exp(-log_size)
 
     def scale_at(self, parameters: FloatArray) -> float:
         """The scale of the set by these numbers; raises as ``nearness``."""
@@ -79,21 +84,35 @@ class ViewChart:
 
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose in this view."""
-        factor = self.nearness(parameters)
-        own = self.reference.to_pose(parameters[: len(self.reference.names)]).camera_from_model
+        factor, camera = self.nearness(parameters), self.camera
+        if self.focals:
+            zoom = _exp(float(parameters[6 + self.focal]))
+            camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+        own = self.reference.to_pose(parameters[:6]).camera_from_model
         turn, shift = self.view_from_reference.rotation, self.view_from_reference.translation
         middle = turn @ own.apply(self.reference.centre) * factor + factor * shift
         if middle[2] <= 0.0:
             raise OutsideChartError("the model's centre is behind the camera of a view")
         rotation = turn @ own.rotation
         place = RigidTransform(rotation, middle - rotation @ self.reference.centre)
-        return Pose(self.camera, place)
+        return Pose(camera, place)
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers of a pose in this view, with the size as it is at the start.
+        """The numbers of a pose in this view, with the size and the focal lengths of other cameras
+        as they are at the start.
 
         Raises ``SingularChartError``: the model is behind the reference camera.
         """
         place = self.view_from_reference.inverse() @ pose.camera_from_model
-        numbers = self.reference.from_pose(Pose(self.reference.start.camera, place))
-        return np.append(numbers, 0.0) if self.free_size else numbers
+        numbers = np.zeros(len(self.names))
+        numbers[:6] = self.reference.from_pose(Pose(self.reference.start.camera, place))
+        if self.focals and isinstance(pose.camera, Perspective):
+            numbers[6 + self.focal] = math.log(pose.camera.fx / self.camera.fx)
+        return numbers
+
+
+def _exp(logarithm: float) -> float:
+    """Raises ``OutsideChartError``: out of all proportion."""
+    if not abs(logarithm) <= LARGEST_LOGARITHM:
+        raise OutsideChartError(f"a factor of e^{logarithm:g} is out of all proportion")
+    return math.exp(logarithm)

@@ -18,7 +18,7 @@ from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_views
-from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
+from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
 
 MODEL = LoadedModel(MESH, "m.ply", "0" * 64)
 AT = np.array([0.02, 0.01, -0.03, 0.02, 0.0, 0.01])
@@ -73,6 +73,31 @@ def test_views_of_several_sides_tell_the_depth(renderer):
     assert joint is not None
     assert single is not None
     assert joint.depth < 0.3 * single.depth  # type: ignore[operator]
+
+
+@pytest.mark.slow
+def test_photos_of_one_camera_tell_its_focal_length(renderer):
+    scene = make_scene()
+    focals = [focal_length(view.camera) for view in scene.views]
+    wrong = [0.85, 0.85, 1.1]  # the third is of another camera
+    views = tuple(
+        replace(view, camera=replace(CAMERA, fx=share * focal, fy=share * focal))
+        for view, focal, share in zip(scene.views, focals, wrong, strict=True)
+    )
+    scene = replace(scene, views=views)
+    search = Search(scene.with_object(0, settings=FitSettings(free_focal=True)), {0: renderer})
+    *_, end = search.run()
+    assert end.problem.chart.names[6:] == ("log_focal", "log_focal_2")
+    found = [view.camera for view in search.scene.views]
+    assert found[0] == found[1] != found[2]
+    assert [focal_length(camera) for camera in found] == pytest.approx(focals, rel=0.01)
+    at, true = (p.camera_from_model.apply(MESH.centre) for p in (end.progress.pose, TRUTH[0]))
+    assert np.abs(at - true).max() < 0.003 * DISTANCE
+    assert end.progress.verdict is not None
+    sure = end.progress.verdict.covariance
+    assert sure is not None
+    assert sure.focal_px is not None
+    assert sure.focal_px < 0.02 * focals[0]
 
 
 @pytest.mark.slow
@@ -143,7 +168,7 @@ def test_a_landscape_is_of_all_views(problem, renderer):
 
 @pytest.mark.parametrize(
     ("changes", "said"),
-    [({"free_focal": True}, "--free-focal"), ({"pixels": "clip"}, "--pixels clip")],
+    [({"chart": "vehicle"}, "--chart vehicle"), ({"pixels": "clip"}, "--pixels clip")],
 )
 def test_what_does_not_go_with_several_views_is_said(changes, said):
     scene = make_scene().with_object(0, settings=FitSettings(**changes))

@@ -10,14 +10,14 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import scale_by_sight
 from poseviewer.geometry.view_chart import ViewChart
-from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, make_views
+from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, focal_length, make_views
 
 REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
 
 
-def chart(index: int, free_size: bool = False) -> ViewChart:
+def chart(index: int, free_size: bool = False, focals: int = 0) -> ViewChart:
     turn = CAMERAS_FROM_SET[index] @ CAMERAS_FROM_SET[0].inverse()
-    return ViewChart(REFERENCE, CAMERA, turn, free_size)
+    return ViewChart(REFERENCE, CAMERA, turn, free_size, focals=focals, focal=min(index, 1))
 
 
 @pytest.mark.parametrize("index", range(3))
@@ -26,12 +26,24 @@ def test_all_numbers_0_are_the_start_in_every_view(index):
     np.testing.assert_allclose(shown, TRUTH[index].project(MESH.vertices), atol=1e-9)
 
 
-@pytest.mark.parametrize("free_size", [False, True])
+@pytest.mark.parametrize(("free_size", "focals"), [(False, 0), (True, 0), (True, 2)])
 @pytest.mark.parametrize("index", range(3))
-def test_numbers_of_a_pose_give_the_pose_back(index, free_size):
-    own = chart(index, free_size)
-    numbers = np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.05, 0.0])[: 6 + free_size]
+def test_numbers_of_a_pose_give_the_pose_back(index, free_size, focals):
+    own = chart(index, free_size, focals)
+    numbers = np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.05, *[0.0] * focals, *[0.0] * free_size])
+    if focals:
+        numbers[6 + own.focal] = -0.1
     np.testing.assert_allclose(own.from_pose(own.to_pose(numbers)), numbers, atol=1e-12)
+
+
+def test_a_focal_length_changes_the_photos_of_its_camera_and_no_place():
+    numbers = np.array([*np.zeros(6), 0.0, np.log(1.1)])
+    for index, zoom in ((0, 1.0), (1, 1.1), (2, 1.1)):
+        was, now = (chart(index, focals=2).to_pose(at) for at in (np.zeros(8), numbers))
+        np.testing.assert_array_equal(
+            now.camera_from_model.translation, was.camera_from_model.translation
+        )
+        assert focal_length(now.camera) == pytest.approx(zoom * focal_length(was.camera))
 
 
 @pytest.mark.parametrize("index", range(3))

@@ -271,9 +271,12 @@ class Document:
         self, index: int, problem: FitProblem, progress: FitProgress, result: SearchResult | None
     ) -> Document:
         """The document with an object where a search for it is, or has ended in a ``result``."""
-        scale = scale_at(problem.chart, progress.parameters)
-        found = self.at_pose(progress.pose, index, problem.views[0].index, scale)
-        return found if result is None else found.with_object(index, result=result)
+        scale, document = scale_at(problem.chart, progress.parameters), self
+        for view in problem.views[1:]:  # of another camera, perhaps
+            pose = view.chart.to_pose(progress.parameters)
+            document = document.at_pose(pose, index, view.index, scale)
+        document = document.at_pose(progress.pose, index, problem.views[0].index, scale)
+        return document if result is None else document.with_object(index, result=result)
 
     def at_numbers(self, chart: Chart, numbers: FloatArray, view: int | None = None) -> Document:
         """The document with the active object at the numbers (d,) of a chart of poses in a view, by
@@ -299,9 +302,14 @@ class Document:
     @property
     def reset(self) -> Document:
         """The document with the active object at its start."""
-        place, camera = self.state.start, self.state.cameras[self.at]
-        found = self.at_pose(self.start, scale=place.scale)
-        return found.with_object(world_from_model=place) if found.view.camera == camera else found
+        place, cameras, document = self.state.start, self.state.cameras, self
+        for index, (view, camera) in enumerate(zip(self.scene.views, cameras, strict=True)):
+            if view.camera != camera and index != self.at:  # by its focal length
+                pose = replace(view, camera=camera).pose(place)
+                document = document.at_pose(pose, view=index, scale=place.scale)
+        document = document.at_pose(self.start, scale=place.scale)
+        is_back = document.view.camera == cameras[self.at]
+        return document.with_object(world_from_model=place) if is_back else document
 
     @property
     def chart(self) -> Chart:
@@ -315,9 +323,10 @@ class Document:
             if not start.camera_from_model.apply(mesh.centre)[2] > 0.0:
                 start, scale = self.pose, self.object.world_from_model.scale
             reference, turn = FreeBodyChart.near(mesh, start), RigidTransform.identity()
-            camera, free_scale = self.view.camera, self.scene.free_scale
+            camera = start.camera if free_focal else self.view.camera
             assert isinstance(camera, Perspective)  # those of several views are
-            return ViewChart(reference, camera, turn, free_scale, 1.0 / scale)
+            free_scale, focals = self.scene.free_scale, int(free_focal)
+            return ViewChart(reference, camera, turn, free_scale, 1.0 / scale, focals)
         try:
             keypoints = self.model.keypoints
             chart, _ = choose_chart(settings.chart, mesh, keypoints, self.pose, free_focal)

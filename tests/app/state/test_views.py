@@ -6,20 +6,23 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import reference_view
+from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.hiding import Paint, Stroke
 from poseviewer.app.state.objects import AddObject, AlterObject, CompareView, LookAt, PickObject
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.scene import LoadedModel, SearchResult
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.placing import surface_point
 from tests.app.state.documents import after, assert_same_pose
 from tests.app.state.sets import SCALE, make_set_session
 from tests.meshes import make_box
-from tests.view_sets import MESH, OFF, TRUTH
+from tests.view_sets import CAMERA, MESH, OFF, TRUTH, focal_length
 
 STROKE = Stroke("brush", np.array([[40.0, 40.0], [60.0, 60.0]]), 8.0)
 
@@ -214,3 +217,19 @@ def test_pairs_of_one_photo_place_the_model_in_all():
         session = after(session, c.Press(*TRUTH[0].project(found)))
         pose = session.document.pose
     assert_poses_are(session, TRUTH, atol=1e-3)
+
+
+def test_a_focal_length_that_was_found_is_that_of_all_photos_of_a_camera(session: Session):
+    scene = session.document.scene
+    other = replace(CAMERA, fx=650.0, fy=650.0)
+    views = (*scene.views[:2], replace(scene.views[2], camera=other))
+    free = replace(scene.objects[0].settings, free_focal=True)
+    begin = Document.of(replace(scene, views=views).with_object(0, settings=free))
+    problem, _ = make_problem(begin.scene)
+    now = next(fit_pose(problem, SoftwareRenderer(MESH)))
+    numbers = np.array([*np.zeros(6), np.log(1.1), np.log(0.9)])
+    now = replace(now, parameters=numbers, pose=problem.chart.to_pose(numbers))
+    found = begin.at_progress(0, problem, now, None)
+    focals = [660.0, 660.0, 585.0]
+    assert [focal_length(view.camera) for view in found.scene.views] == pytest.approx(focals)
+    assert [view.camera for view in found.reset.scene.views] == [view.camera for view in views]
