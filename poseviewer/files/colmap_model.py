@@ -72,7 +72,7 @@ def image_rows(reading: Reading) -> list[list[str]]:
         records = _Records(file.fileno())
         for _ in range(records.count):
             number, *pose, camera = records.take("<I7dI")
-            name = records.data[records.at : records.data.index(b"\0", records.at)]
+            name = records.data[records.at : records.data.find(b"\0", records.at)]
             records.at += len(name) + 1
             (points,) = records.take("<Q")
             records.at += points * POINT_BYTES

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import time
 from pathlib import Path
 
@@ -131,6 +132,27 @@ def test_colmaps_images_say_which_camera_took_a_photo(tmp_path):
     assert load_calibration(Calibration(path), "right.jpg", 1280, 720)[0].camera.fx == 2000
     with pytest.raises(CalibrationFileError, match="2 cameras"):
         load_calibration(Calibration(path), "other.jpg", 1280, 720)
+
+
+def test_a_binary_colmap_model_is_read_to_its_last_image(tmp_path):
+    camera, pose = (1000.0, 1010.0, 640.0, 360.0), (1.0, 0, 0, 0, 0, 0, 5.0)
+    cameras = [
+        struct.pack("<IIQQ4d", key, 1, 1280, 720, key * 1000.0, *camera[1:]) for key in (1, 2)
+    ]
+    images = [
+        struct.pack("<I7dI", 3, *pose, 1) + b"a/left one.jpg\0" + struct.pack("<Q", 2) + bytes(48),
+        struct.pack("<I7dI", 4, *pose, 2) + b"b/right.jpg\0" + struct.pack("<Q", 0),
+    ]
+    for name, records in (("cameras", cameras), ("images", images)):
+        (tmp_path / f"{name}.bin").write_bytes(struct.pack("<Q", 2) + b"".join(records))
+    path = tmp_path / "cameras.bin"
+    assert load_calibration(Calibration(path), "left one.jpg", 1280, 720)[0].camera.fx == 1000
+    assert load_calibration(Calibration(path), "right.jpg", 1280, 720)[0].camera.fx == 2000
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(
+        CalibrationFileError, match=r"^cameras\.bin: not a readable file of cameras"
+    ):
+        load_cameras(path)
 
 
 def test_bops_cameras_are_read(tmp_path):
