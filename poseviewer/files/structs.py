@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
 import numpy as np
-from msgspec import Meta, Struct, inspect
+from msgspec import Meta, Struct
 
 from poseviewer.errors import printable
 from poseviewer.files.checks import (
@@ -50,9 +50,12 @@ MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )
-PLACE = re.compile(r"(?s)(.*?)(?: - at `\$(.*)`)?")
-KEY = re.compile(r"\.?([^.\[\]]+)|\[(\d+|\.\.\.)\]")
-MISSING = re.compile(r"Object missing required field `(.*)`")
+KEY = re.compile(r"[^.\[\]]+|\.\.\.")
+TYPE = re.compile(r"`(.*?)`")
+NAMES = {
+    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
+    "array": "a list", "object": "an object {...}",
+}  # fmt: skip
 
 
 class PhotoReference(Struct, frozen=True, omit_defaults=True):
@@ -186,89 +189,49 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
 def decoded(
     reading: Reading, data: Any, kind: type[AnyStruct], raw: Sequence[str] = ()
 ) -> AnyStruct:
-    """JSON data as a struct; texts made ``printable`` but those of the keys ``raw``; null is as if
-    it were not there.
+    """Convert JSON data to a struct; texts are made ``printable`` but those of the keys ``raw``,
+    null counts as missing, and 640.0 as a whole number.
 
     Raises the reading's error, which says the place, what is there, and what was wanted.
     """
-    data = _printed(data, raw)
-    while True:
-        try:
-            return msgspec.convert(data, kind)
-        except msgspec.ValidationError as error:
-            match = PLACE.fullmatch(str(error))
-            said, place = match.groups() if match else (str(error), None)
-            keys = [int(b) if b.isdecimal() else a or b for a, b in KEY.findall(place or "")]
-            found, wanted, where = data, inspect.type_info(kind), (place or "").lstrip(".")
-            if match := MISSING.fullmatch(said):
-                keys.append(match[1])
-                where = f"{where}.{match[1]}".lstrip(".")
-            elif not said.startswith(("Expected", "Invalid", "Number")):  # of a struct's own check
-                found, _, wanted = said.partition("; ")
-                raise reading.error(f"{where}{found}".lstrip("."), wanted) from None
-            for key in keys:
-                holder, found = found, _item(found, key)
-                wanted = _type_inside(wanted, key)
-            if isinstance(found, float) and "`int" in said and found.is_integer():
-                holder[keys[-1]] = int(found)  # 640.0 is a whole number, too
-                continue
-            found = f"{where or 'its content'} is {kind_of(found)}"
-            raise reading.error(found, f"wanted {_words(wanted)}") from None
+    data = _plain(data, raw)
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).removesuffix("`").partition(" - at `$")
+        where, value = place.lstrip("."), data
+        if said.startswith("Object missing"):
+            name = f"{where}.{said.split('`')[1]}".lstrip(".")
+            raise reading.error(f"{name} is missing", "wanted it") from None
+        if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
+            found, _, wanted = said.partition("; ")
+            raise reading.error(f"{where}{found}".lstrip("."), wanted) from None
+        for key in KEY.findall(place):
+            value = value.get(key) if isinstance(value, dict) else value[int(key)]
+        wanted = "one of those in the file's schema"
+        if said.startswith("Expected"):
+            wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
+        raise reading.error(
+            f"{where or 'its content'} is {kind_of(value)}", f"wanted {wanted}"
+        ) from None
 
 
-def _printed(value: Any, raw: Sequence[str]) -> Any:
+def _plain(value: Any, raw: Sequence[str]) -> Any:
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, list):
-        return [_printed(item, raw) for item in value]
+        return [_plain(item, raw) for item in value]
     if isinstance(value, dict):
         kept = ((printable(key), item) for key, item in value.items() if item is not None)
-        return {k: v if k in raw and isinstance(v, str) else _printed(v, raw) for k, v in kept}
+        return {k: v if k in raw and isinstance(v, str) else _plain(v, raw) for k, v in kept}
+    if isinstance(value, float) and value and value.is_integer():
+        return int(value)
     return value
 
 
-def _item(value: Any, key: str | int) -> Any:
-    """Item of a JSON value at a key; None where that is not known."""
-    if isinstance(value, list):
-        return value[key] if isinstance(key, int) else None
-    return value.get(key) if isinstance(value, dict) else None
-
-
-def _type_inside(info: Any, key: str | int) -> Any:
-    """The type at a key of a type."""
-    for one in getattr(info, "types", (getattr(info, "type", info),)):
-        one = getattr(one, "type", one)
-        if isinstance(one, inspect.StructType):
-            return next((f.type for f in one.fields if f.encode_name == key), None)
-        if isinstance(one, inspect.VarTupleType | inspect.ListType):
-            return one.item_type
-        if isinstance(one, inspect.DictType):
-            return one.value_type
-    return None
-
-
-def _words(info: Any) -> str:
-    """Describe a type's values for a message."""
-    of_union = [one for one in getattr(info, "types", ()) if not isinstance(one, inspect.NoneType)]
-    if of_union:
-        return " or ".join(dict.fromkeys(map(_words, of_union)))
-    info = getattr(info, "type", info)
-    if isinstance(info, inspect.LiteralType):
-        return " or ".join(sorted(map(repr, info.values)))
-    if isinstance(info, inspect.IntType):
-        least = "" if info.ge in (None, 1) else f" from {info.ge} to {info.le}"
-        return f"a whole number{' above 0' if info.ge == 1 else least}"
-    if isinstance(info, inspect.FloatType):
-        above = info.ge is not None and info.ge > 0.0
-        return "a number above 0" if above else f"a finite number, of at most {LARGEST_NUMBER:g}"
-    if isinstance(info, inspect.VarTupleType | inspect.ListType):
-        if info.min_length is not None and info.min_length == info.max_length:
-            return f"a list of {info.min_length}"
-        most = "" if info.max_length is None else f" of {info.max_length} at most"
-        return f"a list{most}{' of one or more' if info.min_length == 1 else ''}"
-    if isinstance(info, inspect.StructType | inspect.DictType):
-        return "an object {...}"
-    return "true or false" if isinstance(info, inspect.BoolType) else "a text"
+def _words(types: re.Match[str]) -> str:
+    """Name types of msgspec's messages for people."""
+    return " or ".join(NAMES.get(name, name) for name in types[1].split(" | ") if name != "null")
 
 
 def transform_from(reading: Reading, said: Transform) -> RigidTransform:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
+
+import msgspec
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.rectangle import Rectangle
@@ -128,22 +130,19 @@ def settings_as_json(settings: FitSettings) -> dict[str, Any]:
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """The settings from ``settings_as_json``, of version 0.1.0 too; what is not known, or makes no
-    sense, is left out.
+    """The settings from ``settings_as_json``, of version 0.1.0 too; names that are not known are
+    left out.
+
+    Raises:
+        SettingsError: a value makes no sense.
     """
-    names = {f.name for f in fields(FitSettings)}
-    given = {key: value for key, value in _with_new_names(data).items() if key in names}
+    data = _with_new_names(data)
+    if isinstance(data.get("options"), Mapping):
+        data["options"] = _with_new_names(data["options"])
     try:
-        if "options" in given:
-            given["options"] = RestartOptions(**_with_new_names(given["options"]))
-        if "limits" in given:
-            given["limits"] = Limits(**given["limits"])
-        for key in ("lock", "region", "without"):
-            if key in given:
-                given[key] = tuple(given[key])
-        return FitSettings(**given)
-    except (TypeError, AttributeError):
-        return FitSettings()
+        return msgspec.convert(data, FitSettings)
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"settings of a file: {error}; take them out of it.") from None
 
 
 def _with_new_names(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -92,7 +92,10 @@ def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
     old = {**written, "rules": {"scouts": 7, "scout_x_tolerance": 0.5}}  # of version 0.1.0
     del old["options"]
     options = RestartOptions(multi_starts=7, multi_start_x_tolerance=0.5)
+    old["limits"]["unknown"] = 3
     assert settings_from_json(old) == replace(settings, options=options)
+    with pytest.raises(SettingsError, match=r"`\$\.limits\.seconds`; take them out"):
+        settings_from_json({"limits": {"seconds": "many"}})
 
 
 def test_what_a_mask_hides_does_not_count():

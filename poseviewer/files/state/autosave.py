@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import secrets
+import time
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -44,6 +45,8 @@ from poseviewer.geometry.view import world_from_pose
 FORMAT, VERSION = "poseviewer-autosave", 2
 LARGEST_FILE = 500_000_000
 """Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
+EXPIRY_S = 30 * 24 * 3600.0
+"""Age of a session, left behind, at which nobody will come back for it; its uploads may go then."""
 
 logger = logging.getLogger(__name__)
 
@@ -175,7 +178,7 @@ def load_autosave(path: Path) -> AutosavedSession:
 def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
     """The newest session in ``folder`` whose process no longer runs, and its file.
 
-    Damaged ones are left out, with a line in the log.
+    Damaged ones are left out, with a line in the log; those of ``EXPIRY_S`` ago are removed.
     """
     newest = None
     for path in sorted(folder.glob("session-*.json")):
@@ -185,6 +188,9 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
             if held is None:
                 continue
             held.close()
+            if time.time() - path.stat().st_mtime > EXPIRY_S:
+                discard(path)
+                continue
             session = load_autosave(path)
         except (AutosaveError, OSError) as error:
             logger.warning("%s", error)

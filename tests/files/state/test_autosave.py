@@ -183,6 +183,10 @@ def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
     found = left_behind(tmp_path)
     assert found is not None
     assert found[0] == paths[1]
+    os.utime(paths[1], (0.0, 0.0))
+    found = left_behind(tmp_path)
+    assert found is not None
+    assert (found[0], paths[1].exists()) == (paths[0], False)
 
 
 def _changed(data: dict[str, Any], where: str, value: Any) -> str:
