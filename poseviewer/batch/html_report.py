@@ -10,6 +10,7 @@ from pathlib import Path
 from poseviewer.batch.results import REJECTED, REPORT, JobResult, Row, worst_first
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
+from poseviewer.fit.verdict import percent_right
 
 _STYLE = """
 :root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
@@ -82,7 +83,7 @@ def _verdict(result: JobResult) -> str:
     reasons = "".join(f"<li>{escape(text)}</li>" for text in result.reasons.split("\n"))
     return (
         f'<span class="{escape(result.verdict)}">{escape(result.verdict)}</span> '
-        f"({result.probability:.0%})<ul>{reasons}</ul>"
+        f"({percent_right(result.verdict, result.probability)} %)<ul>{reasons}</ul>"
     )
 
 

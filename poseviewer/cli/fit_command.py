@@ -127,7 +127,7 @@ def _print_end(scene: Scene) -> None:
         say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
     if verdict is None:
         return
-    say(f"verdict: {verdict.word} ({verdict.probability:.0%} of such fits are right)")
+    say(f"verdict: {verdict.word} ({verdict.share_right})")
     for reason in (*verdict.reasons, *scene.end_notes):
         say(f"  {reason}")
     if verdict.covariance is not None:

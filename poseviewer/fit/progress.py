@@ -21,11 +21,11 @@ class Status(enum.Enum):
     CONVERGED = "Converged: restarting the search at its minimum no longer improves it."
     EVALUATIONS_SPENT = (
         "Stopped at the limit of evaluations: the best pose so far is kept; "
-        'fit again from it, or raise "Most evaluations" (--evaluations).'
+        'fit again from it, or raise "Max evaluations" (--evaluations).'
     )
     SECONDS_SPENT = (
         "Stopped at the time limit: the best pose so far is kept; "
-        'fit again from it, or raise "Most seconds" (--seconds).'
+        'fit again from it, or raise "Time limit (s)" (--seconds).'
     )
     STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
     KEPT = (

@@ -403,8 +403,8 @@ class Search:
         assert kept.verdict is not None
         away = pose_error(self._mesh, end.pose, start, problem.symmetry).percent
         said = (
-            f"The start was kept: the search ended {away:.0f} % of the model's size away, and of "
-            f"such fits {end.verdict.probability:.0%} are right."
+            f"The start was kept: the search ended {away:.0f} % of the model's size away, where "
+            f"{end.verdict.share_right}."
         )
         return replace(kept, verdict=replace(kept.verdict, reasons=(said, *kept.verdict.reasons)))
 
@@ -475,7 +475,7 @@ def _least_sure(scene: Scene, problem: FitProblem, verdict: Verdict | None) -> t
     worst = min(range(len(views)), key=lambda number: views[number].probability)
     return (
         f"{scene.views[problem.views[worst].index].name} goes least with the others: something may "
-        "hide the model there, or its camera contradict theirs.",
+        "hide the model there, or its camera may disagree with theirs.",
     )
 
 

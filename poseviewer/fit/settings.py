@@ -16,8 +16,11 @@ from poseviewer.render.renderers import RendererName
 Method = Literal["default", "paper"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
-METHODS: dict[Method, str] = {"default": "classes and edges", "paper": "Jayawardena 2010"}
-"""What people call them: by what the default compares besides light, and by who wrote the paper."""
+METHODS: dict[Method, str] = {
+    "default": "Default (light, colour classes, edges)",
+    "paper": "Paper (2010)",
+}
+"""Names of the methods for people: what the default compares, and the year of the paper."""
 OF_METHOD = ("grey", "colour_reflectance", "pixels")
 """The settings that each method has its own of: what it compares."""
 
@@ -97,8 +100,10 @@ class FitSettings:
 
     @property
     def method_name(self) -> str:
-        """Whose loss is compared, for people: ``Jayawardena 2010, clipped``."""
-        compared = {"near": "", "whole": ", whole photo", "clip": ", clipped"}[self.pixels]
+        """Name of the loss for people: ``Paper (2010), pixels inside the model``."""
+        compared = {"near": "", "whole": ", whole photo", "clip": ", pixels inside the model"}[
+            self.pixels
+        ]
         return METHODS[self.method] + compared
 
     def of_method(self, method: Method, like: FitSettings | None = None) -> FitSettings:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from poseviewer.fit.weights import FOUND_FROM, LOST_BELOW
 from poseviewer.geometry.pose_covariance import PoseCovariance
 
 Word = Literal["found", "doubtful", "lost"]
@@ -48,3 +50,20 @@ class Verdict:
 
     def __str__(self) -> str:
         return self.word
+
+    @property
+    def share_right(self) -> str:
+        """Clause with the ``percent_right``, as people read it behind the word."""
+        share = percent_right(self.word, self.probability)
+        return f"{share} % of comparable calibration fits were right"
+
+
+def percent_right(word: str, probability: float) -> int:
+    """Probability of a verdict in whole per cent, kept within the bounds of its word and below 100.
+
+    The word asks for more than the number where something hides the model, and where photos
+    disagree; a reader sees one answer.
+    """
+    found, lost = math.ceil(100.0 * FOUND_FROM), math.ceil(100.0 * LOST_BELOW)
+    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(word, (lost, found - 1))
+    return min(max(math.floor(100.0 * probability), low), high)

@@ -48,32 +48,32 @@ class Chart(Protocol):
 
 NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "mu_x": ("μx", "rear wheel"),
-        "mu_y": ("μy", "rear wheel"),
-        "delta_x": ("δx", "to front wheel"),
-        "delta_y": ("δy", "to front wheel"),
-        "psi_x": ("ψx", "axle"),
-        "psi_y": ("ψy", "axle"),
-        "width_per_focal": ("width/focal", ""),
-        "rotation_x": ("tilt", "(rad)"),
-        "rotation_y": ("turn", "(rad)"),
-        "rotation_z": ("roll", "(rad)"),
-        "shift_x": ("shift x", "(radii)"),
-        "shift_y": ("shift y", "(radii)"),
-        "log_depth": ("log depth", ""),
-        "log_scale": ("log scale", ""),
-        "log_focal": ("log focal", ""),
-        "log_size": ("log size", "(of the model)"),
+        "mu_x": ("rear wheel x", "μx, of the photo's width"),
+        "mu_y": ("rear wheel y", "μy, of the photo's height"),
+        "delta_x": ("front wheel x", "δx, from the rear wheel, of the photo's width"),
+        "delta_y": ("front wheel y", "δy, from the rear wheel, of the photo's height"),
+        "psi_x": ("axle x", "ψx, of the unit vector along the axle"),
+        "psi_y": ("axle y", "ψy, of the unit vector along the axle"),
+        "width_per_focal": ("width/focal", "the photo's width over the focal length"),
+        "rotation_x": ("tilt", "rad, about the camera's x axis"),
+        "rotation_y": ("turn", "rad, about the camera's y axis"),
+        "rotation_z": ("roll", "rad, about the camera's z axis"),
+        "shift_x": ("shift x", "model radii in the photo"),
+        "shift_y": ("shift y", "model radii in the photo"),
+        "log_depth": ("log depth", "natural logarithm of the depth, 0 at the start"),
+        "log_scale": ("log scale", "natural logarithm of the scale, 0 at the start"),
+        "log_focal": ("log focal", "logarithm of the focal length, 0 at the start"),
+        "log_size": ("log size", "natural logarithm of the model's size, 0 at the start"),
     }
 )
-"""By the chart's own name: a short name, as on the maps, and what is said beside it in fields."""
+"""Label of each parameter, and its tooltip: symbol, unit and reference."""
 
 
 def short_name(name: str) -> str:
-    """A number's name where there is little room."""
+    """Label of a parameter."""
     return NAMES[name][0] if name in NAMES else name.replace("_", " ")
 
 
-def label(name: str) -> str:
-    """A number's name beside its field."""
-    return "  ".join(NAMES[name]).rstrip() if name in NAMES else short_name(name)
+def tooltip(name: str) -> str:
+    """Symbol, unit and reference of a parameter; "" for an unknown one."""
+    return NAMES[name][1] if name in NAMES else ""

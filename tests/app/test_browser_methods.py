@@ -52,9 +52,9 @@ def chosen(page: AppPage, label: str) -> str:
 def test_the_papers_search_runs_in_the_page_and_its_simplex_is_on_the_maps(
     page: AppPage, demo: AppProcess
 ):
-    assert chosen(page, "Method") == "Jayawardena 2010"
-    page.until(lambda: chosen(page, "Pixels") == "what the model covers")
-    page.wait_for_text("Jayawardena 2010, clipped")  # over the maps
+    assert chosen(page, "Method") == "Paper (2010)"
+    page.until(lambda: chosen(page, "Pixels") == "inside the model")
+    page.wait_for_text("Paper (2010), pixels inside the model")  # over the maps
     page.page.keyboard.press("Space")
     # A corner more than there are parameters, on every map: the first simplex is small.
     page.page.wait_for_function(f"{DOTS} === {MAPS}")

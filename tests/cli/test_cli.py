@@ -69,7 +69,7 @@ def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
                "--evaluations", 25, "--quiet") == 0  # fmt: skip
     printed = capsys.readouterr()
     assert "25 evaluations" in printed.out
-    assert 'raise "Most evaluations" (--evaluations)' in printed.out
+    assert 'raise "Max evaluations" (--evaluations)' in printed.out
     assert printed.err == ""
     assert out.exists()
 

@@ -181,7 +181,9 @@ def test_an_estimate_that_is_kept_says_why(small, judge):
     assert end.loss == end.start_loss == pose_loss(problem, renderer, problem.start)
     assert len(asked) == 2  # the verdict is on the start
     assert end.verdict is not None
-    assert end.verdict.reasons[0].endswith("away, and of such fits 10% are right.")
+    assert end.verdict.reasons[0].endswith(
+        "away, where 10 % of comparable calibration fits were right."
+    )
 
 
 @pytest.mark.parametrize("more", [{"method": "paper"}, {"pixels": "clip"}])

@@ -10,7 +10,8 @@ import pytest
 from poseviewer.fit.judge import gather_features, judge, judge_together
 from poseviewer.fit.probing import free_motions
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.verdict import Verdict
+from poseviewer.fit.verdict import Verdict, percent_right
+from poseviewer.fit.weights import FOUND_FROM, LOST_BELOW
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -106,6 +107,19 @@ def test_a_model_in_part_hidden_must_be_more_probable_to_be_found(verdicts):
     between = [f for f in whole if judge(f).word == "found" and judge(f).probability < 0.95]
     assert between
     assert all(judge(replace(f, seen=0.6)).word == "doubtful" for f in between)
+
+
+@pytest.mark.parametrize("word", ["found", "doubtful", "lost"])
+def test_word_and_number_of_a_verdict_never_contradict(word: str):
+    """The number alone leads to its word, and is never sure."""
+    said = {percent_right(word, probability) for probability in np.linspace(0.0, 1.0, 101)}
+    assert max(said) < 100
+    for share in said:
+        number = share / 100.0
+        by_number = (
+            "found" if number >= FOUND_FROM else "lost" if number < LOST_BELOW else "doubtful"
+        )
+        assert by_number == word
 
 
 @pytest.mark.parametrize(

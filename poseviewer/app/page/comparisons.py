@@ -24,7 +24,7 @@ class MethodsPanel:
             "Compare both methods", c.CompareMethods(), hint=HINT, icon="arrows-diff"
         )
         self._table = controls.gui.add_html("", visible=False)
-        takes = {name: c.TakeEnd(index) for index, name in enumerate(METHODS.values())}
+        takes = {name.capitalize(): c.TakeEnd(index) for index, name in enumerate(METHODS)}
         self._take = controls.choices("Take", takes, visible=False)
 
     def show(self, session: Session) -> None:
@@ -40,7 +40,7 @@ class MethodsPanel:
 
 def ends_table(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
     """A column for each end, and how far the two are from each other (HTML)."""
-    names = [METHODS[end.settings.method] for end in ends]
+    names = [end.settings.method.capitalize() for end in ends]
     found = [end.update.progress for end in ends]
     scales = [end.update.problem.scale for end in ends]
     rows = [

@@ -43,11 +43,11 @@ class HidePanel:
         self._go = controls.button_for(
             HIDE, lambda _: c.SetTool("pose" if self._active else "brush"), icon="brush"
         )
-        self._tools = controls.choices("With", TOOLS)
+        self._tools = controls.choices("Tool", TOOLS)
         self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.Erase)
         self._text = controls.gui.add_markdown("", visible=False)
         self._found = controls.button("Hide what the search found", h.TakeFound(), visible=False)
-        self._clear = controls.button("Hide nothing of the photo", h.Unhide())
+        self._clear = controls.button("Clear hidden areas", h.Unhide())
         self._parts = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:

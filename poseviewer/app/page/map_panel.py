@@ -31,7 +31,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.settings import METHODS
 from poseviewer.fit.slices import Pair, Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.charts import OutsideChartError, short_name
+from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
 from poseviewer.geometry.pose_covariance import ellipse
 
 LEVELS = 128
@@ -139,12 +139,13 @@ def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
     last = len(parameters)
     labels = []
     for i, parameter in enumerate(parameters):
-        name = escape(short_name(names[parameter]))
-        turned = " pv-turned" if len(short_name(names[parameter])) > 3 else ""
+        name, hint = (escape(say(names[parameter])) for say in (short_name, tooltip))
         if i > 0:
-            labels.append(f'<span class="pv-row{turned}" style="grid-area:{i}/1">{name}</span>')
+            row = f'class="pv-row" style="grid-area:{i}/1"'
+            labels.append(f'<span {row} title="{hint}">{name}</span>')
         if i < last - 1:
-            labels.append(f'<span class="pv-col" style="grid-area:{last}/{i + 2}">{name}</span>')
+            column = f'class="pv-col" style="grid-area:{last}/{i + 2}"'
+            labels.append(f'<span {column} title="{hint}">{name}</span>')
     return "".join(labels)
 
 
@@ -155,7 +156,7 @@ def _large(piece: Slice, names: Sequence[str], markers: Markers, what: str) -> s
         f"{escape(short_name(names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
         for i, values in zip(pair, (piece.first_values, piece.second_values), strict=True)
     )
-    said = "" if least is None else f", least {escape(what)} {least.loss:.3f}"
+    said = "" if least is None else f", lowest {escape(what)} {least.loss:.3f}"
     return (
         f'<div class="pv-large">{_cell(piece, pair, names, markers, "")}'
         f"<div>to the right {x}, upwards {y}{said}</div></div>"
@@ -181,7 +182,7 @@ def _cell(
     side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
     return (
         f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" onpointerdown="{pick}">'
-        f"<title>{what}{f': least {least.loss:.3f}' if least else ''}</title>"
+        f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
         f'<button type="button" title="{what}: large, and back" onpointerdown="{enlarge}" '
@@ -258,14 +259,14 @@ def _key(markers: Markers, options: GridOptions) -> str:
     gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
     entries = {
         "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
-        "least of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
+        "lowest of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
     if markers.candidates is not None:
         entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
     if markers.covariance is not None:
         entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
     if markers.trail is not None:
-        entries["the way here"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
+        entries["search path"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
     key = "".join(
         f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
         for text, drawing in entries.items()
@@ -273,7 +274,7 @@ def _key(markers: Markers, options: GridOptions) -> str:
     return (
         f'<div class="pv-key"><div>{whose}{what}</div>'
         f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
-        f'<div class="pv-ends"><span>least</span><span>greatest</span></div>'
+        f'<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
         f'<div class="pv-marks">{key}</div></div>'
     )
 
@@ -281,7 +282,7 @@ def _key(markers: Markers, options: GridOptions) -> str:
 PERIOD_S = 0.2
 """The maps are sent no oftener."""
 WHOSE: dict[str, Whose] = {
-    "the chosen method's": "chosen",
+    "selected method": "chosen",
     METHODS["default"]: "default",
     METHODS["paper"]: "paper",
     "both": "both",
@@ -298,7 +299,7 @@ class LandscapePanel:
         self._maps = gui.add_html("")
         self._note = gui.add_markdown("Drawing the maps ...")
         self._whose = controls.field(
-            gui.add_dropdown("Whose loss", tuple(WHOSE)),
+            gui.add_dropdown("Loss of", tuple(WHOSE)),
             lambda text: c.ChangeLandscape(whose=WHOSE[text]),
         )
         self._range = controls.field(

@@ -204,7 +204,7 @@ class Page:
             )
             controls = Controls(handle.gui, self._post)
             controls.button("Open it again", Restore(True), "cyan")
-            controls.button("Forget it", Restore(False))
+            controls.button("Discard", Restore(False))
 
     def close_offer(self) -> None:
         """Take the offer off all pages."""

@@ -30,7 +30,7 @@ from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
-from poseviewer.geometry.charts import label
+from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import SIDES
@@ -43,14 +43,14 @@ SHOWN_DIGITS = 5
 """Decimals of a parameter's field."""
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
-PIXELS = {"near the model": "near", "whole photo": "whole", "what the model covers": "clip"}
+PIXELS = {"near the model": "near", "whole photo": "whole", "inside the model": "clip"}
 PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
 METHODS_HINT = (
-    "Classes and edges: CMA-ES, then quadratic models, on what light, classes of colour and edges "
-    "leave unexplained. Jayawardena 2010: the paper's restarted simplex on its loss of light alone."
+    "Default: CMA-ES, then quadratic models, on what light, classes of colour and edges leave "
+    "unexplained. Paper (2010): the paper's restarted simplex on its loss of light alone."
 )
 KEEP_HINT, BACK_HINT = "The pose found stays; the search is put away", "To the pose before (Z)"
 WAITING = '<div class="pv-wait"></div>'
@@ -61,12 +61,12 @@ SAVE, SAVE_SCENE = "Save pose (S)", "Save scene (S)"
 PREPARING = "Preparing the first picture ..."
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
-    "drag a rectangle about the object: the model goes there, and starts are looked for "
-    "&nbsp;·&nbsp; Esc: leave it"
+    "drag a rectangle about the object: the model goes there, and starting poses will be "
+    "proposed &nbsp;·&nbsp; Esc: leave it"
 )
 PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
-    "<b>Fit to box</b> looks for a start"
+    "<b>Fit to box</b> proposes starting poses"
 )
 SEARCHING_HINT = (
     "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
@@ -128,7 +128,10 @@ class PlacePanel:
             self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
             controls.field(self._view, self._look_from)
             controls.choices("History", {"Undo (Z)": c.Undo(), "Redo (Y)": c.Redo()})
-            controls.choices("Start", {"Go there (R)": c.ResetToStart(), "Set here": c.MakeStart()})
+            controls.choices(
+                "Start",
+                {"Reset to start (R)": c.ResetToStart(), "Make this the start": c.MakeStart()},
+            )
             self._quick_start = QuickStartPanel(controls)
             with gui.add_folder("Numbers", expand_by_default=False):
                 self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
@@ -154,7 +157,8 @@ class PlacePanel:
         parameters = session.document.parameters
         for index, field in enumerate(self._parameters):
             if index < len(self._names):
-                set_properties(field.handle, label=label(self._names[index]))
+                name = self._names[index]
+                set_properties(field.handle, label=short_name(name), hint=tooltip(name))
                 field.show(round(float(parameters[index]), SHOWN_DIGITS))
             else:
                 field.show(0.0, visible=False)
@@ -310,7 +314,7 @@ class FitPanel:
                 },
                 axes=(below, beside),
                 legend=uplot.Legend(show=False),
-                title="best so far; restarts upright",
+                title="best loss so far (vertical lines: restarts)",
                 height=150,
                 padding=(10, 12, 0, 0),
                 visible=False,
@@ -335,18 +339,18 @@ class FitPanel:
 
     def _add_settings(self, controls: Controls) -> None:
         gui, setting = controls.gui, partial(self._add_setting, controls)
-        setting(gui.add_dropdown("Chart", ("auto", "vehicle", "free-body")), "chart")
+        setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
         self._region = controls.button("Draw a region", c.SetTool("region"))
         self._clear = controls.button("Clear the region", c.ClearRegion())
-        self._grey = gui.add_checkbox("Grey, not colour", False)
+        self._grey = gui.add_checkbox("Use greyscale", False)
         setting(self._grey, "grey")
         setting(gui.add_checkbox("Find the focal length", False), "free_focal")
-        evaluations = gui.add_number("Most evaluations", 20_000, min=10, max=1_000_000, step=10)
+        evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
         setting(evaluations, "limits.evaluations", int)
-        seconds = gui.add_number("Most seconds", 600.0, min=0.1, max=86_400.0, step=0.1)
+        seconds = gui.add_number("Time limit (s)", 600.0, min=0.1, max=86_400.0, step=0.1)
         setting(seconds, "limits.seconds", float)
         setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed", int)
-        with gui.add_folder("Hold", expand_by_default=False):
+        with gui.add_folder("Lock", expand_by_default=False):
             self._locks = [self._lock(controls, i) for i in range(MOST_PARAMETERS)]
 
     def _lock(self, controls: Controls, index: int) -> Field:
@@ -402,7 +406,9 @@ class FitPanel:
         set_properties(self._clear, visible=session.document.own.region is not None)
         for index, field in enumerate(self._locks):
             if index < len(names):
-                set_properties(field.handle, label=label(names[index]))
+                set_properties(
+                    field.handle, label=short_name(names[index]), hint=tooltip(names[index])
+                )
             there = index < len(names)
             field.show(there and names[index] in settings.lock, visible=there)
 
@@ -514,7 +520,11 @@ def marks_text(session: Session) -> str:
         errors = pair_errors(document)
         rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
         missing = fewest - pairs_done(document)
-        lines.append(f"{missing} more to a pose" if missing > 0 else f"**off by**{rows}")
+        lines.append(
+            f"{missing} more pair{'s' * (missing > 1)} needed"
+            if missing > 0
+            else f"**error per pair**{rows}"
+        )
     elif session.tool == "pairs":
         lines.append(f"{fewest} pairs give a pose")
     if session.tool == "wheels":
@@ -611,10 +621,7 @@ def verdict_text(session: Session) -> str:
     reasons = "\n".join(
         f"- {plain(reason)}" for reason in (*verdict.reasons, *filter(None, (note,)))
     )
-    return (
-        f"**Verdict: {verdict.word}.** {verdict.probability:.0%} of the fits that it was "
-        f"calibrated on and that looked like this one were right.{sure_text(session)}\n\n{reasons}"
-    )
+    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure_text(session)}\n\n{reasons}"
 
 
 def sure_text(session: Session) -> str:

@@ -37,12 +37,9 @@ class RowsPanel:
         with controls.gui.add_folder("Review"):
             self._list = controls.gui.add_html("")
             controls.choices("Go to", {"Previous (P)": StepRow(-1), "Next (N)": StepRow(1)})
-            verdicts = {
-                "Accept (A)": Decide("accepted"),
-                "Reject (X)": Decide("rejected"),
-                "Clear": Decide(""),
-            }
+            verdicts = {"Accept (A)": Decide("accepted"), "Reject (X)": Decide("rejected")}
             controls.choices("Pose", verdicts)
+            self._undo = controls.button("Undo acceptance", Decide(""), visible=False)
             self._text = controls.gui.add_markdown("")
             self._note = controls.gui.add_text("Note", "")
             controls.field(self._note, self._annotate)
@@ -54,6 +51,9 @@ class RowsPanel:
             return
         self._shown = queue, at, session.unsaved
         set_properties(self._list, content=rows_list(queue, at))
+        said = "" if at is None else queue.rows[at].result.review
+        undo = "Undo rejection" if said == REJECTED else "Undo acceptance"
+        set_properties(self._undo, label=undo, visible=bool(said))
         text = "" if at is None else row_text(queue.rows[at], session.unsaved)
         set_properties(self._text, content=text)
         # What is being typed is not written over: only another row brings another note.

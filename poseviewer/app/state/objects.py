@@ -146,7 +146,7 @@ class CompareView(Command):
 def symmetry_text(model: LoadedModel) -> str:
     """Which poses count as one."""
     if model.whole_symmetry.is_none:
-        return "all poses are told apart"
+        return "no symmetry"
     if model.symmetry.is_none:
-        return "with parts left out, all poses are told apart"
+        return "no symmetry with parts left out"
     return f"poses are one that differ by {model.symmetry.words}"

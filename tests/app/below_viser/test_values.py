@@ -23,7 +23,7 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
     ("Pixels", "no such choice"),
     ("Method", ""),
     ("View", 7),
-    ("Grey, not colour", "yes"),
+    ("Use greyscale", "yes"),
     ("Name", ["a"]),
     ("fx  (px)", [1.0]),
     ("fx  (px)", math.inf),
@@ -101,7 +101,7 @@ def test_attributes_of_an_input_are_no_page_s_to_set(running: RunningApp) -> Non
 def test_settings_are_bounded_as_their_fields_are(running: RunningApp) -> None:
     with running.page() as page:
         page.set("Seed", -1)
-        page.set("Most evaluations", 3)
+        page.set("Max evaluations", 3)
         page.wait_until(lambda: running.app.session.document.settings.limits.evaluations == 10)
         assert running.app.session.document.settings.seed == 0
 

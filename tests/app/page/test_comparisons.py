@@ -50,13 +50,13 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(scene, ended):
     page = html.fromstring(ends_table(ends, mesh))
     assert [cell.text_content() for cell in page.xpath("//th")] == [
         "",
-        "classes and edges",
-        "Jayawardena 2010",
+        "Default",
+        "Paper",
     ]
     rows = {row[0].text_content(): row for row in page.xpath("//tbody/tr")}
-    shown = [cell.text_content() for cell in rows["Jayawardena 2010: loss (of 1)"]][1:]
+    shown = [cell.text_content() for cell in rows["Paper: loss (of 1)"]][1:]
     assert shown == [f"{ours.losses[1]:.3f}", f"{paper.losses[1]:.3f}"]
-    assert "classes and edges: unexplained" in rows
+    assert "Default: unexplained" in rows
     for what, read in (("evaluations", lambda p: f"{p.evaluations:,}"), ("seconds", seconds)):
         assert [cell.text_content() for cell in rows[what]][1:] == [
             read(end.update.progress) for end in ends

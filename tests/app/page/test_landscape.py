@@ -140,7 +140,7 @@ def test_a_large_map_says_its_ranges_and_its_least_loss():
     assert len(large.xpath(".//image")) == 1
     said = large.text_content()
     assert f"{piece.first_values[0]:.4g} ... {piece.first_values[-1]:.4g}" in said
-    assert f"least loss {least.loss:.3f}" in said
+    assert f"lowest loss {least.loss:.3f}" in said
 
 
 def test_unknown_maps_keep_their_place():

@@ -97,7 +97,7 @@ def test_four_point_pairs_place_the_model(
     for count, spot in enumerate(SPOTS[:4]):
         click_pair(page, model, now, truth, spot)
         if count < 3:
-            page.wait_for_text(f"{3 - count} more to a pose")
+            page.wait_for_text(f"{3 - count} more pair")
     page.wait_for_text("pair 4: ")
     keep_picture(page, "pairs")
     found = saved(page, app)
@@ -109,7 +109,7 @@ def test_four_point_pairs_place_the_model(
     again = saved(page, app)
     np.testing.assert_array_equal(again.project([0, 0, 0]), found.project([0, 0, 0]))
     page.page.get_by_role("button", name="Remove last mark").click()
-    page.wait_for_text("1 more to a pose")
+    page.wait_for_text("1 more pair needed")
     page.page.keyboard.press("Escape")
     page.wait_for_text("roll, scale")
 
