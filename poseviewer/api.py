@@ -52,7 +52,7 @@ from poseviewer.fit.unexplained import LossScale, Unexplained
 from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose, level_pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
@@ -63,6 +63,7 @@ from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
 from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
 from poseviewer.starts.automatic import AUTOMATIC, AutoStart
@@ -479,9 +480,7 @@ class Scene:
     @property
     def seen(self) -> float:
         """The share of the object's pixels in the photo that count: that nothing else hides."""
-        photo = self.problem.photo
-        covered = self.renderer.covers(level_pose(self.pose, photo.factor))
-        return float(np.mean(photo.weights[covered] > 0.0)) if covered.any() else 0.0
+        return seen_share(self.problem.photo, self.renderer, self.pose)
 
     @property
     def view_results(self) -> tuple[ViewResult, ...]:

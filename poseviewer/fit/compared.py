@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -12,8 +11,9 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.loss import fewest_pixels
-from poseviewer.fit.scene import InView
+from poseviewer.fit.scene import InView, Scene
 from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.visibility import Hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
@@ -28,26 +28,30 @@ noise: the loss would weigh the noise of a grey scene's colours as much as its l
 NEAR_MARGIN = 0.25
 """Reach of the pixels ``near`` the start, as a share of the diagonal of its box."""
 WORKING_PIXELS = 20_000
-"""Of the model's convex outline at the start: a photo that shows more is reduced. Half a pixel of
-these is less than a hundredth of the model's size."""
+"""Pixels of the model's convex outline at the start: a photo that shows more is reduced. Half a
+pixel of these is less than a hundredth of the model's size."""
 FINE_PIXELS = 150_000
-"""The same for the photo that a search is refined on: there the minimum is nearer to the truth."""
+"""Pixels of the outline on the photo that a search is refined on, whose minimum is nearer to the
+truth."""
 
 
 def compared_levels(
-    view: View,
-    own: InView,
-    mesh: Mesh,
-    pose: Pose,
+    scene: Scene,
+    index: int,
+    number: int,
     settings: FitSettings,
-    hidden: NDArray[np.bool_] | None = None,
-) -> tuple[PhotoAttributes, Callable[[], PhotoAttributes], bool]:
-    """The level of a view's photo that poses are compared on; a function that makes the one that a
-    search is refined on; and whether that is finer. ``hidden`` (height, width) does not count.
+    hidden: Hiding | None,
+    is_alone: bool,
+) -> tuple[PhotoAttributes, PhotoAttributes | None]:
+    """The level of the view ``number`` that poses of an object are compared on, and the finer one
+    that a search is refined on, if any. Pixels ``hidden`` by other objects do not count.
 
-    Raises ``SettingsError`` where too few pixels count.
+    Several views tell the pose more exactly than one that ``is_alone``: their search is refined on
+    models of less reach even where the photos are no finer. Raises ``SettingsError`` where too few
+    pixels count.
     """
-    photo = plain = _plain(view, own, mesh, pose, settings, hidden)
+    view, mesh, pose = scene.views[number], scene.objects[index].mesh, scene.pose(index, number)
+    photo = plain = _plain(view, scene.in_view(index, number), mesh, pose, settings, hidden)
     counted = np.count_nonzero(plain.weights)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
     if counted and not plain.clipped and settings.method == "default":
@@ -58,8 +62,8 @@ def compared_levels(
             f"{view.photo.name}: {counted} pixels count, and a fit needs at least "
             f"{fewest}; use a larger photo or region, or hide less of it"
         )
-    is_finer = photo.structure is not None and finest < factor
-    return photo, lambda: smaller(plain, finest), is_finer
+    is_refined = photo.structure is not None and (finest < factor or not is_alone)
+    return photo, smaller(plain, finest) if is_refined else None
 
 
 def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
@@ -74,7 +78,7 @@ def _plain(
     mesh: Mesh,
     pose: Pose,
     settings: FitSettings,
-    hidden: NDArray[np.bool_] | None,
+    hidden: Hiding | None,
 ) -> PhotoAttributes:
     """F and P at the photo's own size, without structure."""
     photo = view.photo
@@ -84,7 +88,7 @@ def _plain(
     if photo.covered is not None:
         weights = weights * photo.covered
     if hidden is not None:
-        weights = weights * ~hidden
+        weights = weights * ~hidden.with_margin
     for rectangle in (settings.region, own.region):
         weights = weights if rectangle is None else weights * _inside(rectangle, photo)
     if settings.pixels == "near" and np.any(weights > 0.0):

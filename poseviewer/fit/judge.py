@@ -22,8 +22,9 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.verdict import WORDS, Features, Verdict, Word
 from poseviewer.fit.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose, level_pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.pyramid.levels import covered, seen_share
 from poseviewer.render.types import Renderer
 
 LEAST_SEEN = 0.35
@@ -157,8 +158,8 @@ def gather_features(
     """
     with closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
         photo = probe.photo
-        covered = renderer.covers(level_pose(pose, photo.factor))
-        if np.count_nonzero(covered & (photo.weights > 0.0)) < FEWEST_PIXELS:
+        drawn = covered(photo, renderer, pose)
+        if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS:
             return None
         here = float(probe.losses([np.zeros(len(probe.motions))])[0])
         if not math.isfinite(here):
@@ -174,8 +175,8 @@ def gather_features(
         return Features(
             turn_margin=gain / scale,
             spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
-            outline=outline_support(photo.channels, photo.weights, covered),
-            seen=float(np.mean(photo.weights[covered] > 0.0)),
+            outline=outline_support(photo.channels, photo.weights, drawn),
+            seen=seen_share(photo, renderer, pose),
         )
 
 

@@ -1,10 +1,8 @@
-"""The lighting that explains the photo best: what the loss finds without being asked."""
+"""The lighting that explains the photo best; the loss takes it without asking for it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.linear_algebra import whiten
@@ -13,34 +11,12 @@ from poseviewer.render.types import Moments
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lighting:
-    """The affine map ``F = gain @ M + offset`` of least squared residual, ``A`` and ``b``."""
+    """The affine map ``F = gain @ M + offset`` of least squared residual."""
 
     gain: FloatArray
     """A (n, m)."""
     offset: FloatArray
     """b (n,): light that is there without the model (haze, sensor offset)."""
-
-    @property
-    def ambient(self) -> FloatArray:
-        """(n,): ambient light of each photo channel, in photo units per unit of reflectance."""
-        return self._per_reflectance()[:, :, 0].sum(axis=1)
-
-    @property
-    def diffuse(self) -> FloatArray:
-        """(n, 3): strength times direction of the directed light, camera frame, per channel."""
-        return self._per_reflectance()[:, :, 1:].sum(axis=1)
-
-    @property
-    def direction(self) -> FloatArray | None:
-        """(3,): unit vector from the model towards the light, camera frame; None if undirected."""
-        total = self.diffuse.sum(axis=0)
-        length = float(np.linalg.norm(total))
-        return total / length if length > 1e-9 else None
-
-    def _per_reflectance(self) -> FloatArray:
-        """(n, 1 or 3, 4): ambient and directed light for each channel of the reflectance."""
-        n, m = self.gain.shape
-        return self.gain[:, : m - m % 4].reshape(n, -1, 4)
 
     def apply(self, attributes: FloatArray) -> FloatArray:
         """The relit model ``A M + b`` (..., n) of model attributes (..., m)."""

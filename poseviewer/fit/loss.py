@@ -11,6 +11,8 @@ The trace is the sum of the squared canonical correlations between F and M.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
@@ -18,22 +20,15 @@ from poseviewer.geometry.linear_algebra import squared_correlations
 from poseviewer.render.types import Moments, PhotoAttributes
 
 EDGE_WEIGHT = 2.5
-"""Of the edges' disagreement, in [0, 2], beside the loss. Photos of cars want more, small blurred
-ones less."""
+"""Weight of the edges' disagreement, in [0, 2]. Photos of cars want more, blurred ones less."""
 NOISE = 1e-3
 """Share of the variance that no pose explains: sensor noise, and what models leave out."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
 
 
-def worst_loss(moments: Moments) -> float:
-    """``min(n, m)``: nothing of the photo is explained, or nothing is seen."""
-    n = moments.photo_channels
-    return float(min(n, len(moments.mean) - n))
-
-
 def fewest_pixels(attributes: int) -> int:
-    """How many pixels the loss needs of a photo and a model with n + m ``attributes``."""
+    """Number of pixels that the loss needs for n + m ``attributes``."""
     return PIXELS_PER_ATTRIBUTE * attributes
 
 
@@ -44,20 +39,14 @@ def lighting_loss(moments: Moments) -> float:
     range only, with ``RANK_TOLERANCE``; what is constant explains nothing. A pose that shows no
     model, or too few pixels of it, costs ``min(n, m)``.
     """
-    worst = worst_loss(moments)
+    worst = float(min(moments.photo_channels, len(moments.mean) - moments.photo_channels))
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
     return min(max(worst - float(canonical_squares(moments).sum()), 0.0), worst)
 
 
-def worst_registration_loss(photo: PhotoAttributes) -> float:
-    """What a pose costs that shows nothing of the model."""
-    worst = min(photo.photo_channels, photo.model_channels)
-    return float(worst) if photo.structure is None else _worst_with_edges(worst)
-
-
 def registration_loss(moments: Moments) -> float:
-    """What a search minimises: ``lighting_loss``, or where edges are compared::
+    """The loss that a search minimises: ``lighting_loss``, or where edges are compared::
 
         loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
 
@@ -74,6 +63,24 @@ def registration_loss(moments: Moments) -> float:
     squares = np.minimum(canonical_squares(moments), 1.0)
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
     return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
+
+
+def paper_loss(moments: Moments, clipped: bool) -> float:
+    """The paper's loss, in [0, 1], of a grey photo (n = 1) and four attributes of the model.
+
+    ``clipped``: P is what the model covers. If not, P is the whole photo, beside the model all four
+    are 0, and the attribute that tells model and surroundings apart is left out.
+    """
+    if not clipped:  # it is the last one: see ``PhotoAttributes.clipped``
+        mean, covariance = moments.mean[:-1], moments.covariance[:-1, :-1]
+        moments = replace(moments, mean=mean, covariance=covariance)
+    return lighting_loss(moments)
+
+
+def worst_registration_loss(photo: PhotoAttributes) -> float:
+    """The loss of a pose that shows nothing of the model."""
+    worst = min(photo.photo_channels, photo.model_channels)
+    return float(worst) if photo.structure is None else _worst_with_edges(worst)
 
 
 def _worst_with_edges(worst: int) -> float:

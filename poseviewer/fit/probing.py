@@ -21,7 +21,7 @@ from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose, level_pose
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
@@ -30,7 +30,7 @@ from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, structured
+from poseviewer.render.pyramid.levels import coarsest_level, covered, lighter_level, structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 SMALL_STEP = 1e-4
@@ -143,9 +143,8 @@ class Probe:
 
     def overlap(self, one: FloatArray, other: FloatArray) -> float:
         """Intersection over union of the pixels that two poses cover, in [0, 1]."""
-        level = self.level
-        poses = [level_pose(self.pose(step), level.photo.factor) for step in (one, other)]
-        masks = [level.renderer.covers(pose) for pose in poses]
+        photo, renderer = self.level.photo, self.level.renderer
+        masks = [covered(photo, renderer, self.pose(step)) for step in (one, other)]
         either = np.count_nonzero(masks[0] | masks[1])
         return np.count_nonzero(masks[0] & masks[1]) / either if either else 0.0
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import compared_levels
-from poseviewer.fit.loss import registration_loss, worst_registration_loss
-from poseviewer.fit.paper import paper_loss
+from poseviewer.fit.loss import paper_loss, registration_loss, worst_registration_loss
 from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
 from poseviewer.fit.unexplained import LossScale
@@ -66,7 +65,7 @@ class FitProblem:
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     method: Method = "default"
-    """Ours, or that of ``fit.paper``."""
+    """Ours, or the paper's."""
     strategy: Strategy = Strategy.FIRST
     symmetry: Symmetry = NO_SYMMETRY
     """The model's: poses that differ by it are one."""
@@ -98,6 +97,11 @@ class FitProblem:
         """The problem on each of its views alone; the parameters are those of all."""
         return tuple(replace(self, views=(view,)) for view in self.views)
 
+    def on(self, photos: Sequence[PhotoAttributes]) -> FitProblem:
+        """The problem on another pyramid level of each view's photo."""
+        pairs = zip(self.views, photos, strict=True)
+        return replace(self, views=tuple(replace(view, photo=photo) for view, photo in pairs))
+
     @property
     def worst_loss(self) -> float:
         """The loss of parameters that show nothing of the model, or stand for no pose."""
@@ -117,26 +121,21 @@ class FitProblem:
 
 
 def pose_loss(
-    problem: FitProblem,
-    renderers: Renderer | Sequence[Renderer],
-    parameters: FloatArray,
-    photos: Sequence[PhotoAttributes] | None = None,
+    problem: FitProblem, renderers: Renderer | Sequence[Renderer], parameters: FloatArray
 ) -> float:
-    """The loss at ``parameters`` (d,), the mean over the problem's views; or on a level of each
-    view's photo, by a renderer for each.
+    """The loss at ``parameters`` (d,), the mean over the problem's views; ``renderers``: one for
+    each view, or one for all.
     """
-    if photos is None:
-        photos = [view.photo for view in problem.views]
     if not isinstance(renderers, Sequence):
-        renderers = [renderers] * len(photos)
+        renderers = [renderers] * len(problem.views)
     losses = []
-    for view, renderer, photo in zip(problem.views, renderers, photos, strict=True):
+    for view, renderer in zip(problem.views, renderers, strict=True):
         try:
             pose = view.chart.to_pose(parameters)
         except OutsideChartError:
             losses.append(worst_registration_loss(view.photo))
             continue
-        losses.append(loss_of(problem.method, renderer.moments(pose, photo), photo))
+        losses.append(loss_of(problem.method, renderer.moments(pose, view.photo), view.photo))
     return _mean(losses)
 
 
@@ -199,9 +198,9 @@ def make_problem(
         charts = _view_charts(scene, index, order, settings)
         start = np.zeros(len(charts[0].names))
     free = free_numbers(charts[0], settings)
-    levels = _levels(scene, index, order, settings, hidden)
+    levels = _levels(scene, index, hidden, order, settings)
     if len({LossScale.of(photo) for photo, _ in levels}) > 1:  # one is grey: then all are
-        levels = _levels(scene, index, order, replace(settings, grey=True), hidden)
+        levels = _levels(scene, index, hidden, order, replace(settings, grey=True))
     views = tuple(
         ComparedView(photo, chart, fine, number)
         for (photo, fine), chart, number in zip(levels, charts, order, strict=True)
@@ -220,18 +219,17 @@ def make_problem(
     return problem, tuple(notes)
 
 
-def make_photo_attributes(scene: Scene, index: int = 0, view: int = 0) -> PhotoAttributes:
-    """F and P of a view's photo, for poses of an object about its place in the scene.
+def make_photo_attributes(scene: Scene) -> PhotoAttributes:
+    """F and P of the first view's photo, for poses of the first object about its place.
 
     Raises:
         SettingsError: the region lies outside the photo, has no pixel near the object, or fewer
             than a fit needs; or it stands wholly behind others.
     """
-    behind = hidings(scene, index, view)[view]
+    behind = hidings(scene, 0)[0]
     if behind is not None and behind.is_whole:
         raise SettingsError(WHOLLY_BEHIND)
-    settings = scene.objects[index].settings
-    return _levels(scene, index, [view], settings, {view: behind})[0][0]
+    return compared_levels(scene, 0, 0, scene.objects[0].settings, behind, is_alone=True)[0]
 
 
 def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
@@ -268,25 +266,13 @@ def is_seen(mesh: Mesh, pose: Pose) -> bool:
 
 
 def _levels(
-    scene: Scene, index: int, order: Sequence[int], settings: FitSettings, hidden: Hidings
+    scene: Scene, index: int, hidden: Hidings, order: Sequence[int], settings: FitSettings
 ) -> list[tuple[PhotoAttributes, PhotoAttributes | None]]:
-    """The photo of each view that poses are compared on, and the finer one.
-
-    Several photos tell the pose more exactly than one: a search of them ends with models of less
-    reach, as on finer photos, even where these are no finer.
-    """
-    levels, is_refined = [], None
-    for number in order:
-        pose, own = scene.pose(index, number), scene.in_view(index, number)
-        behind = hidden[number]
-        mask = None if behind is None else behind.with_margin
-        photo, make_fine, is_finer = compared_levels(
-            scene.views[number], own, scene.objects[index].mesh, pose, settings, mask
-        )
-        if is_refined is None:
-            is_refined = is_finer if len(order) == 1 else photo.structure is not None
-        levels.append((photo, make_fine() if is_refined else None))
-    return levels
+    """The photo of each view that poses are compared on, and the finer one."""
+    return [
+        compared_levels(scene, index, number, settings, hidden[number], len(order) == 1)
+        for number in order
+    ]
 
 
 def _view_charts(

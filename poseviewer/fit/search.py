@@ -41,10 +41,11 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, level_pose
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 MOST_CONTINUED = 3
@@ -432,10 +433,8 @@ def result_of(
     masks = progress.hidden or (None,) * len(problem.views)
     left = behind(problem, progress.hidden)
     for view, mask in zip(left.views, masks, strict=True):
-        pose = level_pose(view.chart.to_pose(progress.parameters), view.photo.factor)
-        covered = renderer.covers(pose)
-        is_any = covered.any()
-        seen[view.index] = float(np.mean(view.photo.weights[covered] > 0.0)) if is_any else 0.0
+        pose = view.chart.to_pose(progress.parameters)
+        seen[view.index] = seen_share(view.photo, renderer, pose)
         if mask is not None:
             photo = scene.views[view.index].photo
             hidden[view.index] = enlarged(mask, view.photo.factor, photo.width, photo.height)

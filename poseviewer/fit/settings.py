@@ -50,7 +50,7 @@ class FitSettings:
     """
 
     method: Method = "default"
-    """The default, or exactly the paper's (``fit.paper``), kept as a reference."""
+    """The default, or exactly the paper's, kept as a reference."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""

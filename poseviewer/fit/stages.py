@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.fit.paper import paper_options
 from poseviewer.fit.problem import ComparedView, FitProblem, Strategy, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
@@ -35,7 +34,7 @@ from poseviewer.render.pyramid.levels import (
     lighter_level,
     with_structure,
 )
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.render.types import Renderer
 
 FEWEST_PIXELS = 5000
 """That the model covers at the start on the coarsest level, 70 along each side: on a coarser one
@@ -60,6 +59,11 @@ FINE_STEP = 0.3
 """Edge of the simplex on the photo after a coarse level, times the options': one coarse pixel."""
 RESCORE_EVERY = 32
 """Number of evaluations after which the best point of a coarse level is scored on the photo."""
+PAPER_WHOLE_STEP = 0.3
+"""Edge of the paper's simplex over the whole photo, in the parameters' scales: as wide as the
+deviations that it is to mend. Clipped, the loss tells nothing from far: the usual one is better."""
+PAPER_PATIENCE = 3
+"""Number of the paper's restarts in a row without improvement that ends its search."""
 REFINE_TOLERANCE = 1.0
 """A refined pose whose loss on the photo is higher by more than this has left the valley; on
 synthetic photos the two minima differ by a tenth of it."""
@@ -97,7 +101,9 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
     photo, options, views = problem.photo, problem.options, problem.views
     full = tuple(Level(1, view.photo, renderer) for view in views)
     if problem.method == "paper":
-        return (Stage(full, restarts.minimise, paper_options(options, photo.clipped)),)
+        step = options.step if photo.clipped else PAPER_WHOLE_STEP
+        alone = replace(options, multi_starts=0, step=step, patience=PAPER_PATIENCE)
+        return (Stage(full, restarts.minimise, alone),)
     starts = [(view.photo, renderer, view.chart.to_pose(problem.start)) for view in views]
     fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
     coarse = tuple(coarsest_level(*start, fewest) for start in starts)
@@ -176,7 +182,7 @@ class _Run:
         self._axes = self._scale
         self._parameters, self._pose = problem.start, problem.chart.to_pose(problem.start)
         self._scored: tuple[FloatArray, Callable[[], float], float] | None = None
-        self._ready: Callable[[], list[PhotoAttributes]] | None = None
+        self._ready: Callable[[], FitProblem] | None = None
 
     def run(self) -> Iterator[FitProgress]:
         """Progress after every evaluation, and once more at the end of every stage."""
@@ -188,18 +194,18 @@ class _Run:
     def _run_stage(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
         """Search a stage's level; the photos of the ``following`` one are made meanwhile."""
         factor, scored, due = stage.factor, None, stage.rescore_every
-        photos = self._photos(stage) if self._ready is None else self._ready()
+        problem = self._on_level(stage) if self._ready is None else self._ready()
         renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, self._problem.views))
         with RendererPool(renderers, self._threads) as pool:
             if following is not None:
-                self._ready = pool.start(partial(self._photos, following))
+                self._ready = pool.start(partial(self._on_level, following))
             if 0.0 < due < math.inf:
                 scored = self._best
                 self._begin_score(scored, pool)
                 self._take_score()
                 unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
                 yield self._progress(unknown, factor)
-            for state in self._states(stage, renderers, photos, pool):
+            for state in self._states(stage, problem, renderers, pool):
                 if not stage.rescore_every:
                     self._keep(state.best, state.value)
                     ends = following is None or self._loss >= self._problem.worst_loss
@@ -226,31 +232,28 @@ class _Run:
         pose = view.chart.to_pose(self._parameters)
         return level.renderer.culled(level_pose(pose, level.photo.factor))
 
-    def _photos(self, stage: Stage) -> list[PhotoAttributes]:
-        """The photo of each view on a stage's level."""
+    def _on_level(self, stage: Stage) -> FitProblem:
+        """The problem on a stage's level of each photo."""
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # The fine photo's is made only for its stage, beside the one before.
-            return [with_structure(photo, is_steep=True) for photo in photos]
-        return photos
+            photos = [with_structure(photo, is_steep=True) for photo in photos]
+        return self._problem.on(photos)
 
     def _states(
         self,
         stage: Stage,
-        own: tuple[Renderer, ...],
-        photos: Sequence[PhotoAttributes],
+        problem: FitProblem,
+        renderers: tuple[Renderer, ...],
         pool: RendererPool,
     ) -> Iterator[State]:
         """The minimiser's, from the best point so far."""
-        problem, before = self._problem, self._restart
-
-        def loss(renderers: tuple[Renderer, ...], parameters: FloatArray) -> float:
-            return pose_loss(problem, renderers, parameters, photos)
+        before, loss = self._restart, partial(pose_loss, problem)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
             wanted = [problem.complete(point) for point in points]
             single = len(wanted) == 1
-            losses = [loss(own, wanted[0])] if single else pool.map(loss, wanted)
+            losses = [loss(renderers, wanted[0])] if single else pool.map(loss, wanted)
             for found in losses:
                 self._evaluations += 1
                 yield found

@@ -1,7 +1,7 @@
-"""The loss on a scale to be read: what is unexplained, from 0 (all is explained) to 1 (nothing).
+"""A scale to read losses on: the unexplained share, from 0 (all is explained) to 1 (nothing).
 
-The search's loss adds logarithms, and its least and greatest values say nothing to a reader. Here
-it is the geometric mean of three shares, each of what one question leaves unexplained::
+The search's loss adds logarithms, and its least and greatest values say nothing to a reader. The
+scale is the geometric mean of three shares, each of what one question leaves unexplained::
 
     light   = prod_i (1 - p_i^2)                     Wilks' lambda of the colours with M
     classes = prod_i (1 - r_i^2) / light             of the classes, beyond what light explains
@@ -34,7 +34,7 @@ PARTS = 3
 
 @dataclass(frozen=True, slots=True)
 class LossScale:
-    """How the losses of all poses on one photo are read."""
+    """The scale of the losses of all poses on one photo."""
 
     most: int
     """min(n, m), the number of canonical correlations."""
@@ -51,11 +51,11 @@ class LossScale:
 
     @property
     def name(self) -> str:
-        """What the shown values are called: ``unexplained``, or ``loss (of 1)``."""
+        """Name of the shown values: ``unexplained``, or ``loss (of 1)``."""
         return "unexplained" if self.has_edges else f"loss (of {self.most})"
 
     def unexplained(self, losses: Losses) -> Losses:
-        """The shares in [0, 1] of losses; nan stays nan."""
+        """Shares in [0, 1] of losses; nan stays nan."""
         if not self.has_edges:
             return losses / self.most
         nothing = self.most * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
@@ -63,18 +63,16 @@ class LossScale:
         return kind(np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0)))
 
     def shown(self, losses: Losses) -> Losses:
-        """What a person is shown: what is unexplained, or the paper's loss as the paper defines it,
-        in [0, min(n, m)].
-        """
+        """Losses as shown to a person: unexplained, or the paper's own, in [0, min(n, m)]."""
         return self.unexplained(losses) if self.has_edges else losses
 
     def text(self, loss: float) -> str:
-        """Such as ``unexplained 0.170``, or of the paper's loss ``loss 0.378 of 1``."""
+        """Text such as ``unexplained 0.170``, or for the paper's loss ``loss 0.378 of 1``."""
         shown = f"{self.shown(loss):.3f}"
         return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.most}"
 
     def read(self, loss: float, moments: Moments) -> Unexplained:
-        """The ``loss`` of a pose of these ``moments``, with its parts."""
+        """The ``loss`` of a pose with these ``moments``, and its parts."""
         if moments.edge_cosine is None:
             return Unexplained(self, loss)
         if moments.pixels < fewest_pixels(len(moments.mean)):
@@ -89,9 +87,7 @@ class LossScale:
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """The loss of a pose as it is read. The parts are shares in [0, 1], None where light alone is
-    compared.
-    """
+    """The loss of a pose on its scale; parts are None where light alone is compared."""
 
     scale: LossScale
     loss: float
@@ -101,25 +97,23 @@ class Unexplained:
 
     @property
     def total(self) -> float:
-        """In [0, 1]: the geometric mean of the parts."""
+        """Geometric mean of the parts, in [0, 1]."""
         return self.scale.unexplained(self.loss)
 
     @property
     def text(self) -> str:
-        """Such as ``unexplained 0.170``; see ``LossScale.text``."""
+        """Text such as ``unexplained 0.170``; see ``LossScale.text``."""
         return self.scale.text(self.loss)
 
     @property
     def parts_text(self) -> str:
-        """Such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
+        """Text such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
         parts = {"light": self.light, "classes": self.classes, "edges": self.edges}
         return ", ".join(f"{name} {x:.2f}" for name, x in parts.items() if x is not None)
 
 
 def mean_over(photos: Sequence[Unexplained]) -> Unexplained:
-    """The mean loss over several photos, read by one scale; the parts are geometric means, as the
-    loss adds logarithms.
-    """
+    """Mean loss over several photos of one scale, and geometric means of its parts."""
     losses = [one.loss for one in photos]
     parts = [[one.light, one.classes, one.edges] for one in photos]
     shares = [

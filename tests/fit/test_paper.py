@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import lighting_loss
-from poseviewer.fit.paper import PATIENCE, paper_loss
+from poseviewer.fit.loss import lighting_loss, paper_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
-from poseviewer.fit.stages import fit_pose, make_stages
+from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
@@ -67,7 +66,7 @@ def test_it_searches_the_photo_alone_and_from_one_start(clipped):
     )
     (stage,) = make_stages(problem, RENDERER)
     assert stage.factor == 1
-    assert (stage.options.multi_starts, stage.options.patience) == (0, PATIENCE)
+    assert (stage.options.multi_starts, stage.options.patience) == (0, PAPER_PATIENCE)
     assert stage.options.step == usual.step if clipped else stage.options.step > usual.step
 
 
@@ -80,6 +79,6 @@ def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     end = search[-1]
     assert end.status is Status.CONVERGED
     assert {progress.factor for progress in search} == {1}
-    assert end.restart >= PATIENCE
+    assert end.restart >= PAPER_PATIENCE
     assert end.loss == pose_loss(problem, RENDERER, end.parameters) < end.start_loss
     assert np.abs(end.parameters).max() < 1e-2  # where it stops, hangs on the last digits

@@ -117,9 +117,8 @@ class MapMaker:
             pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
             if method in self._quick:
                 self._quick[method][2].close()
-            pairs = zip(case.problem.views, (level, *more), strict=True)
-            views = tuple(replace(view, photo=its.photo) for view, its in pairs)
-            quick = case.comparing(replace(case.problem, views=views), level.renderer)
+            problem = case.problem.on([its.photo for its in (level, *more)])
+            quick = case.comparing(problem, level.renderer)
             self._quick[method] = case, quick, pool
         return self._quick[method][1:]
 

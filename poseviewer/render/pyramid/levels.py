@@ -56,9 +56,19 @@ def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewes
     return make_level(photo, renderer, factor, pixels)
 
 
+def covered(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
+    """(height, width): the pixels of a level that show the model."""
+    return renderer.covers(level_pose(pose, photo.factor))
+
+
+def seen_share(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
+    """The share of the model's pixels that count, in [0, 1]; 0 where it is not in sight."""
+    weights = photo.weights[covered(photo, renderer, pose)]
+    return float(np.mean(weights > 0.0)) if len(weights) else 0.0
+
+
 def _pixels(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> int:
-    covered = renderer.covers(level_pose(pose, photo.factor))
-    return int(np.count_nonzero(covered & (photo.weights > 0.0)))
+    return int(np.count_nonzero(photo.weights[covered(photo, renderer, pose)] > 0.0))
 
 
 def coarsest_factor(pixels: float, fewest: float) -> int:
