@@ -125,16 +125,16 @@ def _pieces_to_flip(
 
 
 def crease_normals(
-    vertices: FloatArray, faces: NDArray, crease_angle_rad: float = CREASE_ANGLE_RAD
+    vertices: FloatArray, faces: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Normals, smooth but for edges bent by more than ``crease_angle_rad``.
+    """Normals, smooth but for edges bent by more than ``CREASE_ANGLE_RAD``.
 
     They are means of the faces' by the corner's angle (Thuermer and Wuethrich 1998).
 
     Returns the given vertex ``source`` (N,) of each new one, faces (F, 3), unit normals (N, 3).
     """
     face_normals, _ = face_normals_and_areas(vertices, faces)
-    fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals, crease_angle_rad)
+    fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals)
     fans = int(fan.max(initial=-1)) + 1
     weighted = (corner_angles(vertices, faces)[:, :, None] * face_normals[:, None, :]).reshape(
         -1, 3
@@ -159,11 +159,11 @@ def corner_angles(vertices: FloatArray, faces: NDArray) -> FloatArray:
     return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
-def _smooth_fans(adjacency: Adjacency, face_normals: FloatArray, angle_rad: float) -> NDArray:
+def _smooth_fans(adjacency: Adjacency, face_normals: FloatArray) -> NDArray:
     """(3 F,) for each corner the number of its fan: corners joined over smooth edges."""
     a, b = adjacency.first, adjacency.second
     bend = np.einsum("ij,ij->i", face_normals[a // 3], face_normals[b // 3])
-    smooth = (bend >= math.cos(angle_rad)) & ~adjacency.same_direction
+    smooth = (bend >= math.cos(CREASE_ANGLE_RAD)) & ~adjacency.same_direction
     a, b = a[smooth], b[smooth]
     rows = np.concatenate([a, _next_corner(a)])
     columns = np.concatenate([_next_corner(b), b])

@@ -234,10 +234,10 @@ def region_reach(size: int) -> float:
     return math.sqrt(float(chdtri(max(size, 1), 1.0 - REGION)))
 
 
-def ellipse(covariance: FloatArray, count: int = 48) -> FloatArray:
-    """(count, 2): the border of the ``REGION`` of two numbers, about 0, by their covariance."""
+def ellipse(covariance: FloatArray) -> FloatArray:
+    """(48, 2): the border of the ``REGION`` of two numbers, about 0, by their covariance."""
     values, axes = np.linalg.eigh(covariance)
-    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
     circle = region_reach(2) * np.column_stack([np.cos(angles), np.sin(angles)])
     return (circle * np.sqrt(np.maximum(values, 0.0))) @ axes.T
 

@@ -117,12 +117,10 @@ def opengl_renderer_name() -> str | None:
 class OpenGLRenderer(Renderer):
     """A mesh drawn by OpenGL, with textures sampled here; for one thread of the process alone."""
 
-    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
-        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
+    def __init__(self, mesh: Mesh) -> None:
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
-        self.two_sided = two_sided
         self._textures = TexturePyramid(*flatten_textures(mesh.textures))
         self._texel_areas = self._textures.texel_areas(mesh)
         # Texture coordinates are read back only where they are needed.
@@ -192,7 +190,7 @@ class OpenGLRenderer(Renderer):
         gl.glViewport(0, 0, *size)
         gl.glFrontFace(gl.GL_CW)
         gl.glEnable(gl.GL_DEPTH_TEST)
-        (gl.glDisable if self.two_sided else gl.glEnable)(gl.GL_CULL_FACE)
+        gl.glDisable(gl.GL_CULL_FACE)
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
         gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
         gl.glDrawElements(gl.GL_TRIANGLES, self.mesh.faces.size, gl.GL_UNSIGNED_INT, None)

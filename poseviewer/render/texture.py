@@ -27,14 +27,14 @@ LARGEST_TEXTURE = 2048
 
 
 def flatten_textures(
-    textures: Sequence[NDArray[np.uint8]], largest: int = LARGEST_TEXTURE
+    textures: Sequence[NDArray[np.uint8]],
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """All levels of all textures, each (h, w, 3) RGB, in one array, and where each one lies.
 
     Returns ``texels`` (N, 3) in [0, 1]; and ``table`` (T, L, 3) of ``(offset, width, height)``, in
     which smaller textures repeat their last level, of one texel.
     """
-    pyramids = [_levels(texture, largest) for texture in textures]
+    pyramids = [_levels(texture) for texture in textures]
     count = max((len(levels) for levels in pyramids), default=1)
     table = np.zeros((len(pyramids), count, 3), np.int64)
     blocks: list[NDArray[np.float32]] = []
@@ -49,10 +49,10 @@ def flatten_textures(
     return texels, table
 
 
-def _levels(texture: NDArray[np.uint8], largest: int) -> list[NDArray[np.float32]]:
+def _levels(texture: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
     """Box-filtered halvings of a texture down to one texel, the whole one first."""
     level = np.asarray(texture, np.float32) / np.float32(255.0)
-    shrink = min(1.0, largest / max(level.shape[:2]))
+    shrink = min(1.0, LARGEST_TEXTURE / max(level.shape[:2]))
     if shrink < 1.0:
         level = _resized(level, round(level.shape[1] * shrink), round(level.shape[0] * shrink))
     levels = [level]

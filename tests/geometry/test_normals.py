@@ -99,15 +99,6 @@ def test_a_cube_keeps_sharp_edges() -> None:
     np.testing.assert_array_equal(source[faces], cube.faces)
 
 
-def test_a_cube_is_smooth_when_every_edge_may_bend() -> None:
-    cube = trimesh.creation.box()
-    source, _, normals = crease_normals(cube.vertices, cube.faces, math.radians(100.0))
-    assert len(source) == 8
-    # Weighted by angle, the normal of a corner does not depend on how its sides are cut.
-    expected = cube.vertices[source] * 2.0 / math.sqrt(3.0)
-    np.testing.assert_allclose(normals, expected, atol=1e-12)
-
-
 def test_a_sphere_is_smooth_also_over_seams() -> None:
     sphere = trimesh.creation.icosphere(subdivisions=3)
     soup = sphere.vertices[sphere.faces].reshape(-1, 3)

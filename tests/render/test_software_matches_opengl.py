@@ -51,14 +51,13 @@ def angles_deg(a: AttributeImage, b: AttributeImage, where: np.ndarray) -> np.nd
     return np.degrees(np.arctan2(sine, np.sum(first * second, axis=1)))
 
 
-@pytest.mark.parametrize("two_sided", [True, False], ids=["two-sided", "one-sided"])
 @pytest.mark.parametrize(
     "mesh",
     [make_box(), make_bumpy(), make_soup(3), make_painted()],
     ids=["sharp", "smooth", "soup", "painted"],
 )
-def test_software_matches_opengl(mesh, two_sided):
-    opengl, software = OpenGLRenderer(mesh, two_sided), SoftwareRenderer(mesh, two_sided)
+def test_software_matches_opengl(mesh):
+    opengl, software = OpenGLRenderer(mesh), SoftwareRenderer(mesh)
     seen = 0
     for pose in make_poses(mesh, seed=4):
         a, b = opengl.render(pose), software.render(pose)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.render.texture import TexturePyramid, flatten_textures, mip_levels
+from poseviewer.render.texture import LARGEST_TEXTURE, TexturePyramid, flatten_textures, mip_levels
 from tests.meshes import make_mesh
 
 
@@ -37,8 +37,8 @@ def test_no_textures_make_empty_tables():
 
 
 def test_large_textures_are_reduced_first():
-    _, table = flatten_textures(make_textures((64, 16)), largest=32)
-    assert table[0, 0].tolist() == [0, 32, 8]
+    _, table = flatten_textures([np.zeros((4, 2 * LARGEST_TEXTURE, 3), np.uint8)])
+    assert table[0, 0].tolist() == [0, LARGEST_TEXTURE, 2]
 
 
 def test_texel_centres_give_the_texel_with_v_upwards():

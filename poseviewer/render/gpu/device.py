@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.image import GREY_WEIGHTS
-from poseviewer.render.structure import BLUR_TAPS
+from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
 """Environment variable whose value ``software`` allows the processor as adapter, for tests."""
@@ -29,24 +29,11 @@ LANES = 64
 GROUPS = 16
 """Workgroups that share the sums over a pose's pixels: each sums so few that float32 will do."""
 ENTRIES = ("draw", "shade", "blur")
-BINDINGS = 12
+RECORD = 221
+"""Numbers that a workgroup gives, see ``moments.wgsl``."""
+BINDINGS = 11
 """Of the shader; the first is the parameters, those from ``WRITTEN`` on are written to."""
-WRITTEN = 8
-PARAMETERS = (
-    "faces",
-    "two_sided",
-    "phase",
-    "levels",
-    "photo_width",
-    "stride",
-    "channels",
-    "attributes",
-    "terms",
-    "record",
-    "has_edges",
-    "noise",
-)
-"""Of the shader, in its order; 32 bits each."""
+WRITTEN = 7
 _making = threading.Lock()
 
 
@@ -145,18 +132,19 @@ class Device:
 
     def sums(
         self,
-        parameters: dict[str, int | float],
+        parameters: tuple[int, int, int, bool],
         inputs: tuple[Any, ...],
         poses: NDArray[Any],
         pixels: int,
     ) -> NDArray[np.float32]:
-        """(poses, ``GROUPS``, record): what each workgroup sums up, see ``moments.wgsl``.
+        """(poses, ``GROUPS``, ``RECORD``): what each workgroup sums up, see ``moments.wgsl``.
 
-        ``parameters`` are all but ``phase``; ``inputs`` the buffers of vertices, faces, texels,
-        table, photo and terms; ``poses`` the shader's ``Pose``; ``pixels`` those of all boxes.
+        ``parameters``: numbers of faces and texture levels, width of the photo, whether edges are
+        compared; ``inputs``: buffers of vertices, faces, texels, table and photo; ``poses``: the
+        shader's ``Pose``; ``pixels``: those of all boxes.
         """
-        has_edges, record = bool(parameters["has_edges"]), int(parameters["record"])
-        size = 4 * GROUPS * record * len(poses)
+        faces, _, _, has_edges = parameters
+        size = 4 * GROUPS * RECORD * len(poses)
         with self._lock:
             of_poses = self._buffer("poses", poses.nbytes)
             self._device.queue.write_buffer(of_poses, 0, poses)
@@ -164,11 +152,11 @@ class Device:
             field = self._buffer("field", 8 * pixels if has_edges else 8)
             sums = self._buffer("sums", size)
             buffers = of_poses, *inputs, depths, ids, field, sums
-            first, second = (self._group(parameters, phase, buffers) for phase in (0, 1))
+            first, second = (self._group((phase, *parameters), buffers) for phase in (0, 1))
             encoder = self._device.create_command_encoder()
             for cleared in (depths, ids, *([field] if has_edges else [])):
                 encoder.clear_buffer(cleared)
-            drawing = -(-int(parameters["faces"]) // LANES), len(poses)
+            drawing = -(-faces // LANES), len(poses)
             self._dispatch(encoder, "draw", first, drawing)
             self._dispatch(encoder, "draw", second, drawing)
             self._dispatch(encoder, "shade", second, (GROUPS, len(poses)))
@@ -176,7 +164,7 @@ class Device:
                 self._dispatch(encoder, "blur", second, (GROUPS, len(poses)))
             self._device.queue.submit([encoder.finish()])
             found = np.frombuffer(self._device.queue.read_buffer(sums, 0, size), np.float32)
-        return found.reshape(len(poses), GROUPS, record)
+        return found.reshape(len(poses), GROUPS, RECORD)
 
     def _dispatch(self, encoder: Any, entry: str, group: Any, counts: tuple[int, int]) -> None:
         work = encoder.begin_compute_pass()
@@ -185,13 +173,8 @@ class Device:
         work.dispatch_workgroups(*counts)
         work.end()
 
-    def _group(
-        self, parameters: dict[str, int | float], phase: int, buffers: tuple[Any, ...]
-    ) -> Any:
-        numbers = np.zeros(16, np.uint32)
-        for k, name in enumerate(PARAMETERS):
-            value = phase if name == "phase" else parameters[name]
-            numbers[k] = np.float32(value).view(np.uint32) if name == "noise" else value
+    def _group(self, parameters: tuple[int, ...], buffers: tuple[Any, ...]) -> Any:
+        numbers = np.array([*parameters, 0, 0, 0], np.uint32)
         uniform = self._device.create_buffer_with_data(data=numbers, usage=self._usage("UNIFORM"))
         entries = [
             {"binding": k, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
@@ -226,7 +209,11 @@ def _compiled(device: Any) -> tuple[Any, dict[str, Any]]:
     group = device.create_bind_group_layout(entries=entries)
     layout = device.create_pipeline_layout(bind_group_layouts=[group])
     source = (Path(__file__).parent / "moments.wgsl").read_text()
-    for name, numbers in (("grey", GREY_WEIGHTS), ("taps", BLUR_TAPS)):
+    for name, numbers in (
+        ("grey", GREY_WEIGHTS),
+        ("taps", BLUR_TAPS),
+        ("noise", [64.0 * MODEL_NOISE**2]),
+    ):
         source = source.replace(f"{{{name}}}", ", ".join(repr(float(x)) for x in numbers))
     module = device.create_shader_module(code=source)
     return group, {

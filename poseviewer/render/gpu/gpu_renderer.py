@@ -9,8 +9,7 @@ from __future__ import annotations
 import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations_with_replacement, product
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,11 +17,12 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose, level_pose
+from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.gpu.device import GROUPS, gpu_device
 from poseviewer.render.software.rasterise import GUARD_PX
 from poseviewer.render.software.software_renderer import SoftwareRenderer, camera_numbers
-from poseviewer.render.structure import MARGIN_PX, MODEL_NOISE
+from poseviewer.render.structure import MARGIN_PX
 from poseviewer.render.types import Moments, PhotoAttributes
 
 Item = TypeVar("Item")
@@ -94,10 +94,12 @@ POSE = np.dtype(
     ]
 )
 """The shader's ``Pose``; the box is left, top, width, height."""
-ONE, ATTRIBUTE = 9, 3
-"""Slots of a pixel's values in the shader, from 0 on F: the 1 on the model, and M."""
-ANY_CLASS, COUNT = 255, 254
-"""In the place of a term's class: all pixels; the number of pixels, whatever they weigh."""
+MODEL = slice(3, 9)
+"""M (R, G, B, grey times normal) among a pixel's values; F stands before it, 1 after it."""
+PARTS = np.cumsum([6, 100, 1, 16 * 7])
+"""Where a record's parts end: M's origin, products of two values each, number of pixels, sums of M
+and 1 by class; two sums over edges are left.
+"""
 
 
 class GpuRenderer(SoftwareRenderer):
@@ -107,10 +109,10 @@ class GpuRenderer(SoftwareRenderer):
     once the GPU has failed.
     """
 
-    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         """Upload the model; raises ``RendererUnavailableError`` where there is no GPU."""
         self.device = gpu_device()
-        super().__init__(mesh, two_sided)
+        super().__init__(mesh)
         self._buffers = self._uploaded()
         self._corners = np.array(list(product(*np.transpose(mesh.bounds))))
 
@@ -162,25 +164,12 @@ class GpuRenderer(SoftwareRenderer):
 
     def _on_device(self, poses: Sequence[Pose], photo: PhotoAttributes) -> dict[int, Moments]:
         """The moments of those poses, by their number, that the GPU can do."""
-        sums = Sums.of(photo)
         margin = 0 if photo.structure is None else MARGIN_PX
         boxes = self._boxes(poses, margin)
         found: dict[int, Moments] = {}
         pixels = self.device.photo(photo, lambda: photo_pixels(photo))
-        inputs = *self._buffers, pixels, self.device.upload(sums.terms)
-        parameters = {
-            "faces": len(self._surface.faces),
-            "two_sided": int(self.two_sided),
-            "levels": self._textures[1].shape[1],
-            "photo_width": photo.weights.shape[1],
-            "stride": photo.channels.shape[2] + (1 if photo.structure is None else 4),
-            "channels": photo.channels.shape[2],
-            "attributes": sums.attributes,
-            "terms": len(sums.terms),
-            "record": sums.attributes + len(sums.terms) + 2,
-            "has_edges": int(photo.structure is not None),
-            "noise": 64.0 * MODEL_NOISE**2,
-        }
+        levels, width = self._textures[1].shape[1], photo.weights.shape[1]
+        parameters = len(self._surface.faces), levels, width, photo.structure is not None
         for numbers in _batches(boxes):
             given = np.zeros(len(numbers), POSE)
             given["box"] = boxes[numbers]
@@ -190,9 +179,10 @@ class GpuRenderer(SoftwareRenderer):
             given["weighs"] = np.where(given["camera"][:, 16] > 0.0, 1.0, -1.0)
             areas = given["box"][:, 2].astype(np.int64) * given["box"][:, 3]
             given["at"] = np.cumsum(areas) - areas
+            inputs = *self._buffers, pixels
             raw = self.device.sums(parameters, inputs, given, max(int(areas.sum()), 1))
             rotations = np.stack([poses[i].camera_from_model.rotation for i in numbers])
-            found.update(zip(numbers, sums.moments(raw, rotations), strict=True))
+            found.update(zip(numbers, moments_of_sums(photo, raw, rotations), strict=True))
         return found
 
     def _boxes(self, poses: Sequence[Pose], margin: int) -> NDArray[np.int64]:
@@ -243,94 +233,60 @@ def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
 
 
 def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
-    """(height, width, stride): F about its origin and the weight, or F, weight, class and edges."""
-    weights, channels = photo.weights[..., None], photo.channels
-    if photo.structure is None:
-        channels = channels - photo.origin.astype(np.float32)
-    columns = [np.where(weights > 0.0, channels, np.float32(0.0)), weights]
+    """(height, width, 7): F (a grey one three times), weight, class and edges."""
+    weights, pixels = photo.weights, np.zeros((*photo.weights.shape, 7), np.float32)
+    origin = 0.0 if photo.structure is not None else photo.origin.astype(np.float32)
+    pixels[..., :3] = np.where(weights[..., None] > 0.0, photo.channels - origin, np.float32(0.0))
+    pixels[..., 3] = weights
     if photo.structure is not None:
-        edges = np.moveaxis(photo.photo_moments.edges, 0, 2)
-        columns += [photo.structure.labels[..., None], edges]
-    return np.concatenate(columns, axis=2, dtype=np.float32)
+        pixels[..., 4] = photo.structure.labels
+        pixels[..., 5:] = np.moveaxis(photo.photo_moments.edges, 0, 2)
+    return pixels
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sums:
-    """Which sums over the pixels the GPU gives, and the moments from them."""
-
-    photo: PhotoAttributes
-    attributes: int
-    """Number of the model's attributes, but the last one that is 1 on it: 4, with a structure 6."""
-    terms: NDArray[np.uint32]
-    """(t, 3): two slots of a pixel's values whose product is summed, and of which class; first the
-    number of pixels, then products of 1, M and F, then by class those of 1 and M.
-    """
-    pairs: NDArray[np.intp]
-    """(2, s): which two of (1, M, F) the products are of."""
-
-    @classmethod
-    def of(cls, photo: PhotoAttributes) -> Sums:
-        """Those that a photo needs."""
-        attributes, channels = 4 if photo.structure is None else 6, photo.channels.shape[2]
-        slots = [ONE, *(ATTRIBUTE + k for k in range(attributes)), *range(channels)]
-        of_model = 1 + attributes
-        pairs = [
-            (i, j)
-            for i, j in combinations_with_replacement(range(len(slots)), 2)
-            if photo.clipped or min(i, j) < of_model
-        ]
-        terms = [(ONE, ONE, COUNT), *((slots[i], slots[j], ANY_CLASS) for i, j in pairs)]
-        if photo.structure is not None:
-            classes = range(len(photo.structure.shares))
-            terms += [(ONE, slot, one) for one in classes for slot in slots[:of_model]]
-        return cls(photo, attributes, np.array(terms, np.uint32), np.array(pairs).T)
-
-    def moments(self, raw: NDArray[np.float32], rotations: FloatArray) -> list[Moments]:
-        """Moments from the groups' sums (poses, groups, record), turned by ``rotations``."""
-        photo, m, poses = self.photo, self.attributes, len(raw)
-        numbers: FloatArray = np.asarray(raw, np.float64)
-        origin, sums = numbers[..., :m], numbers[..., m : m + len(self.terms)]
-        products, of_classes = np.split(sums[..., 1:], [self.pairs.shape[1]], axis=-1)
-        size = 1 + m + photo.channels.shape[2]
-        second = np.zeros((poses, GROUPS, size, size))
-        second[..., self.pairs[0], self.pairs[1]] = products
-        second[..., self.pairs[1], self.pairs[0]] = products
-        # From 1, M and F about the group's own origin to those about 0, normals turned.
-        shift = np.tile(np.eye(size), (poses, GROUPS, 1, 1))
-        shift[..., 1 : 1 + m, 0] = origin
-        shift[..., m - 2 : m + 1, :] = rotations[:, None] @ shift[..., m - 2 : m + 1, :]
-        total = (shift @ second @ np.swapaxes(shift, -1, -2)).sum(axis=1)
-        of_model = np.arange(1, 1 + m) if photo.clipped else np.r_[1 : 1 + m, 0]
-        joint, weight, mean_of_photo = total[:, 1 + m :, of_model], total[:, 0, 0], photo.origin
-        first_of_photo, second_of_photo = total[:, 0, 1 + m :], total[:, 1 + m :, 1 + m :]
-        cosines, whitening = [None] * poses, None
-        if photo.structure is not None:
-            by_class = of_classes.reshape(poses, GROUPS, -1, 1 + m)
-            by_class = (by_class @ np.swapaxes(shift[..., : 1 + m, : 1 + m], -1, -2)).sum(axis=1)
-            joint = np.concatenate([joint, by_class[..., of_model]], axis=1)
-            mean_of_photo = np.zeros(joint.shape[1])
-            whitening = photo.photo_moments.whitening
-            dots, squares = numbers[..., -2:].sum(axis=1).T
-            cosines = [d / s**0.5 if s > 0.0 else 0.0 for d, s in zip(dots, squares, strict=True)]
-        if not photo.clipped:
-            whole, first_of_photo, second_of_photo = photo.photo_sums
-            weight = np.full(poses, whole)
-        n = joint.shape[1]
-        mean = np.empty((poses, n + len(of_model)))
-        covariance = np.empty((poses, *[n + len(of_model)] * 2))
-        mean[:, :n], mean[:, n:] = first_of_photo, total[:, 0, of_model]
-        covariance[:, :n, :n], covariance[:, :n, n:] = second_of_photo, joint
-        covariance[:, n:, :n] = np.swapaxes(joint, 1, 2)
-        covariance[:, n:, n:] = total[:, of_model[:, None], of_model]
-        share = np.divide(1.0, weight, where=weight > 0.0, out=np.zeros(poses))
-        mean *= share[:, None]
-        covariance = share[:, None, None] * covariance - mean[:, :, None] * mean[:, None]
-        covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-        mean[:, :n] += (weight > 0.0)[:, None] * mean_of_photo
-        mean.flags.writeable = covariance.flags.writeable = False
-        pixels = sums[..., 0].sum(axis=1).astype(int).tolist()
-        of_poses = zip(pixels, weight.tolist(), mean, covariance, cosines, strict=True)
-        return [
-            Moments(count, total_weight, first, second, n, cosine, whitening)
-            for count, total_weight, first, second, cosine in of_poses
-        ]
+def moments_of_sums(
+    photo: PhotoAttributes, raw: NDArray[np.float32], rotations: FloatArray
+) -> list[Moments]:
+    """Moments from the groups' sums (poses, groups, record), normals turned by ``rotations``."""
+    poses, channels, n = len(raw), photo.channels.shape[2], photo.photo_channels
+    size = n + photo.model_channels
+    origin, products, pixels, of_classes, edges = np.split(raw.astype(float), PARTS, axis=-1)
+    # From values about the group's own origin to those about 0.
+    shift = np.tile(np.eye(10), (poses, GROUPS, 1, 1))
+    shift[..., MODEL, 9] = origin
+    shift[..., 6:9, :] = rotations[:, None] @ shift[..., 6:9, :]
+    second = shift @ products.reshape(poses, GROUPS, 10, 10) @ np.swapaxes(shift, -1, -2)
+    total = second.sum(axis=1)
+    model = np.eye(10)[3:9]
+    if photo.structure is None:
+        model = np.vstack([np.r_[np.zeros(3), GREY_WEIGHTS, np.zeros(4)], model[3:]])
+    if not photo.clipped:
+        model = np.vstack([model, np.eye(10)[9]])
+    mean, covariance = np.zeros((poses, size)), np.zeros((poses, size, size))
+    weight, origin = total[:, 9, 9], np.append(photo.origin, np.zeros(n - channels))
+    mean[:, :channels], mean[:, n:] = total[:, 9, :channels], total[:, 9] @ model.T
+    covariance[:, :channels, :channels] = total[:, :channels, :channels]
+    covariance[:, :channels, n:] = total[:, :channels] @ model.T
+    covariance[:, n:, n:] = model @ total @ model.T
+    cosines, whitening = [None] * poses, None
+    if photo.structure is not None:
+        origin, whitening = np.zeros(n), photo.photo_moments.whitening
+        by_class = of_classes.reshape(poses, GROUPS, 16, 7) @ np.swapaxes(
+            shift[..., 3:, 3:], -1, -2
+        )
+        covariance[:, channels:n, n:] = by_class.sum(axis=1)[:, : n - channels]
+        dots, squares = edges.sum(axis=1).T
+        cosines = [d / s**0.5 if s > 0.0 else 0.0 for d, s in zip(dots, squares, strict=True)]
+    if not photo.clipped:
+        whole, mean[:, :n], covariance[:, :n, :n] = photo.photo_sums
+        weight = np.full(poses, whole)
+    covariance[:, n:, :n] = np.swapaxes(covariance[:, :n, n:], 1, 2)
+    share = np.divide(1.0, weight, where=weight > 0.0, out=np.zeros(poses))
+    mean *= share[:, None]
+    covariance = share[:, None, None] * covariance - mean[:, :, None] * mean[:, None]
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+    mean[:, :n] += (weight > 0.0)[:, None] * origin
+    mean.flags.writeable = covariance.flags.writeable = False
+    counts = pixels.sum(axis=(1, 2)).astype(int).tolist()
+    of_poses = zip(counts, weight.tolist(), mean, covariance, cosines, strict=True)
+    return [Moments(*one[:4], n, one[4], whitening) for one in of_poses]

@@ -12,18 +12,11 @@ struct Pose {
 }
 
 struct Params {
-    faces: u32,
-    two_sided: u32,
     phase: u32, // of `draw`: 0 depth, 1 faces
+    faces: u32,
     levels: u32, // of each texture
     photo_width: u32,
-    stride: u32, // numbers for each pixel of the photo: F, weight, and label, edges (2) if has_edges
-    channels: u32, // of F
-    attributes: u32, // of M, but the one that is 1 on the model: 4, or 6 if has_edges
-    terms: u32,
-    record: u32, // numbers that a group gives
-    has_edges: u32,
-    noise: f32, // 64 times the square of the gradient below which there is no edge
+    has_edges: u32, // and classes
 }
 
 struct Face {
@@ -46,12 +39,11 @@ struct Surface {
 @group(0) @binding(3) var<storage, read> faces: array<i32>; // corners, texture, bits of texel area
 @group(0) @binding(4) var<storage, read> texels: array<f32>;
 @group(0) @binding(5) var<storage, read> table: array<u32>; // of each level: offset, width, height
-@group(0) @binding(6) var<storage, read> photo: array<f32>;
-@group(0) @binding(7) var<storage, read> terms: array<u32>; // two slots of `values`, and a class
-@group(0) @binding(8) var<storage, read_write> depths: array<atomic<u32>>;
-@group(0) @binding(9) var<storage, read_write> ids: array<atomic<u32>>; // ~face; 0: none
-@group(0) @binding(10) var<storage, read_write> field: array<vec2<f32>>;
-@group(0) @binding(11) var<storage, read_write> sums: array<f32>;
+@group(0) @binding(6) var<storage, read> photo: array<f32>; // F (3), weight, class, edges (2)
+@group(0) @binding(7) var<storage, read_write> depths: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read_write> ids: array<atomic<u32>>; // ~face; 0: none
+@group(0) @binding(9) var<storage, read_write> field: array<vec2<f32>>;
+@group(0) @binding(10) var<storage, read_write> sums: array<f32>;
 
 const LANES = 64u;
 const DRAWN_ALONE = 16; // px of its box up to which a thread draws its face alone
@@ -60,16 +52,23 @@ const TILE = vec2<i32>(16, 8);
 const PIXELS = 128u;
 const RIM = 52u;
 const SPAN = 18u; // columns of a tile with its rim
+const STRIDE = 7u; // numbers for each pixel of the photo
+const ATTRIBUTES = 6u; // M: R, G, B, grey times normal
 const SLOTS = 11u; // F (3), M (6), 1, weight
 const FIRST = 3u;
 const ONE = 9u;
 const WEIGHT = 10u;
+// What a group gives: origin of M, products of all slots but the weight, the number of pixels, by
+// class the sums of M and 1, and two sums over edges.
+const PRODUCTS = 100u;
+const TERMS = 213u;
+const RECORD = 221u;
 const ANY_CLASS = 255u;
-const COUNT = 254u; // pixels, not weights
 const SHOWN = 128u;
 const NOTHING = 129u;
 const GREY = vec3<f32>({grey});
 const TAPS = array<f32, 9>({taps});
+const NOISE = {noise}; // 64 times the square of the gradient below which there is no edge
 
 fn corner(pose: u32, vertex: u32) -> vec3<i32> {
     let m = &poses[pose].camera;
@@ -184,41 +183,16 @@ fn put(pose: u32, column: i32, row: i32, d: f32, face: u32) {
     }
 }
 
-// What of a face is in a column; depth values are added up as the software renderer does it.
+// What of a face is in a column.
 fn draw_column(pose: u32, f: Face, box: vec4<i32>, column: i32, face: u32) {
     let low = min(min(f.z.x, f.z.y), f.z.z);
     let high = max(max(f.z.x, f.z.y), f.z.z);
-    if f.is_wide {
-        for (var row = box.y; row <= box.w; row++) {
-            let e = edges_at(f, column, row);
-            if e.w > 0.0 {
-                let d = f.z.x + e.y / f.area * (f.z.y - f.z.x) + e.z / f.area * (f.z.z - f.z.x);
-                put(pose, column, row, clamp(d, low, high), face);
-            }
-        }
-        return;
-    }
-    let ex = f.sign * (f.x.zxy - f.x.yzx);
-    let ey = f.sign * (f.y.zxy - f.y.yzx);
-    let is_top_left = (ey < vec3<i32>(0)) | ((ey == vec3<i32>(0)) & (ex > vec3<i32>(0)));
-    let py = box.y * 256 + 128 - f.y.yzx;
-    let at_left = ex * py - ey * (box.x * 256 + 128 - f.x.yzx);
-    let scale = 1.0 / f.area;
-    let s1 = (f.z.y - f.z.x) * scale;
-    let s2 = (f.z.z - f.z.x) * scale;
-    let slope = f32(-ey.y * 256) * s1 + f32(-ey.z * 256) * s2;
-    let fall = f32(ex.y * 256) * s1 + f32(ex.z * 256) * s2;
-    let begin = box.x & -16;
-    let first = f.z.x + f32(at_left.y) * s1 + f32(at_left.z) * s2 - f32(box.x - begin) * slope;
-    var value = first + f32((column - begin) & -16) * slope;
-    let across = f32((column - begin) & 15) * slope;
-    var e = at_left - ey * 256 * (column - box.x) - select(vec3<i32>(1), vec3<i32>(0), is_top_left);
     for (var row = box.y; row <= box.w; row++) {
-        if (e.x | e.y | e.z) >= 0 {
-            put(pose, column, row, clamp(value + across, low, high), face);
+        let e = edges_at(f, column, row);
+        if e.w > 0.0 {
+            let d = f.z.x + e.y / f.area * (f.z.y - f.z.x) + e.z / f.area * (f.z.z - f.z.x);
+            put(pose, column, row, clamp(d, low, high), face);
         }
-        e += ex * 256;
-        value += fall;
     }
 }
 
@@ -233,7 +207,7 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let f = face_of(pose, face);
         let box = box_of(pose, f);
         let size = box.zw - box.xy + 1;
-        if min(size.x, size.y) > 0 && (f.sign < 0 || (f.sign > 0 && params.two_sided > 0u)) {
+        if min(size.x, size.y) > 0 && f.sign != 0 {
             if max(size.x, size.y) <= DRAWN_ALONE && size.x * size.y <= DRAWN_ALONE {
                 for (var column = box.x; column <= box.z; column++) {
                     draw_column(pose, f, box, column, face);
@@ -285,13 +259,7 @@ fn of_corner(face: u32, k: u32, first: u32) -> vec3<f32> {
     return vec3<f32>(vertices[at], vertices[at + 1u], vertices[at + 2u]);
 }
 
-// What the corners of a face weigh at a pixel, negative where its front is seen.
-fn snapped_weights(pose: u32, f: Face, column: i32, row: i32) -> vec3<f32> {
-    let weighs = select(vec3<f32>(1.0), f.z, poses[pose].weighs > 0.0);
-    return f32(f.sign) * edges_at(f, column, row).xyz * weighs;
-}
-
-// The same of corners that are not snapped, homogeneous: x = X - u W, y = Y - v W.
+// What corners that are not snapped weigh at a pixel, negative where a front is seen; homogeneous: x = X - u W, y = Y - v W.
 fn exact_weights(pose: u32, face: u32, column: i32, row: i32) -> vec3<f32> {
     let m = &poses[pose].camera;
     var x: vec3<f32>;
@@ -311,8 +279,9 @@ fn exact_weights(pose: u32, face: u32, column: i32, row: i32) -> vec3<f32> {
 // What a face shows at a pixel.
 fn shaded(pose: u32, face: u32, column: i32, row: i32) -> Surface {
     let f = face_of(pose, face);
-    let exact = exact_weights(pose, face, column, row);
-    let w = select(snapped_weights(pose, f, column, row), exact, f.is_wide);
+    let weighs = select(vec3<f32>(1.0), f.z, poses[pose].weighs > 0.0);
+    let snapped = f32(f.sign) * edges_at(f, column, row).xyz * weighs;
+    let w = select(snapped, exact_weights(pose, face, column, row), f.is_wide);
     let total = w.x + w.y + w.z;
     let shares = w / total;
     let texture = faces[5u * face + 3u];
@@ -357,12 +326,8 @@ fn show(place: u32, id: u32, seen: Surface) {
 }
 
 fn model_value(seen: Surface, index: u32) -> f32 {
-    let grey = dot(GREY, seen.colour);
-    // (g, g n), or (R, G, B, g n), with grey g
-    if params.has_edges == 0u {
-        return select(grey, grey * seen.normal[max(index, 1u) - 1u], index > 0u);
-    }
-    return select(seen.colour[min(index, 2u)], grey * seen.normal[max(index, 3u) - 3u], index > 2u);
+    let lit = dot(GREY, seen.colour) * seen.normal[max(index, 3u) - 3u];
+    return select(seen.colour[min(index, 2u)], lit, index > 2u);
 }
 
 // Sobel's operator on a tile: the orientation field at a place of `shown`.
@@ -382,7 +347,7 @@ fn orientation(place: u32) -> vec2<f32> {
     let xx = dot(across, across) + outline.x * outline.x;
     let yy = dot(down, down) + outline.y * outline.y;
     let xy = dot(across, down) + outline.x * outline.y;
-    return vec2<f32>(xx - yy, 2.0 * xy) / (xx + yy + params.noise);
+    return vec2<f32>(xx - yy, 2.0 * xy) / (xx + yy + NOISE);
 }
 
 @compute @workgroup_size(16, 8)
@@ -406,12 +371,12 @@ fn shade(
             seen = shaded(pose, ~id, at.x, at.y);
         }
         show(place, id, seen);
-        let pixel = params.stride * (u32(at.y) * params.photo_width + u32(at.x));
+        let pixel = STRIDE * (u32(at.y) * params.photo_width + u32(at.x));
         let mine = SLOTS * lane;
         var weight = 0.0;
         told[lane] = NOTHING;
         if id != 0u {
-            weight = photo[pixel + params.channels];
+            weight = photo[pixel + 3u];
             told[lane] = select(SHOWN, lane, weight > 0.0);
         }
         if params.has_edges > 0u && lane < RIM {
@@ -449,7 +414,7 @@ fn shade(
         if !has_origin { // sums about what one pixel has keep their digits
             has_origin = true;
             if lane == teller {
-                for (var k = 0u; k < params.attributes; k++) {
+                for (var k = 0u; k < ATTRIBUTES; k++) {
                     origin[k] = model_value(seen, k);
                 }
             }
@@ -458,32 +423,39 @@ fn shade(
         values[mine + ONE] = 1.0;
         values[mine + WEIGHT] = weight;
         labels[lane] = 0u;
-        for (var k = 0u; k < params.channels; k++) {
+        for (var k = 0u; k < FIRST; k++) {
             values[mine + k] = 0.0;
             if weight > 0.0 {
                 values[mine + k] = photo[pixel + k];
             }
         }
-        for (var k = 0u; k < params.attributes; k++) {
+        for (var k = 0u; k < ATTRIBUTES; k++) {
             values[mine + FIRST + k] = select(0.0, model_value(seen, k) - origin[k], weight > 0.0);
         }
-        if params.has_edges > 0u && weight > 0.0 {
-            labels[lane] = u32(photo[pixel + params.channels + 1u]);
+        if weight > 0.0 {
+            labels[lane] = u32(photo[pixel + 4u]);
         }
         workgroupBarrier();
         for (var k = 0u; k < 2u; k++) {
             let term = k * PIXELS + lane;
-            if term < params.terms {
-                let one = terms[3u * term];
-                let other = terms[3u * term + 1u];
-                let of_class = terms[3u * term + 2u];
+            if term < select(PRODUCTS + 1u, TERMS, params.has_edges > 0u) {
+                var one = ONE;
+                var other = ONE;
+                var of_class = ANY_CLASS;
+                if term < PRODUCTS {
+                    one = term / 10u;
+                    other = term % 10u;
+                } else if term > PRODUCTS {
+                    other = FIRST + (term - PRODUCTS - 1u) % 7u;
+                    of_class = (term - PRODUCTS - 1u) / 7u;
+                }
                 var total = 0.0;
                 for (var begin = 0u; begin < PIXELS; begin += 16u) { // short sums round less
                     var part = 0.0;
                     for (var q = begin; q < begin + 16u; q++) {
                         let w = values[SLOTS * q + WEIGHT];
-                        let counts = of_class >= COUNT || labels[q] == of_class;
-                        let share = select(w, select(0.0, 1.0, w > 0.0), of_class == COUNT);
+                        let counts = of_class == ANY_CLASS || labels[q] == of_class;
+                        let share = select(w, select(0.0, 1.0, w > 0.0), term == PRODUCTS);
                         let more = share * values[SLOTS * q + one] * values[SLOTS * q + other];
                         part += select(0.0, more, counts);
                     }
@@ -494,14 +466,14 @@ fn shade(
         }
         workgroupBarrier();
     }
-    let record = params.record * (pose * groups.x + group.x);
-    if lane < params.attributes {
+    let record = RECORD * (pose * groups.x + group.x);
+    if lane < ATTRIBUTES {
         sums[record + lane] = select(0.0, origin[lane], has_origin);
     }
     for (var k = 0u; k < 2u; k++) {
         let term = k * PIXELS + lane;
-        if term < params.terms {
-            sums[record + params.attributes + term] = found[k];
+        if term < TERMS {
+            sums[record + ATTRIBUTES + term] = found[k];
         }
     }
 }
@@ -549,7 +521,7 @@ fn blur(
         if all(at < size) {
             let column = u32(at.x + (*p).left);
             let row = u32(at.y + (*p).top);
-            let pixel = params.stride * (row * params.photo_width + column) + params.channels;
+            let pixel = STRIDE * (row * params.photo_width + column) + 3u;
             let edges = vec2<f32>(photo[pixel + 2u], photo[pixel + 3u]);
             found += vec2<f32>(dot(e, edges), photo[pixel] * dot(e, e));
         }
@@ -563,7 +535,7 @@ fn blur(
         workgroupBarrier();
     }
     if lane < 2u {
-        let record = params.record * (pose * groups.x + group.x);
-        sums[record + params.attributes + params.terms + lane] = parts[0][lane];
+        let record = RECORD * (pose * groups.x + group.x);
+        sums[record + ATTRIBUTES + TERMS + lane] = parts[0][lane];
     }
 }

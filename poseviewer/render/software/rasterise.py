@@ -76,7 +76,7 @@ def make_chunk() -> tuple[NDArray[Any], ...]:
 
 
 @_jit
-def rasterise(drawn, surface, camera, two_sided, width, workspace, picture):
+def rasterise(drawn, surface, camera, width, workspace, picture):
     """Draw a model; sets the planes and paints of the faces that show.
 
     Args:
@@ -84,7 +84,6 @@ def rasterise(drawn, surface, camera, two_sided, width, workspace, picture):
         surface: (vertices (3, V), faces (F, 3), normals (F + 1, 9) at their corners).
         camera: (17,): camera_from_model's rotation, row by row, and translation; fx, fy, cx, cy;
             the least z under perspective, 0 for parallel projection.
-        two_sided: whether faces are seen from behind, too.
         width: of the picture; its arrays have whole BLOCKs of columns.
         workspace: (screen (2, V), depths (V,), large (F,), planes, painting, chunk), with painting
             = (kinds (F,), paint at corners (F + 1, 12), texel areas (F,), count of texture levels,
@@ -104,11 +103,11 @@ def rasterise(drawn, surface, camera, two_sided, width, workspace, picture):
     near, distance = camera[16], camera[11]
     weighs = np.float32(max(distance, near) if near > 0.0 else -1.0)
     shape = faces, screen, depths, normals
-    count = _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large, picture)
+    count = _draw_small(shape, weighs, planes, painting, chunk, width, large, picture)
     if count > 0:
         owners, places, values = _cut(large[:count], shape, vertices, camera, planes, painting)
         for i in range(owners.shape[0]):
-            _draw_piece(places[i], values[i], owners[i], two_sided, width, depth, ids)
+            _draw_piece(places[i], values[i], owners[i], width, depth, ids)
     return box
 
 
@@ -157,7 +156,7 @@ def _project(vertices, camera, screen, depths, width, height):
 
 
 @_jit
-def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large, picture):
+def _draw_small(shape, weighs, planes, painting, chunk, width, large, picture):
     """Draw faces with corners' weights ``weighs`` x depth (negative: 1); list the large ones."""
     (faces, screen, depths, normals), (depth, ids) = shape, picture
     kinds, paint, texel_areas, count_of_levels, paints, levels = painting
@@ -167,7 +166,7 @@ def _draw_small(shape, weighs, planes, painting, chunk, two_sided, width, large,
         size = min(CHUNK, faces.shape[0] - begin)
         _gather(begin, size, faces, screen, depths, corners, values)
         _find_boxes(size, width, depth.shape[0], corners, boxes)
-        _set_up(size, two_sided, corners, boxes, values)
+        _set_up(size, corners, boxes, values)
         for k in range(3):
             _set_edge(size, k, weighs, corners, boxes, steps, values)
         for k in range(_list_drawn(size, boxes)):
@@ -247,7 +246,7 @@ def _find_boxes(size, width, height, corners, boxes):
 
 
 @_jit
-def _set_up(size, two_sided, corners, boxes, values):
+def _set_up(size, corners, boxes, values):
     """Set each face's STATE, first COLUMN and depth ``values`` there, on the first row of its box.
 
     A face two pixels wide and high at most is drawn only if it holds the centre of one of the four.
@@ -260,7 +259,7 @@ def _set_up(size, two_sided, corners, boxes, values):
     column, state = boxes[COLUMN, :size], boxes[STATE, :size]
     value, across, along = values[VALUE, :size], values[ACROSS, :size], values[ALONG, :size]
     turned = values[SCALE, :size]
-    none, both = _i32(0), _i32(1 if two_sided else 0)
+    none = _i32(0)
     for i in range(size):
         area = _i32(
             _i32(_i32(x1[i] - x0[i]) * _i32(y2[i] - y0[i]))
@@ -288,7 +287,6 @@ def _set_up(size, two_sided, corners, boxes, values):
         wide, tall = _i32(right[i] - left[i]), _i32(bottom[i] - top[i])
         drawn = (_i32(outside) >= none) | (max(wide, tall) > _i32(1))
         drawn &= (min(wide, tall) >= none) & (area != none)
-        drawn &= _i32(both - _i32(area >> _i32(31))) > none
         least, most = min(x0[i], x1[i], x2[i]), max(x0[i], x1[i], x2[i])
         lowest, highest = min(y0[i], y1[i], y2[i]), max(y0[i], y1[i], y2[i])
         large = max(_i32(most - least), _i32(highest - lowest)) > _i32(SMALL)
@@ -451,13 +449,13 @@ def _clip(polygon, other, near):
 
 
 @_jit
-def _draw_piece(places, values, face, two_sided, width, depth, ids):
+def _draw_piece(places, values, face, width, depth, ids):
     """One triangle of any size, row by row in spans."""
     x0, y0, x1, y1 = places[0, 0], places[0, 1], places[1, 0], places[1, 1]
     x2, y2 = places[2, 0], places[2, 1]
     d0, d1, d2 = values[0], values[1], values[2]
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    if area == 0 or (area > 0 and not two_sided):
+    if area == 0:
         return
     sign = 1 if area > 0 else -1
     area *= sign

@@ -43,10 +43,8 @@ Box = tuple[int, int, int, int]
 class SoftwareRenderer(Renderer):
     """The rasteriser with its buffers. Not for two threads at once: give each a ``clone``."""
 
-    def __init__(self, mesh: Mesh, two_sided: bool = True) -> None:
-        """``two_sided=False`` leaves out faces seen from behind (closed, well-wound meshes)."""
+    def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
-        self.two_sided = two_sided
         self._near = NEAR_PER_DIAMETER * mesh.diameter
         self._textures = flatten_textures(mesh.textures)
         self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
@@ -67,7 +65,7 @@ class SoftwareRenderer(Renderer):
         """A renderer of the model with at most this number of triangles, or of it as it is."""
         if len(self.mesh.faces) <= faces:
             return self.clone()
-        return _simplified(self._kind, self.mesh, faces, self.two_sided).clone()
+        return _simplified(self._kind, self.mesh, faces).clone()
 
     @property
     def _kind(self) -> type[SoftwareRenderer]:
@@ -170,8 +168,7 @@ class SoftwareRenderer(Renderer):
     def _with(self, surface: Surface) -> SoftwareRenderer:
         """Another renderer of the same mesh, of which it draws the ``surface``."""
         other = object.__new__(type(self))
-        other.mesh, other.two_sided = self.mesh, self.two_sided
-        other._near, other._surface = self._near, surface
+        other.mesh, other._near, other._surface = self.mesh, self._near, surface
         other._textures, other._texel_areas = self._textures, self._texel_areas
         other._allocate()
         return other
@@ -259,7 +256,6 @@ class SoftwareRenderer(Renderer):
             self._drawn,
             (self._surface.vertices, self._surface.faces, self._surface.normals),
             camera_numbers(pose, self._surface.centre, self._near),
-            self.two_sided,
             camera.width,
             self._workspace,
             (self._depth, self._ids),
@@ -313,7 +309,5 @@ def camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _simplified(
-    kind: type[SoftwareRenderer], mesh: Mesh, faces: int, two_sided: bool
-) -> SoftwareRenderer:
-    return kind(simplify(mesh, faces), two_sided)
+def _simplified(kind: type[SoftwareRenderer], mesh: Mesh, faces: int) -> SoftwareRenderer:
+    return kind(simplify(mesh, faces))
