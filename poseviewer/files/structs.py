@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
@@ -199,21 +200,24 @@ def decoded(
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         said, _, place = str(error).removesuffix("`").partition(" - at `$")
-        where, value = place.lstrip("."), data
+        where = place.lstrip(".")
         if said.startswith("Object missing"):
             name = f"{where}.{said.split('`')[1]}".lstrip(".")
             raise reading.error(f"{name} is missing", "wanted it") from None
         if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
             found, _, wanted = said.partition("; ")
             raise reading.error(f"{where}{found}".lstrip("."), wanted) from None
-        for key in KEY.findall(place):
-            value = value.get(key) if isinstance(value, dict) else value[int(key)]
+        value = reduce(_item, KEY.findall(place), data)
         wanted = "one of those in the file's schema"
         if said.startswith("Expected"):
             wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
         raise reading.error(
             f"{where or 'its content'} is {kind_of(value)}", f"wanted {wanted}"
         ) from None
+
+
+def _item(value: Any, key: str) -> Any:
+    return value.get(key) if isinstance(value, dict) else value[int(key)]
 
 
 def _plain(value: Any, raw: Sequence[str]) -> Any:
